@@ -11,7 +11,7 @@ import typer
 from riot_bus.cli.options import Format, OutputFormat
 
 if TYPE_CHECKING:
-    from riot_bus.log.reader import Loss
+    from riot_bus.log.loss import Loss
     from riot_bus.types.model import Adapter
 
 __all__ = ["messages_to_file", "register"]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bridge.port import SegmentPort
     from riot_bus.bridge.program import Program
-    from riot_bus.types.bridging import Bridge, LinkedBridge
+    from riot_bus.types.bridging import Bridge, LinkedBridge, OwnRouter
 
 __all__ = ["BusHost", "register"]
 
@@ -103,28 +103,20 @@ class BusHost:
         start = partial(_start, program, bridge) if program else None
         return _ended(run_bridge(bridge, say=typer.echo, as_json=as_json, program=start))
 
-    def segments(self, *, system: Path | None = None, listen: Sequence[str] = ()) -> list[str]:
+    def segments(self, asked: OwnRouter) -> list[str]:
         """Return the names of a router's segments."""
         from riot_bus.control.router_flags import RouterFlags
         from riot_bus.control.router_options import settings_of
 
-        return list(settings_of(system, RouterFlags(segments=listen)).segments)
+        return list(settings_of(asked.system, RouterFlags(segments=asked.listen)).segments)
 
     def run_router(
         self,
         bridge_of: Callable[[Mapping[str, Any]], LinkedBridge],
+        asked: OwnRouter,
         *,
         program: Sequence[str] = (),
         as_json: bool = False,
-        system: Path | None = None,
-        listen: Sequence[str] = (),
-        intercept: Sequence[str] = (),
-        interceptors: Sequence[str] = (),
-        inject: Path | None = None,
-        record: Path | None = None,
-        definitions: Sequence[Path] = (),
-        adapters: Sequence[str] = (),
-        carried: Sequence[str] = (),
     ) -> int:
         """Route and bridge in one process."""
         from riot_bus.bridge.own_router import run_own_router
@@ -132,13 +124,13 @@ class BusHost:
         from riot_bus.control.router_options import RouterOptions
 
         options = RouterOptions(
-            system,
-            RouterFlags(segments=listen, intercept=intercept, record=record),
-            interceptors=interceptors,
-            inject=inject,
-            definitions=definitions,
-            adapters=adapters,
-            carried=carried,
+            asked.system,
+            RouterFlags(segments=asked.listen, intercept=asked.intercept, record=asked.record),
+            interceptors=asked.interceptors,
+            inject=asked.inject,
+            definitions=asked.definitions,
+            adapters=asked.adapters,
+            carried=asked.carried,
         )
         start = partial(_start, program) if program else None
         warn = partial(typer.echo, err=True)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from riot_bus.log.info import LogInfo
-    from riot_bus.log.reader import LogReader, Loss
+    from riot_bus.log.loss import Loss
+    from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.ranges import TopicFields
     from riot_bus.types.registry import TypeRegistry
 

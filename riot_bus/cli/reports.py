@@ -42,17 +42,28 @@ def report(
             help="Where to write it. [default: a file in the folder, or stdout, as it is usual for the format]",
         ),
     ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            "--baseline",
+            "-b",
+            metavar="FILE",
+            help="File of the findings that are known, as of riot ci; for formats of a campaign.",
+        ),
+    ] = None,
 ) -> None:
     """Report a finding, or all findings of a campaign, as one self-contained HTML page unless asked otherwise."""
     from riot_bus.chain.workspace import open_finding
     from riot_bus.plugins import REPORTS
     from riot_bus.report.campaign_view import is_output_folder
-    from riot_bus.report.formats import CampaignFormat, append_summary, render, view_of, write_file
+    from riot_bus.report.formats import CampaignFormat, append_summary, beside_baseline, render, view_of, write_file
 
     made = REPORTS.load(form, where="--format")()
     every = isinstance(made, CampaignFormat) and is_output_folder(finding)
     folder = finding if every else open_finding(finding)[0]
     view = view_of(folder)
+    if baseline is not None:
+        view = beside_baseline(made, view, baseline)
     content = render(made, view)
     if out is None and not made.file:
         typer.echo(content, nl=False)

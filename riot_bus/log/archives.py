@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.log.engine.umask import new_file_mode
-from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log.loss import Loss
+from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.capabilities import ConvertsFiles
 from riot_bus.types.registry import TypeRegistry

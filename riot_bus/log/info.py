@@ -12,7 +12,8 @@ from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.engine.scan import read_metadata
 from riot_bus.log.engine.summary import Summary, read_summary
 from riot_bus.log.limits import LogLimits, lifted
-from riot_bus.log.reader import LogReader, Loss, channel_source, open_log
+from riot_bus.log.loss import Loss
+from riot_bus.log.reader import LogReader, channel_source, open_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

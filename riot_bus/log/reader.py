@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
-from riot_bus.log.engine.limits import BeyondLimitError
 from riot_bus.log.engine.salvage import Salvage, salvage
 from riot_bus.log.engine.scan import (
     MessageEntry,
@@ -24,7 +23,8 @@ from riot_bus.log.engine.scan import (
 )
 from riot_bus.log.engine.sorting import Waiting
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.limits import LogLimits, lifted, refusal
+from riot_bus.log.limits import LogLimits, lifted
+from riot_bus.log.loss import LossNotes
 from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
@@ -39,70 +39,11 @@ if TYPE_CHECKING:
     from mcap.records import Schema as SchemaRecord
 
     from riot_bus.log.engine.blocks import Span
+    from riot_bus.log.loss import Loss
 
-__all__ = ["ChannelSource", "LogReader", "Loss", "channel_source", "open_log", "read_log"]
+__all__ = ["ChannelSource", "LogReader", "channel_source", "open_log", "read_log"]
 
 _LEAST_BYTES = HEAD.size + SHORTEST_MESSAGE
-
-
-@dataclass(frozen=True, slots=True)
-class Loss:
-    """What a reader could not read; false when nothing is missing.
-
-    Attributes:
-        unfinished: The file was never closed: what its writer had not yet written is lost.
-        bytes: Bytes that are not a whole record: at the end, or behind a damaged length.
-        chunks: Damaged chunks that were left out, and those that the summary counts but that are not there.
-        messages: Messages that were left out because their channel is unknown.
-        details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
-            their payload.
-        conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
-        unsorted: Messages that come later than their time: chunks do not say the truth about their times, or so many
-            of them overlap that sorting would take too much memory.
-        salvaged: Messages of damaged chunks that were taken as far as an index confirms them; that their payloads are
-            as they were, nobody can say.
-        salvageable: Messages of damaged chunks that could be taken likewise, where somebody has counted them.
-        beyond: Chunks that were left out because of a limit.
-        limit: The first limit that was met, what was beyond it, and how to lift it; empty if none was.
-    """
-
-    unfinished: bool = False
-    bytes: int = 0
-    chunks: int = 0
-    messages: int = 0
-    details: int = 0
-    conflicts: int = 0
-    unsorted: int = 0
-    salvaged: int = 0
-    salvageable: int = 0
-    beyond: int = 0
-    limit: str = ""
-
-    def __bool__(self) -> bool:
-        return self != Loss()
-
-    @property
-    def hint(self) -> str | None:
-        """What to do about damaged chunks; None if there is nothing to be done, or it was done."""
-        if self.salvaged or not (self.salvageable or self.chunks):
-            return None
-        return "riot edit, play and export take what an index confirms of damaged chunks with --salvage"
-
-    def __str__(self) -> str:
-        parts = [
-            "the file was not closed" if self.unfinished else "",
-            f"{self.bytes} bytes that are no whole record" if self.bytes else "",
-            f"{self.chunks} damaged chunks" if self.chunks else "",
-            f"{self.salvaged} messages of them salvaged, unverified" if self.salvaged else "",
-            f"{self.salvageable} messages of them could be salvaged" if self.salvageable else "",
-            f"{self.messages} messages of unknown channels" if self.messages else "",
-            f"{self.details} damaged attachments, notes or definitions" if self.details else "",
-            f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
-            f"{self.unsorted} messages out of order" if self.unsorted else "",
-            f"{self.beyond} chunks beyond the limits" if self.beyond else "",
-        ]
-        reason = f" ({self.limit})" if self.limit else ""
-        return ", ".join(part for part in parts if part) + reason or "nothing lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +109,6 @@ class LogReader:
         self.path = str(path)
         self.limits = lifted() if limits is None else limits
         self._salvage = salvage
-        self._salvaged: dict[int, int] = {}
         self._file = open_log(path)
         self.close = weakref.finalize(self, os.close, self._file)
         """Close the file; happens by itself when the reader is no longer used."""
@@ -178,12 +118,7 @@ class LogReader:
             self.close()
             raise
         self._sources: dict[int, ChannelSource] = {}
-        self._damaged: set[int] = set()
-        self._beyond: set[int] = set()
-        self._refused: BeyondLimitError | None = None
-        self._details: set[int] = set()
-        self._unknown: dict[int, int] = {}
-        self._late: dict[int, int] = {}
+        self._lost = LossNotes()
         self._loaded_bytes = 0
 
     def __enter__(self) -> Self:
@@ -210,20 +145,7 @@ class LogReader:
     @property
     def loss(self) -> Loss:
         """What could not be read so far."""
-        scan, refused = self._scan, self._scan.refused or self._refused
-        skipped = scan.missing_chunks if scan.stopped else 0
-        return Loss(
-            unfinished=not self._scan.finished,
-            bytes=self._scan.unread,
-            chunks=len(self._damaged) + scan.missing_chunks - skipped,
-            messages=sum(self._unknown.values()),
-            details=len(self._details) + len(self._scan.damaged),
-            conflicts=len(self._scan.conflicts),
-            unsorted=sum(self._late.values()),
-            salvaged=sum(self._salvaged.values()),
-            beyond=len(self._beyond) + skipped,
-            limit="" if refused is None else refusal(refused),
-        )
+        return self._lost.total(self._scan)
 
     @cached_property
     def metadata(self) -> Mapping[str, str]:
@@ -304,7 +226,7 @@ class LogReader:
             try:
                 entries = layout.unpack_provenance((self._read_metadata(span) or {}).get("changes", ""))
             except ValueError:
-                self._details.add(-span.offset)  # apart from block numbers
+                self._lost.note_detail(span)
             else:
                 yield from entries
 
@@ -318,7 +240,7 @@ class LogReader:
             if found == name:
                 mapping = self._read_metadata(span)
                 if mapping is None:
-                    self._details.add(-span.offset)
+                    self._lost.note_detail(span)
                 else:
                     yield mapping
 
@@ -348,23 +270,22 @@ class LogReader:
         try:
             return layout.load_extras(self._file, block, size // _LEAST_BYTES, self.limits)
         except (ValueError, OSError) as error:
-            self._note_limit(error)
-            self._details.add(block.number)
+            self._lost.note_detail(block, error)
             return {}
 
     def count_damage(self, block: Block, problem: ValueError) -> None:
         """Take note that a block cannot be read, by whoever has tried."""
-        (self._beyond if self._note_limit(problem) else self._damaged).add(block.number)
+        self._lost.note_damage(block, problem)
 
     def count_unknown(self, block: Block, count: int) -> None:
         """Take note that so many messages of a block are left out: of unknown channels, or of impossible times."""
         if count:
-            self._unknown[block.number] = count
+            self._lost.unknown[block.number] = count
 
     def count_unsorted(self, block: Block, count: int) -> None:
         """Take note that so many messages of a block come later than their time."""
         if count:
-            self._late[block.number] = count
+            self._lost.unsorted[block.number] = count
 
     def rest_of(self, block: Block, *, memory: int | None = None) -> Salvage | None:
         """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
@@ -375,21 +296,14 @@ class LogReader:
         """
         found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
         if found is not None:
-            self._salvaged[block.number] = len(found.places)
+            self._lost.salvaged[block.number] = len(found.places)
         return found
 
     def salvageable(self) -> int:
         """Return how many messages of the chunks that were found to be damaged an index confirms."""
-        blocks = [block for block in self._scan.blocks if block.number in self._damaged]
+        blocks = [block for block in self._scan.blocks if block.number in self._lost.damaged]
         found = (salvage(self._file, block, self.limits) for block in blocks)
         return sum(len(each.places) for each in found if each is not None)
-
-    def _note_limit(self, error: Exception) -> bool:
-        """Return whether an error is a limit's, and take note of the first one."""
-        if not isinstance(error, BeyondLimitError):
-            return False
-        self._refused = self._refused or error
-        return True
 
     def _read_metadata(self, span: Span) -> dict[str, str] | None:
         return read_metadata(self._file, span, self.limits)

@@ -6,8 +6,10 @@ Forms of others are found by the entry points `riot_bus.reports`; `riot_bus.test
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
 from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
 from riot_bus.report.finding_view import FindingView, load
@@ -16,7 +18,16 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["CampaignFormat", "ReportFormat", "SummaryFormat", "append_summary", "render", "view_of", "write_file"]
+__all__ = [
+    "CampaignFormat",
+    "ReportFormat",
+    "SummaryFormat",
+    "append_summary",
+    "beside_baseline",
+    "render",
+    "view_of",
+    "write_file",
+]
 
 
 @runtime_checkable
@@ -92,6 +103,26 @@ def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView
     if not isinstance(made, CampaignFormat):
         raise ConfigError("this format reports one finding, not a campaign", hint="name the folder of a finding")
     return made.render_campaign(view if isinstance(view, CampaignView) else view_of_one(view))
+
+
+def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) -> CampaignView:
+    """Return a view in which the findings that a baseline knows do not count.
+
+    Args:
+        made: The format that it is for.
+        view: What is reported.
+        path: File of the baseline.
+
+    Raises:
+        ConfigError: There is no such file, it is unusable, or the format does not tell what is known.
+    """
+    if not isinstance(made, CampaignFormat):
+        hint = "take one of those that report a campaign, such as junit, sarif or markdown"
+        raise ConfigError("this format does not tell which findings are known", where="--baseline", hint=hint)
+    known = KnownFindings.load(path)
+    if known.missing:
+        raise ConfigError("there is no such baseline", where=str(path), hint="riot ci accept writes one")
+    return replace(view if isinstance(view, CampaignView) else view_of_one(view), known=known.entries)
 
 
 def append_summary(made: object, view: FindingView | CampaignView) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.errors import RiotError
 
-__all__ = ["Bridge", "BridgeHost", "BridgedLink", "LinkedBridge"]
+__all__ = ["Bridge", "BridgeHost", "BridgedLink", "LinkedBridge", "OwnRouter"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,33 @@ class Bridge(Protocol):
     def __exit__(self, *error: object) -> None: ...
 
 
+@dataclass(frozen=True, slots=True)
+class OwnRouter:
+    """What the router in a bridge's own process is to do, as written on the command line.
+
+    Attributes:
+        system: riot.toml; None for the one in the working folder, if there is one.
+        listen: `NAME=ENDPOINT[,...]`, segments; none for those of riot.toml or of `riot router`.
+        intercept: Key expressions of what goes through interceptors.
+        interceptors: As of `riot router`.
+        inject: An injection plan.
+        record: A log of all that passes.
+        definitions: Files that define message types.
+        adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
+        carried: Key expressions that are intercepted besides, since the bridge carries them.
+    """
+
+    system: Path | None = None
+    listen: Sequence[str] = ()
+    intercept: Sequence[str] = ()
+    interceptors: Sequence[str] = ()
+    inject: Path | None = None
+    record: Path | None = None
+    definitions: Sequence[Path] = ()
+    adapters: Sequence[str] = ()
+    carried: Sequence[str] = ()
+
+
 class LinkedBridge(Bridge, Protocol):
     """A bridge that says what its links are, so that it can be its own router."""
 
@@ -109,12 +136,11 @@ class BridgeHost(Protocol):
             RiotError: It does not start, or has failed.
         """
 
-    def segments(self, *, system: Path | None = None, listen: Sequence[str] = ()) -> Sequence[str]:
-        """Return the names of the segments that `run_router` would have.
+    def segments(self, asked: OwnRouter) -> Sequence[str]:
+        """Return the names of the segments that a router would have.
 
         Args:
-            system: As of `run_router`.
-            listen: As of `run_router`.
+            asked: The router.
 
         Raises:
             ConfigError: The system file or an option is wrong.
@@ -123,34 +149,18 @@ class BridgeHost(Protocol):
     def run_router(
         self,
         bridge_of: Callable[[Mapping[str, Any]], LinkedBridge],
+        asked: OwnRouter,
         *,
         program: Sequence[str] = (),
         as_json: bool = False,
-        system: Path | None = None,
-        listen: Sequence[str] = (),
-        intercept: Sequence[str] = (),
-        interceptors: Sequence[str] = (),
-        inject: Path | None = None,
-        record: Path | None = None,
-        definitions: Sequence[Path] = (),
-        adapters: Sequence[str] = (),
-        carried: Sequence[str] = (),
     ) -> int:
         """Route and bridge in one process, until the same events as `run`.
 
         Args:
             bridge_of: Makes the bridge from open ports of the segments, by name.
+            asked: The router.
             program: As of `run`.
             as_json: As of `run`.
-            system: riot.toml; None for the one in the working folder, if there is one.
-            listen: `NAME=ENDPOINT[,...]`, segments; none for those of riot.toml or of `riot router`.
-            intercept: Key expressions of what goes through interceptors.
-            interceptors: As of `riot router`.
-            inject: An injection plan.
-            record: A log of all that passes.
-            definitions: Files that define message types.
-            adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
-            carried: Key expressions that are intercepted besides, since the bridge carries them.
 
         Returns:
             As `run`.

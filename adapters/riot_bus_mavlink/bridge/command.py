@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from riot_bus.types.bridging import OwnRouter
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -148,12 +150,8 @@ def mavlink(
             bridge = MavlinkBridge(ports, options, warn=warn)
             status = host.run(bridge, program=program or (), as_json=as_json)
     else:
-        plan = options.plan(list(host.segments(system=system, listen=listen or ())))
-        status = host.run_router(
-            lambda ports: MavlinkBridge(ports, options, warn=warn),
-            program=program or (),
-            as_json=as_json,
-            system=system,
+        asked = OwnRouter(
+            system,
             listen=listen or (),
             intercept=intercept or (),
             interceptors=interceptor or (),
@@ -161,7 +159,13 @@ def mavlink(
             record=record,
             definitions=definitions or (),
             adapters=options.adapters(),
-            carried=[plan.keys.expression()],
+        )
+        plan = options.plan(list(host.segments(asked)))
+        status = host.run_router(
+            lambda ports: MavlinkBridge(ports, options, warn=warn),
+            replace(asked, carried=[plan.keys.expression()]),
+            program=program or (),
+            as_json=as_json,
         )
     if status:
         raise typer.Exit(status)

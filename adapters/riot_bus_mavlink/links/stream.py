@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from riot_bus_mavlink.links.end import Batching
 from riot_bus_mavlink.links.loop import READ, WRITE
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End, Host
+    from riot_bus_mavlink.links.loop import Timer
 
-__all__ = ["Stream", "Transport"]
+__all__ = ["RetriedLink", "Stream", "Transport"]
 
 _MOST_WAITING = 1 << 18
 _MOST_READ = 1 << 16
@@ -129,3 +130,78 @@ class Stream:
         else:
             self.close()
             self._gone(self)
+
+
+class RetriedLink:
+    """A link of one stream that is opened again, after a while, whenever it is lost or cannot be opened.
+
+    A subclass has `_try` open it, which calls `_opened` or `_again`, now or later, on the loop's thread.
+
+    Args:
+        spec: Of the link.
+        host: Gets what comes.
+
+    Attributes:
+        lost: What is told when the other end has gone.
+        retry: Seconds until it is tried again.
+    """
+
+    lost: ClassVar[str]
+    retry: ClassVar[float]
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._stream: Stream | None = None
+        self._timer: Timer | None = None
+        self._told = ""
+        self._closed = False
+
+    @property
+    def where(self) -> str:
+        """Return the other end, as the user wrote it."""
+        return self.spec.where
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "connecting" if self._stream is None else "connected"
+
+    def dropped(self) -> int:
+        """Return 0: TCP drops nothing, and nothing tells what a device has dropped."""
+        return 0
+
+    def close(self) -> None:
+        """Close it."""
+        self._closed = True
+        self._wait_no_more()
+        if self._stream is not None:
+            self._stream.close()
+
+    def _try(self) -> None:
+        raise NotImplementedError
+
+    def _opened(self, transport: Transport) -> None:
+        self._told = ""
+        self._stream = Stream(
+            self.spec, self.spec.where, transport=transport, host=self._host, gone=lambda _: self._lost()
+        )
+
+    def _lost(self) -> None:
+        self._stream = None
+        self._again(self.lost)
+
+    def _again(self, why: str) -> None:
+        """Try later; the same reason is told once."""
+        self._wait_no_more()
+        if self._closed:
+            return
+        if why != self._told:
+            self._told = why
+            self._host.warn(self.spec, f"{why}; it is tried again")
+        self._timer = self._host.loop.later(self.retry, self._try)
+
+    def _wait_no_more(self) -> None:
+        """End what is waited for."""
+        if self._timer is not None:
+            self._timer.cancel()

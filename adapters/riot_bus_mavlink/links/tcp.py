@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.links.loop import READ, WRITE
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
-from riot_bus_mavlink.links.stream import Stream
+from riot_bus_mavlink.links.stream import RetriedLink, Stream
 from riot_bus_mavlink.links.udp import cannot_listen, reason
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import Host
-    from riot_bus_mavlink.links.loop import Timer
     from riot_bus_mavlink.links.names import Place
 
 __all__ = ["TcpClient", "TcpServer"]
 
 _MOST_CLIENTS = 64
-_RETRY_S = 0.5
 _CONNECT_S = 5.0
 _PROBES = 4
 _LONGEST_PROBE_S = 32767  # that Linux takes
@@ -106,7 +104,7 @@ class TcpServer:
         )
 
 
-class TcpClient:
+class TcpClient(RetriedLink):
     """Connects, and does so again when it is disconnected.
 
     Args:
@@ -114,40 +112,14 @@ class TcpClient:
         host: Gets what comes.
     """
 
+    lost, retry = "disconnected", 0.5
+
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        self.spec = spec
-        self._host = host
-        self._stream: Stream | None = None
+        super().__init__(spec, host)
         self._trying: socket.socket | None = None
-        self._told = ""
-        self._timer: Timer | None = None
-        self._closed = False
-        self._look_up()
+        self._try()
 
-    @property
-    def where(self) -> str:
-        """Return where it connects to."""
-        return self.spec.where
-
-    @property
-    def state(self) -> str:
-        """Return how it is."""
-        return "connecting" if self._stream is None else "connected"
-
-    def dropped(self) -> int:
-        """Return 0: TCP drops nothing."""
-        return 0
-
-    def close(self) -> None:
-        """Close it."""
-        self._closed = True
-        if self._timer is not None:
-            self._timer.cancel()
-        self._give_up()
-        if self._stream is not None:
-            self._stream.close()
-
-    def _look_up(self) -> None:
+    def _try(self) -> None:
         spec = self.spec
         look_up(
             self._host.loop,
@@ -186,28 +158,11 @@ class TcpClient:
         if self._timer is not None:
             self._timer.cancel()
         self._host.loop.forget(made.fileno())
-        self._trying, self._told = None, ""
-        transport = _Socket(made, self.spec.silence)
-        self._stream = Stream(
-            self.spec, self.spec.where, transport=transport, host=self._host, gone=lambda _: self._lost()
-        )
+        self._trying = None
+        self._opened(_Socket(made, self.spec.silence))
 
-    def _lost(self) -> None:
-        self._stream = None
-        self._again("disconnected")
-
-    def _again(self, why: str) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        self._give_up()
-        if self._closed:
-            return
-        if why != self._told:
-            self._told = why
-            self._host.warn(self.spec, f"{why}; it is tried again")
-        self._timer = self._host.loop.later(_RETRY_S, self._look_up)
-
-    def _give_up(self) -> None:
+    def _wait_no_more(self) -> None:
+        super()._wait_no_more()
         if self._trying is not None:
             if self._trying.fileno() >= 0:
                 self._host.loop.forget(self._trying.fileno())

@@ -15,11 +15,10 @@ from mcap.records import Attachment, Channel, Schema
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, heads_of, shifted
 from riot_bus.log.engine.blocks import HEAD, Records, read_block, records_of
-from riot_bus.log.engine.limits import BeyondLimitError
 from riot_bus.log.engine.salvage import Salvage, salvage
 from riot_bus.log.engine.scan import define, learn_block, parse, read_metadata, scan_file
-from riot_bus.log.limits import lifted, refusal
-from riot_bus.log.reader import Loss
+from riot_bus.log.limits import lifted
+from riot_bus.log.loss import LossNotes
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.targets import OutputChannel
     from riot_bus.log.engine.scan import Block, Span
     from riot_bus.log.layout import Role
+    from riot_bus.log.loss import Loss
 
 __all__ = ["InputLog"]
 
@@ -66,12 +66,7 @@ class InputLog:
         self.close = weakref.finalize(self, os.close, self._file)
         self._salvage = salvage
         self._limits = lifted()
-        self._refused: BeyondLimitError | None = None
-        self._beyond: set[int] = set()
-        self._salvaged: dict[int, int] = {}
-        self._damaged: set[int] = set()
-        self._details: set[int] = set()
-        self._unknown: dict[int, int] = {}
+        self._lost = LossNotes()
         try:
             self._scan = scan_file(self._file, str(path), self._limits)
             self._learn()
@@ -132,19 +127,7 @@ class InputLog:
     @property
     def loss(self) -> Loss:
         """What could not be read so far."""
-        scan, refused = self._scan, self._scan.refused or self._refused
-        skipped = scan.missing_chunks if scan.stopped else 0
-        return Loss(
-            unfinished=not self._scan.finished,
-            bytes=self._scan.unread,
-            chunks=len(self._damaged) + scan.missing_chunks - skipped,
-            messages=sum(self._unknown.values()),
-            details=len(self._details) + len(self._scan.damaged),
-            conflicts=len(self._scan.conflicts),
-            salvaged=sum(self._salvaged.values()),
-            beyond=len(self._beyond) + skipped,
-            limit="" if refused is None else refusal(refused),
-        )
+        return self._lost.total(self._scan)
 
     def first(self) -> int | None:
         """Return the time of the first delivered message (of any, if there are no others), None if it is empty."""
@@ -203,7 +186,7 @@ class InputLog:
             batch.notes = self._notes(block, batch, heads)
         known = course >= 0
         if not known.all():
-            self._unknown[block.number] = int((~known).sum())
+            self._lost.unknown[block.number] = int((~known).sum())
             batch = batch.take(known)
         if self.shift:
             batch, fits = shifted(batch, np.full(len(batch), self.shift, np.int64))
@@ -250,7 +233,7 @@ class InputLog:
             if name != layout.PROVENANCE:
                 mapping = read_metadata(self._file, span, self._limits)
                 if mapping is None:
-                    self._details.add(-span.offset)
+                    self._lost.note_detail(span)
                 else:
                     yield name, mapping
 
@@ -261,7 +244,7 @@ class InputLog:
             if span.length <= self._limits.chunk:
                 found = parse(Attachment, os.pread(self._file, span.length, span.offset))
             if found is None:
-                self._details.add(-span.offset)
+                self._lost.note_detail(span)
             else:
                 yield found
 
@@ -274,7 +257,7 @@ class InputLog:
             try:
                 learn_block(self._file, block, scan)
             except ValueError as error:
-                self._count_damage(block, error)
+                self._lost.note_damage(block, error)
                 if self._salvage:
                     self._learn_rest(block)
 
@@ -291,19 +274,12 @@ class InputLog:
             data = read_block(self._file, block, self._limits)
             return data, records_of(data, self._limits, cut=block.cut), None
         except ValueError as error:
-            self._count_damage(block, error)
+            self._lost.note_damage(block, error)
             saved = salvage(self._file, block, self._limits) if self._salvage else None
             if saved is None:
                 raise
-        self._salvaged[block.number] = len(saved.places)
+        self._lost.salvaged[block.number] = len(saved.places)
         return saved.data, saved.records, saved
-
-    def _count_damage(self, block: Block, error: ValueError) -> None:
-        if isinstance(error, BeyondLimitError):
-            self._refused = self._refused or error
-            self._beyond.add(block.number)
-        else:
-            self._damaged.add(block.number)
 
     def _extras_of_rest(self, block: Block, saved: Salvage) -> NDArray[Any] | None:
         count = len(saved.places) + saved.missing
@@ -322,9 +298,7 @@ class InputLog:
         try:
             extras = layout.load_extras(self._file, block, size // MESSAGE_HEAD, self._limits)
         except (ValueError, OSError) as error:
-            if isinstance(error, BeyondLimitError):
-                self._refused = self._refused or error
-            self._details.add(block.number)
+            self._lost.note_detail(block, error)
             return None
         if not extras:
             return None
@@ -355,7 +329,7 @@ class InputLog:
                     (read_metadata(self._file, span, self._limits) or {}).get("changes", "")
                 )
             except ValueError:
-                self._details.add(-span.offset)
+                self._lost.note_detail(span)
                 continue
             for entry in entries:
                 notes[entry.role, entry.key, entry.sequence & 0xFFFFFFFF, entry.time].append(entry.changes)

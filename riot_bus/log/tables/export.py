@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from riot_bus.log.engine.umask import new_file_mode
-from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log.loss import Loss
+from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts

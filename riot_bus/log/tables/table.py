@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log.loss import Loss
+from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.blocks import LoadedBlock, load_ahead
 from riot_bus.log.tables.plan import Feed, chosen_rows, log_registry, plan_columns
 from riot_bus.types.bulk import gather, join

@@ -6,14 +6,17 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from riot_bus.campaign.store import TrialStore
 from riot_bus.cli.main import make_app
+from riot_bus.findings.known import KnownFinding, KnownFindings
 from riot_bus.plugins import REPORTS
 from riot_bus.report.campaign_view import load_campaign
+from riot_bus.report.finding_view import load
 from riot_bus.report.text import summary
 from riot_bus.testing.reports import campaign_at, view_at
 from riot_bus.vocabulary.errors import ConfigError
@@ -90,6 +93,21 @@ def test_a_format_of_campaigns_takes_one_finding(folder: Path) -> None:
     assert (folder / "riot.xunit.xml").read_text().count("<testcase ") == 1
     assert "1 finding of planner" in report(folder, "--format=github").stdout
     assert report(folder, "--format=markdown").stdout.startswith("\n### `planner-crash-1f3a` (activated)\n")
+
+
+def test_what_a_baseline_knows_does_not_count(folder: Path, tmp_path: Path) -> None:
+    entry = KnownFinding.of(load(folder).finding, since="2026-03-01", note="ticket 12")
+    path = KnownFindings(tmp_path / "known.json").updated([entry]).save()
+    report(folder, "--format=junit", "--baseline", str(path))
+    (case,) = ElementTree.parse(folder / "riot.xunit.xml").iter("testcase")
+    assert [(child.tag, child.attrib.get("type")) for child in case] == [("skipped", "known")]
+    for words, told in (
+        (("--format=junit", "-b", "none.json"), "there is no such baseline"),
+        (("--format=text", "-b", str(path)), "does not tell which findings are known"),
+    ):
+        problem = report(folder, *words).exception
+        assert isinstance(problem, ConfigError)
+        assert told in str(problem)
 
 
 def test_formats_of_findings_take_an_output_folder_with_one(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.log.reader import LogReader, Loss, read_log
+from riot_bus.log.loss import Loss
+from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError

@@ -1,0 +1,133 @@
+"""What could not be read of a log, and the notes that a reader takes of it on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.log.engine.blocks import Span
+from riot_bus.log.engine.limits import BeyondLimitError
+from riot_bus.log.limits import refusal
+
+if TYPE_CHECKING:
+    from riot_bus.log.engine.blocks import Block
+    from riot_bus.log.engine.scan import Scan
+
+__all__ = ["Loss", "LossNotes"]
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What a reader could not read; false when nothing is missing.
+
+    Attributes:
+        unfinished: The file was never closed: what its writer had not yet written is lost.
+        bytes: Bytes that are not a whole record: at the end, or behind a damaged length.
+        chunks: Damaged chunks that were left out, and those that the summary counts but that are not there.
+        messages: Messages that were left out because their channel is unknown.
+        details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
+            their payload.
+        conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
+        unsorted: Messages that come later than their time: chunks do not say the truth about their times, or so many
+            of them overlap that sorting would take too much memory.
+        salvaged: Messages of damaged chunks that were taken as far as an index confirms them; that their payloads are
+            as they were, nobody can say.
+        salvageable: Messages of damaged chunks that could be taken likewise, where somebody has counted them.
+        beyond: Chunks that were left out because of a limit.
+        limit: The first limit that was met, what was beyond it, and how to lift it; empty if none was.
+    """
+
+    unfinished: bool = False
+    bytes: int = 0
+    chunks: int = 0
+    messages: int = 0
+    details: int = 0
+    conflicts: int = 0
+    unsorted: int = 0
+    salvaged: int = 0
+    salvageable: int = 0
+    beyond: int = 0
+    limit: str = ""
+
+    def __bool__(self) -> bool:
+        return self != Loss()
+
+    @property
+    def hint(self) -> str | None:
+        """What to do about damaged chunks; None if there is nothing to be done, or it was done."""
+        if self.salvaged or not (self.salvageable or self.chunks):
+            return None
+        return "riot edit, play and export take what an index confirms of damaged chunks with --salvage"
+
+    def __str__(self) -> str:
+        parts = [
+            "the file was not closed" if self.unfinished else "",
+            f"{self.bytes} bytes that are no whole record" if self.bytes else "",
+            f"{self.chunks} damaged chunks" if self.chunks else "",
+            f"{self.salvaged} messages of them salvaged, unverified" if self.salvaged else "",
+            f"{self.salvageable} messages of them could be salvaged" if self.salvageable else "",
+            f"{self.messages} messages of unknown channels" if self.messages else "",
+            f"{self.details} damaged attachments, notes or definitions" if self.details else "",
+            f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
+            f"{self.unsorted} messages out of order" if self.unsorted else "",
+            f"{self.beyond} chunks beyond the limits" if self.beyond else "",
+        ]
+        reason = f" ({self.limit})" if self.limit else ""
+        return ", ".join(part for part in parts if part) + reason or "nothing lost"
+
+
+@dataclass(slots=True)
+class LossNotes:
+    """What a reader has found missing so far, by number of the block, so that nothing counts twice.
+
+    Attributes:
+        damaged: Blocks that cannot be read.
+        salvaged: How many messages of them were taken all the same.
+        unknown: How many messages of a block are of unknown channels, or of impossible times.
+        unsorted: How many come later than their time.
+    """
+
+    damaged: set[int] = field(default_factory=set)
+    salvaged: dict[int, int] = field(default_factory=dict)
+    unknown: dict[int, int] = field(default_factory=dict)
+    unsorted: dict[int, int] = field(default_factory=dict)
+    _beyond: set[int] = field(default_factory=set)
+    _details: set[int] = field(default_factory=set)
+    _refused: BeyondLimitError | None = None
+
+    def note_damage(self, block: Block, problem: ValueError) -> None:
+        """Take note that a block cannot be read, or must not be."""
+        (self._beyond if self._is_limit(problem) else self.damaged).add(block.number)
+
+    def note_detail(self, place: Block | Span, problem: Exception | None = None) -> None:
+        """Take note that what belongs to a block's messages, or a record beside the messages, cannot be read."""
+        self._is_limit(problem)
+        self._details.add(-place.offset if isinstance(place, Span) else place.number)  # apart from numbers of blocks
+
+    def total(self, scan: Scan) -> Loss:
+        """Return all that is missing of a file.
+
+        Args:
+            scan: The file.
+        """
+        refused = scan.refused or self._refused
+        skipped = scan.missing_chunks if scan.stopped else 0
+        return Loss(
+            unfinished=not scan.finished,
+            bytes=scan.unread,
+            chunks=len(self.damaged) + scan.missing_chunks - skipped,
+            messages=sum(self.unknown.values()),
+            details=len(self._details) + len(scan.damaged),
+            conflicts=len(scan.conflicts),
+            unsorted=sum(self.unsorted.values()),
+            salvaged=sum(self.salvaged.values()),
+            beyond=len(self._beyond) + skipped,
+            limit="" if refused is None else refusal(refused),
+        )
+
+    def _is_limit(self, error: Exception | None) -> bool:
+        """Return whether an error is a limit's, and take note of the first one."""
+        if not isinstance(error, BeyondLimitError):
+            return False
+        self._refused = self._refused or error
+        return True
