@@ -92,7 +92,7 @@ class Measurement:
     """One path, with a talker before it and a listener behind it.
 
     Args:
-        path: Of `PATHS`.
+        path: Name of one of `PATHS`.
         python: Has rclpy.
         stack: Ends what is started.
     """

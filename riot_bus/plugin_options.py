@@ -44,7 +44,7 @@ def check_known(values: Mapping[str, Any], known: Mapping[str, Any], where: Call
 
     Args:
         values: Options as they were written.
-        known: What there is.
+        known: Names of the options that there are.
         where: Returns the place of an option in the text that it was written in.
     """
     for key in values:

@@ -89,7 +89,7 @@ class StreamCounts:
         frames: Frames that were passed on.
         unknown: Those of them whose message is unknown, so that their checksum could not be checked.
         bad_crc: What looked like a frame but has a wrong checksum.
-        bytes: All that came.
+        bytes: Number of all bytes.
         frame_bytes: In frames that were passed on.
         junk_bytes: In nothing that was passed on.
     """

@@ -94,7 +94,7 @@ def listen(
     Args:
         links: As `parse_link` takes them.
         dialect: The messages that are known.
-        seconds: How long.
+        seconds: Time to listen, seconds.
         warn: Told in a line what does not work.
 
     Returns:

@@ -44,9 +44,9 @@ class TlogCounts:
         records: Frames with a time.
         unknown: Those of them whose message is unknown, so that their checksum could not be checked.
         bad_crc: Records whose frame has a wrong checksum, and which the next record follows all the same.
-        bytes: All that came.
-        frame_bytes: In records.
-        junk_bytes: In none.
+        bytes: Number of all bytes.
+        frame_bytes: Number of bytes in records.
+        junk_bytes: Number of bytes in no record.
     """
 
     records: int = 0

@@ -64,7 +64,7 @@ def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
     """Yield all elements of an array of numbers, some payloads at a time; those that are damaged are left out.
 
     Args:
-        way: To the array.
+        way: Path from the message to the array.
         payloads: Any number.
     """
     target = way.target

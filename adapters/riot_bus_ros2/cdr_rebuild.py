@@ -100,7 +100,7 @@ class _Place:
     Attributes:
         node: The field.
         start: Where it may begin: before its padding.
-        end: Where it ends.
+        end: Offset of its end in the payload.
         rest: What follows, from the inside outwards: each node so many times.
     """
 

@@ -115,7 +115,7 @@ def parse_file(text: str, name: str, suffix: str) -> dict[str, Definition]:
     """Parse the text of an interface's file.
 
     Args:
-        text: Of the file.
+        text: Content of the file.
         name: Such as `pkg/srv/Name`.
         suffix: Of the file: `.msg`, `.srv`, `.action` or `.idl`.
 

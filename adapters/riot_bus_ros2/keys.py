@@ -153,7 +153,7 @@ class ActionPart:
     Attributes:
         is_service: Whether it is a service; else a topic.
         ending: What its type adds to the name of the action's; empty if all actions have the same type here.
-        type_name: That type.
+        type_name: Full name of that type.
     """
 
     is_service: bool

@@ -69,7 +69,7 @@ def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict
     is known: by a message that has the gid of one of its publishers, or if it alone publishes on the key.
 
     Args:
-        key: Of a topic.
+        key: Zenoh key of a topic.
         tokens: Liveliness tokens.
         heard: Attachments of messages of this key.
     """

@@ -104,7 +104,7 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
 
     Args:
         key: What it publishes.
-        qos: How.
+        qos: QoS of the publisher.
         zid: Id of the Zenoh session.
         entity: Number of the publisher in it, from 1; the node is number 0.
     """

@@ -152,7 +152,7 @@ class BridgeToken:
 
     Attributes:
         zid: Id of the bridge's Zenoh session.
-        kind: What it is.
+        kind: Kind of the entity that it announces.
         key: Where its messages go; of an action, what its five keys begin with.
         type_name: Such as `nav_msgs/msg/Odometry`.
         qos: Of topics alone.

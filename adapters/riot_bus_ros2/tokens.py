@@ -43,7 +43,7 @@ class Node:
         zid: Id of its Zenoh session.
         number: Of the node in the session.
         name: Full name, such as `/robot1/planner`.
-        enclave: Of SROS 2.
+        enclave: Enclave of SROS 2.
         prefix: The session's Zenoh namespace.
     """
 
@@ -60,9 +60,9 @@ class NodeEndpoint:
     """A publisher, subscriber, service server or service client of a node.
 
     Attributes:
-        node: Whose.
+        node: The node that has it.
         number: In its session.
-        kind: What it is.
+        kind: Kind of the entity.
         topic: Full name of the topic or service.
         type_name: Such as `nav_msgs/msg/Odometry`.
         type_hash: None where the distribution has none.

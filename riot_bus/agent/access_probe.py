@@ -37,9 +37,9 @@ class Access:
     """What one identity was seen to do at one key.
 
     Attributes:
-        identity: Who.
-        action: What.
-        key: Where.
+        identity: Name of the identity.
+        action: What it tried there.
+        key: Key that it was tried at.
         seen_by: The identities on the other side: who received what it put, whom it answered ...
         needed: Whether its role needs it; None for an identity that is not called like a role.
     """

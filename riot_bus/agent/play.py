@@ -33,7 +33,7 @@ class Play(Operation):
         request: What is wanted.
         names: The logs, as the controller calls them.
         files: Where they are.
-        agent: Whose bus.
+        agent: The robot's agent, which has the bus.
         changed: Called whenever there is news.
     """
 

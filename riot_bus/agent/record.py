@@ -35,7 +35,7 @@ class RecordOperation(Operation):
     Args:
         request: What is wanted.
         options: What the recorder is told.
-        agent: Whose bus.
+        agent: The robot's agent, which has the bus.
         changed: Called whenever there is news.
     """
 

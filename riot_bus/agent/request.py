@@ -97,7 +97,7 @@ class PlayRequest(Lead):
         """Return what the player is told.
 
         Args:
-            agent: Whose player.
+            agent: The robot's agent, which has the player.
             files: The logs.
             plan: A file with the text of `inject`.
 

@@ -19,7 +19,7 @@ class ControllerWatch:
     resumed when the controller is back; a stop is final.
 
     Args:
-        policy: What to do.
+        policy: What the robot does while no controller is there.
         grace: Seconds.
         now: Seconds, by any clock; the controller counts as seen.
     """

@@ -70,7 +70,7 @@ class TopicEdge:
     Attributes:
         source: The topic that is read; empty where all topics were tried, and none seems to be.
         target: The topic that is written.
-        components: Who does it.
+        components: Names of the components that do.
         told: Who says so; `inferred` where only the logs' dependence does.
         evidence: Of the fields looked at; those found first.
     """

@@ -67,7 +67,7 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
 
     Args:
-        samples: What is known.
+        samples: The points that were tried, with what came of each.
         box: Where to begin.
     """
     for _ in range(_SWEEPS):

@@ -140,7 +140,7 @@ class InnerPort:
         """Subscribe to what others put.
 
         Args:
-            key: Where.
+            key: Key expression of what is received.
             take: Called with payload and attachment, once at a time, on whatever thread brings it: one of Zenoh's, or
                 of the router's, or who puts it on another segment.
         """

@@ -145,7 +145,7 @@ class Question:
     """A query, to be answered once, by any thread.
 
     Attributes:
-        payload: What is asked.
+        payload: Payload of the query.
         attachment: What was sent with it, None if nothing.
     """
 
@@ -223,7 +223,7 @@ class SegmentPort:
         """Return a new publisher.
 
         Args:
-            key: Where to.
+            key: Key that it publishes on.
             reliable: Slow receivers hold it up, instead of losing messages.
             latched: Late joiners get so many of the last messages; None if they get none.
             changed: Called on a thread of Zenoh's when `matched` may have changed.
@@ -248,7 +248,7 @@ class SegmentPort:
         """Subscribe to what others put.
 
         Args:
-            key: Where.
+            key: Key expression of what is received.
             take: Called with payload and attachment on a thread of Zenoh's; while it waits, so does the link.
             latched: Fetch so many of the last messages of publishers that keep them.
         """
@@ -280,7 +280,7 @@ class SegmentPort:
         """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
 
         Args:
-            expression: Which.
+            expression: Key expression of what is received.
             take: Called with what has come, on one thread, none of Zenoh's; while it is busy, messages wait, and when
                 many wait, so does the link.
         """
@@ -307,7 +307,7 @@ class SegmentPort:
         """Answer the questions of others.
 
         Args:
-            key: Which.
+            key: Key expression of the queries.
             take: Called on a thread of Zenoh's; may answer later.
         """
         from riot_bus.zenoh import api as zenoh
@@ -320,8 +320,8 @@ class SegmentPort:
         """Ask the servers of a key.
 
         Args:
-            key: Whom.
-            payload: What.
+            key: Key of the servers.
+            payload: Payload of the query.
             attachment: Sent with it.
             done: Called once, on a thread of Zenoh's: with the first answer as soon as it is there, or with None when
                 it is sure that there is none. Not called after `close`, unless it is under way then.

@@ -34,7 +34,7 @@ def run_bridge(
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
     Args:
-        bridge: What to run.
+        bridge: The bridge; it is started and ended here.
         say: Prints a line of the result.
         as_json: Say it as lines of JSON.
         program: Starts the program behind it, once it is ready.

@@ -96,8 +96,8 @@ def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRe
     """Return everything that is wrong with a dictionary file beside a log: what cannot apply, and what does not fit.
 
     Args:
-        text: Of the file.
-        where: Names it.
+        text: Content of the dictionary file.
+        where: Name of the file, for messages.
         messages: The log.
         registry: Knows its types.
 

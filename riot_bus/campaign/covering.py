@@ -71,7 +71,7 @@ class Covering:
         stretches: Chooses policies on many messages, of what has passed on single ones.
         novelties: Chooses what to try because of new behaviour.
         tried: Things that were delivered in a trial that tells something of them, and whether they failed alone.
-        total: All things.
+        total: Number of things that there are to try.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class Covering:
         """Take in the outcome of a trial of a group.
 
         Args:
-            group: From `next`.
+            group: The group that was tried, from `next`.
             outcome: What came of it.
             nominal_outputs: Outputs of a nominal trial.
         """

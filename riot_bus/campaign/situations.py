@@ -41,7 +41,7 @@ class Situation:
     Attributes:
         topic: Topic of the field.
         path: The field.
-        windows: When that is.
+        windows: Stretches of the log in which it has it.
         where: Predicate for messages of the topic itself; empty if there is none.
     """
 

@@ -64,7 +64,7 @@ def analyze(
     """Take a finding through all steps; a step that cannot say anything ends the chain, the report is written anyway.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         folder: The finding.
         further: Steps of other packages, which come after ours.
         options: Options of steps, by the name of the step.

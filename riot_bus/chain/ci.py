@@ -80,7 +80,7 @@ def run_ci(
         opened: Opens the workspace of one.
         out: Folder of all of their folders.
         known: The baseline.
-        plan: How.
+        plan: Time and trials, and what follows a finding.
         now: Tells the time, in seconds.
 
     Raises:

@@ -45,7 +45,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
     that was cut off come from the store.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         trials: Budget of the unit's campaign.
         seconds: Time budget of the unit's campaign.
     """

@@ -97,7 +97,7 @@ class DrivenRuns:
 
         Args:
             fields: External fields.
-            numbers: Of the runs.
+            numbers: Numbers of the runs.
         """
         return self._driven([fields] * len(numbers), numbers)
 

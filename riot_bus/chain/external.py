@@ -143,7 +143,7 @@ class ExternalField:
         """Return a random signal over its nominal range.
 
         Args:
-            seed: Of the signal.
+            seed: Seed of the signal.
             hold: Messages for which a value is kept.
         """
         half = (self.high - self.low) / 2

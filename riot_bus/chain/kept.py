@@ -65,7 +65,7 @@ def take_up(
     What was learnt of it with other code is put aside.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         source: The finding that was played.
         found: What came of it.
         other: How its log fails, if it is not as before.

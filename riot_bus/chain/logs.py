@@ -167,7 +167,7 @@ class NamedField:
 
     Attributes:
         name: `topic:path`, or `topic[i]:path` where the log holds several messages of the topic.
-        position: Which message.
+        position: Index of the message in the log.
         original: Value before the injection, None if the field was not changed.
         kind: Type of the message.
         payload: Of the message.

@@ -46,7 +46,7 @@ class LogAnswer:
         answer: `fixed`: no trial failed. `failed`: at least one did. `error`: there is no telling.
         detail: Why.
         failed: Trials that failed as the test case says, or in any way if it does not say.
-        trials: All trials.
+        trials: Number of trials on this log.
         injected: Messages that were changed.
         messages: Messages that were played.
     """
@@ -90,7 +90,7 @@ def run_over(
         challenge: The test case.
         unit: The unit to which the logs are played.
         logs: As a catalogue knows them.
-        options: How.
+        options: How each log is tried.
 
     Returns:
         An answer for each log, in their order.

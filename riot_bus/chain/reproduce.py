@@ -82,7 +82,7 @@ def play_again(
     """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         folder: The finding.
         times: So many fresh trials; None for as many as it takes.
         whole_system: Play the external messages of `activation.mcap` to the whole system instead of the minimal log

@@ -109,7 +109,7 @@ def test_unit(
     """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         unit: The unit to test.
         trials: At most so many injected trials; None for no limit.
         seconds: At most so much time; None for no limit.

@@ -121,7 +121,7 @@ class Scanner:
         Args:
             path: The log.
             place: What it is called.
-            robot: Whose it is.
+            robot: Name of the robot that recorded it.
 
         Raises:
             ConfigError: The file is no log.
@@ -268,7 +268,7 @@ def _rows_of_columns(
     Args:
         parts: Columns of the selectors, by time.
         places: Of each name, which message of its topic it is of.
-        selectors: Of each name.
+        selectors: The field selector of each name.
         last: Topic whose messages count where a field is not known; None for all.
     """
     recent: dict[str, _Recent] = {name: _Recent() for name in places}

@@ -47,7 +47,7 @@ def analyze_within(
     What a step has not finished is gone on with if time is left in the end, and by the next command: no trial is lost.
 
     Args:
-        workspace: Where to work.
+        workspace: The system, its output folder and its slots.
         unit: The unit.
         seconds: The time.
         further: Steps of other packages, which come after ours.

@@ -37,7 +37,7 @@ class ConsoleNarrator:
     """Listens for a person at stderr (or wherever diagnostics go); a context manager.
 
     Args:
-        console: Where to.
+        console: The console that is written to.
         now: Tells the time, in seconds.
     """
 

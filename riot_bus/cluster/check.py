@@ -25,7 +25,7 @@ class WorkerCheck:
     """What a worker says.
 
     Attributes:
-        address: Where it is.
+        address: Address of the worker.
         host: Its machine; empty if it has not said.
         refused: Why it takes no trials; empty if it does.
     """

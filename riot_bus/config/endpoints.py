@@ -94,7 +94,7 @@ def parse_endpoint(text: str, *, connect: bool = False) -> Endpoint:
     """Take an endpoint apart and check it.
 
     Args:
-        text: As written.
+        text: The endpoint as the user wrote it.
         connect: Whether it is connected to, so that it needs a port other than 0.
 
     Raises:

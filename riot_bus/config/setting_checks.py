@@ -55,7 +55,7 @@ def checked_endpoints(texts: Sequence[str], place: str) -> tuple[str, ...]:
     """Return endpoints as Zenoh shall have them; raises MistakeError if one cannot work.
 
     Args:
-        texts: As written.
+        texts: Endpoints as the user wrote them.
         place: `listen` or `connect`.
     """
     try:

@@ -20,7 +20,7 @@ class MistakeError(ValueError):
 
     Args:
         message: What is wrong, with the value.
-        hint: What to do.
+        hint: What can be done about it.
         place: Keys below the table.
     """
 

@@ -53,7 +53,7 @@ def check_memory(limit: int) -> None:
     """Raise if this process uses more than it may; then its end is forced if it takes too long.
 
     Args:
-        limit: In bytes.
+        limit: The most memory, bytes.
 
     Raises:
         EnvironmentFaultError: It does.

@@ -30,7 +30,7 @@ class Bypass:
         kind: Found by multicast scouting, or could be at any moment; a direct link; a router between segments; or one
             session that is connected to two segments.
         components: Who is involved, a foreign router included; sorted.
-        evidence: What was seen.
+        evidence: What was seen of it, as text.
         cure: The setting that ends it.
         active: Whether it was seen to be used, not only to be open.
     """

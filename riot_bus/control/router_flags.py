@@ -39,7 +39,7 @@ def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str,
     """Parse `NAME=ENDPOINT[,ENDPOINT...]`; a segment that is named twice has all its endpoints.
 
     Args:
-        texts: As written.
+        texts: The options as the user wrote them.
         where: The option, for errors.
 
     Raises:
@@ -60,7 +60,7 @@ def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
     """Parse `SEGMENT:KEY=VALUE` into segment, key and the text of the value.
 
     Args:
-        text: As written.
+        text: The option as the user wrote it.
         where: The option, for errors.
 
     Raises:

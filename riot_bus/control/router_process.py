@@ -66,7 +66,7 @@ def run_router(
     """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
 
     Args:
-        options: What to do.
+        options: The command line of `riot router`.
         say: Prints a line of the result.
         warn: Prints a line of diagnostics.
         as_json: Say it as lines of JSON.
@@ -87,7 +87,7 @@ def router_of(
     """Yield a router whose segments are open; it is not itself.
 
     Args:
-        options: What to do.
+        options: The command line of `riot router`.
         warn: Prints a line of diagnostics.
         settings: Take the place of those of riot.toml and of `options.flags`.
 

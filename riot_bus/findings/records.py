@@ -225,7 +225,7 @@ class CampaignRecord(Artefact):
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
-        coverable: All of them.
+        coverable: Number of pairs of field and value class that there are.
         effects: What the injections did.
         untold: What could not be told of the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.

@@ -35,8 +35,8 @@ class LogEntry:
         place: Absolute path, or URL.
         size: Bytes.
         stamp: Changes when the file does: time of its last change, or the object's etag.
-        robot: Whose it is.
-        named_by: Who says so.
+        robot: Name of the robot that recorded it.
+        named_by: Source of the name of the robot.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
         problem: What is wrong with it; empty if nothing is missing.
         profile: MCAP profile.

@@ -157,8 +157,8 @@ def describe(
     """Read what a log holds: from its summary if that is sound, else from all of it.
 
     Args:
-        store: Where it is.
-        log: Which.
+        store: The store that holds the log.
+        log: The log's entry in the store.
         robot: Whose it is, unless it says so itself.
         scan: Read all of it in any case, so that damage is found that the summary does not know of.
         limits: Of what is read of it; None for the usual ones.

@@ -52,7 +52,7 @@ class LogScan:
 
     Attributes:
         place: The log.
-        robot: Whose it is.
+        robot: Name of the robot that recorded it.
         judged: Messages of the rule's topics at which all of its fields were known.
         unknown: Messages of the last of its topics at which one was not.
         holds: At how many of the judged ones the rule holds.

@@ -42,7 +42,7 @@ class Store(Protocol):
     """A place that holds logs.
 
     Attributes:
-        root: As a place.
+        root: Address of the store, as a place.
         partial: Whether an excerpt may lack what its summary does not need.
     """
 

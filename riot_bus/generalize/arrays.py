@@ -21,7 +21,7 @@ def columns_of_array(name: str, type_: str, places: tuple[int, ...]) -> tuple[Co
 
     Args:
         name: With one `[*]`, such as `/scan:ranges[*]`.
-        type_: Of an element.
+        type_: Type of an element.
         places: Numbers of the elements that are told alone.
     """
     topic, colon, path = name.rpartition(":")
@@ -43,8 +43,8 @@ def with_column(elements: Elements, name: str, place: int | None, value: int | f
     """Return the elements such that one of their columns has a value, with as few changes as that takes.
 
     Args:
-        elements: At least one.
-        name: Of the column.
+        elements: The array's elements, at least one.
+        name: Name of the column.
         place: Number of the element if the column is a single one.
         value: A number.
     """

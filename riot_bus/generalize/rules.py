@@ -93,7 +93,7 @@ class LearnedRule:
         balanced_accuracy: Mean of recall and of the share of passing cases that are told; None if no fresh trial
             failed, or none passed.
         checks: Fresh trials behind these numbers.
-        samples: All trials.
+        samples: All trials, each with its values and whether it failed.
         trials: Their number.
         alternatives: At most two rules that the trials do not tell from this one.
         varied_mistakes: Of the fresh trials with other values of variables outside of the rule, those that it gets

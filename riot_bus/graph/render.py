@@ -28,7 +28,7 @@ def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
 
     Args:
         graph: The graph.
-        form: Which.
+        form: One of these names.
         indent: For JSON: spaces per level; None for one line.
     """
     if form == "json":

@@ -72,7 +72,7 @@ def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes:
     """Yield the numbers of those injections that changed a message: setting a field to what it is changes nothing.
 
     Args:
-        injections: All of them.
+        injections: All injections of the plan.
         applied: Numbers of those that were carried out on it.
         changes: What was done to it, with the values before.
     """

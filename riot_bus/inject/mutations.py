@@ -47,7 +47,7 @@ class Mutation:
 
     Attributes:
         type: Type of the message that has the fields.
-        changes: What is set.
+        changes: New value of each field by path.
         reason: Why this is worth trying.
         consistent: A formula that is true of sound messages and of no mutated one; empty if it is only unusual.
         opt_in: Whether it is only tried where the user asked for all of its fields.

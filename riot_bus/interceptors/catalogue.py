@@ -35,7 +35,7 @@ class Option:
         name: As it is written.
         type: As it is declared, empty if it is not.
         default: None also if it is required.
-        doc: What it means.
+        doc: Meaning of the option, in a sentence.
         required: Whether it has to be given.
     """
 

@@ -61,7 +61,7 @@ def from_tables(
     """Build what `[[router.interceptors]]` names, in this order.
 
     Args:
-        tables: As written.
+        tables: Tables of riot.toml, as they are written there.
         where: The file, for errors.
         root: Folder that relative paths start from, by default the working folder.
 

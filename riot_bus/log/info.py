@@ -73,7 +73,7 @@ class LogInfo:
         path: The file.
         size: Its bytes.
         profile: MCAP profile.
-        topics: By name.
+        topics: Facts of each topic by name.
         count: Messages that were delivered.
         start: Time of the first message, nanoseconds; None if there is none.
         end: Time of the last one.

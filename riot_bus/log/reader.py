@@ -264,7 +264,7 @@ class LogReader:
         """Return a block's extras by the message's place in the block; damaged ones are counted and left out.
 
         Args:
-            block: Which.
+            block: The block of the messages.
             size: Its bytes, uncompressed.
         """
         try:
@@ -291,7 +291,7 @@ class LogReader:
         """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
 
         Args:
-            block: Which.
+            block: The block of the messages.
             memory: Most bytes, before and after decompression, if the limits allow more.
         """
         found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None

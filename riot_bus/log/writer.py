@@ -257,7 +257,7 @@ class LogWriter:
         """Write one message.
 
         Args:
-            message: What to write.
+            message: The message; its time is the log's.
             role: `original` for a message as it was before it was changed, delayed or dropped.
             changes: What interceptors did to it.
 

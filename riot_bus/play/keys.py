@@ -20,7 +20,7 @@ def press(service: PlayService, key: str) -> None:
     """Do what a key means, if anything.
 
     Args:
-        service: What plays.
+        service: The playback that is controlled.
         key: A letter, or `up`, `down` and `right`.
     """
     match key:

@@ -41,7 +41,7 @@ class PlaybackPlan:
         source: Messages, as interceptors leave them.
         origin: Beginning of the logs, nanoseconds; what is left out at the beginning comes after it.
         pipeline: The interceptors; None if there are none.
-        warnings: What is odd.
+        warnings: Sentences on what is odd.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.

@@ -30,7 +30,7 @@ class Publishing:
     Zenoh's timestamps and source information are always fresh: subscribers drop what does not increase.
 
     Args:
-        session: Where.
+        session: Session that is published into.
         offers: How, by key; other keys are published as they are.
         block: A slow subscriber holds up the player, whatever was recorded: nothing may be dropped.
 

@@ -44,7 +44,7 @@ def run_play(
     """Play, then say what became of it.
 
     Args:
-        options: What to play.
+        options: Logs, and how they are played.
         say: Prints a line of the result.
         warn: Prints a line of diagnostics.
         console: Shows progress and takes keys while it plays; None if there is no terminal.

@@ -90,7 +90,7 @@ class PlayService:
     """Plays logs; a context manager that starts it and, at the end, stops it.
 
     Args:
-        options: What to play.
+        options: Logs, and how they are played.
         warn: Told in a line what is odd.
 
     Raises:

@@ -20,10 +20,10 @@ class Ticker:
     """Publishes the time at a constant frequency, also while the player is paused, and always before newer messages.
 
     Args:
-        clock: How.
+        clock: Type, key and QoS of the messages.
         publish: Publishes a message.
         position: Returns the log's time.
-        hertz: How often.
+        hertz: Messages a second.
     """
 
     def __init__(

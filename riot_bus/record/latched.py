@@ -25,7 +25,7 @@ class LatchedCaches:
     """Asks the cache of each publisher that announces one, once.
 
     Args:
-        session: Where.
+        session: Session that asks.
         wanted: Whether a key is recorded.
         take: Called with the samples of one publisher, the oldest first.
     """

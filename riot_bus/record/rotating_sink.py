@@ -67,7 +67,7 @@ class RotatingSink:
     """Writes to files; thread-safe as far as `lock` is held where it is said.
 
     Args:
-        options: How.
+        options: Limits of files and chunks.
         registry: Names topics and knows their types.
         naming: Names the files.
         metadata: Returns what goes into each file.

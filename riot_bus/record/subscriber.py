@@ -96,9 +96,9 @@ class RecordingSubscriber:
     """Receives and records; one per key expression.
 
     Args:
-        session: Where.
-        expression: What.
-        tape: Where to.
+        session: Session that receives.
+        expression: Key expression of what is recorded.
+        tape: The tape that is written to.
         gaps: Follows the numbers of publishers.
         owner: Says which of several overlapping expressions a key belongs to.
         rules: Returns what holds for a key, None if it is not recorded.

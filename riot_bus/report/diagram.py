@@ -21,7 +21,7 @@ class DiagramBox:
     """One box of the chain.
 
     Attributes:
-        title: What it holds.
+        title: What the box stands for.
         lines: What is known of it: two short lines.
         effort: Trials and seconds of its step.
         state: Whether its step has finished, is the next one, or comes later.

@@ -54,7 +54,7 @@ class FindingView:
 
     Attributes:
         directory: The finding's directory, as the user gave it.
-        finding: What failed.
+        finding: Record of the failure.
         steps: Every step of the chain with its record, and those of other packages that have finished; only the test of
             what was found in runs of the whole system, as the others need the unit's own input.
         broken: Files that exist but cannot be used, with the reason; they count as missing.

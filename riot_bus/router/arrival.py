@@ -17,7 +17,7 @@ class SampleArrival:
     """A sample that has come in.
 
     Args:
-        sample: What came.
+        sample: The sample as it came in.
         key: Its key.
         time: When it came, nanoseconds since the Unix epoch.
         segment: Where it came from.

@@ -25,7 +25,7 @@ class Inner(NamedTuple):
     """A bridge in this process that listens.
 
     Attributes:
-        expression: To what.
+        expression: Key expression that it listens to.
         take: Called with payloads and attachments, on any thread; raises nothing.
     """
 

@@ -157,7 +157,7 @@ class DeliveryQueue:
         """Take a whole message through the pipeline, and leave to the caller what is to be done then.
 
         Args:
-            message: What came.
+            message: The message that came in.
             holder: Told when its thread is stuck; see `PipelineExecutor.feed`.
             targets: Segments that it goes to; by default all others.
         """

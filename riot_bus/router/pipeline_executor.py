@@ -44,7 +44,7 @@ class PipelineExecutor:
     """Lets several threads feed one pipeline, and frees them from an interceptor that does not come back.
 
     Args:
-        pipeline: What is fed.
+        pipeline: The interceptors that are fed.
         budget_s: How long one interceptor may take for one message.
     """
 
@@ -217,7 +217,7 @@ def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
     """Call every interceptor's `stop`, and wait for none of them for ever; call when nobody feeds the pipeline.
 
     Args:
-        pipeline: Whose.
+        pipeline: The interceptors that end.
         patience_s: How long one may take; more than for a message, since it may have a file to finish.
     """
 

@@ -24,8 +24,8 @@ class Tap:
     """Observes; it holds nothing up but by the time that `take` takes.
 
     Args:
-        session: Where.
-        expression: What.
+        session: Session that observes.
+        expression: Key expression of what is observed.
         take: Called with each message on the tap's own thread.
         convert: Turns samples into messages.
     """

@@ -33,7 +33,7 @@ class Noise:
 
     Attributes:
         p: Shape (pairs,).
-        eps: Likewise.
+        eps: Shape (pairs,), as of p.
         weight: Likewise; the sum is 1.
     """
 
@@ -47,9 +47,9 @@ class Noise:
 
         Args:
             failed: Trials of what triggers the failure that failed.
-            total: All of these.
+            total: Number of trials of that.
             nominal_failed: Trials of what does not trigger it that failed all the same.
-            nominal_total: All of these.
+            nominal_total: Number of nominal trials.
         """
         chances = [_RELIABLE] + [(1 - _RELIABLE) / (len(_RATES) - 1)] * (len(_RATES) - 1)
         rates = zip(_RATES, chances, strict=True)

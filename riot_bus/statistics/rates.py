@@ -45,9 +45,9 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
 
     Args:
         hits: Of the rate that is expected to be higher.
-        total: Of how many.
+        total: Number of trials that these are of.
         other_hits: Of the other rate.
-        other_total: Of how many.
+        other_total: Number of trials that the others are of.
 
     Example:
         >>> round(chance_of_difference(4, 4, 0, 10), 4)

@@ -84,8 +84,8 @@ def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
     """Return what processes do from what they have done.
 
     Args:
-        before: At the begin.
-        after: At the end.
+        before: What they had done at the begin.
+        after: What they had done at the end.
         seconds: In between. What they had to wait for a processor is taken off: in that time they could do nothing.
     """
     had = after.had_since(before, seconds=seconds)

@@ -69,7 +69,7 @@ def play_expecting(
     """Play logs, record what comes, and compare that with what is expected.
 
     Args:
-        options: What to play.
+        options: Logs, and how they are played.
         expectation: What is to come.
         say: Prints a line of the result.
         warn: Prints a line of diagnostics.

@@ -106,7 +106,7 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
 
     Args:
         facts: What was known.
-        run: What they did.
+        run: What the components did.
         sessions: Name of the component of each session.
     """
     first = {name: zid for zid, name in reversed(list(sessions.items()))}

@@ -28,7 +28,7 @@ class Watch:
 
     Args:
         hangs: What is known of the unit.
-        stage: Where it runs.
+        stage: The stage that it runs on.
         name: Its component.
         baseline: What it does in nominal trials.
         timeout: Seconds after which it hangs in any case.

@@ -33,7 +33,7 @@ def init_ros2(
     """Look at the ROS 2 nodes on a router and write a system file.
 
     Args:
-        path: Where to.
+        path: Path of the system file.
         endpoint: Where the router listens.
         seconds: How long to look.
         unit: Node to test.
@@ -83,7 +83,7 @@ def init_links(
     """Listen to links that an adapter knows and write a system file.
 
     Args:
-        path: Where to.
+        path: Path of the system file.
         adapter: Name of the adapter.
         links: As it takes them.
         seconds: How long to listen.
@@ -118,7 +118,7 @@ def write_system(path: Path, text: str, *, force: bool) -> None:
     """Write a system file.
 
     Args:
-        path: Where to.
+        path: Path of the system file.
         text: What; it is a valid one.
         force: Whether a file that is there is replaced.
 

@@ -296,7 +296,7 @@ class Pool:
 
         Args:
             trial: Executes each.
-            cases: All of them.
+            cases: The test cases, one for each trial.
             ended: Called with the number of a case and its outcome as it ends, on a thread that no signal interrupts.
             into: Where that goes which a case leaves as it is asked to; None to drop it.
             most: How many run at once; 0 for as many as there are jobs by then: workers of a cluster come and go.

@@ -69,7 +69,7 @@ def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]
     Args:
         pid: Its process.
         registers: As the kernel gives them (`NT_PRSTATUS`).
-        machine: What they are.
+        machine: Processor that they are of.
 
     Raises:
         OSError: The process is gone.

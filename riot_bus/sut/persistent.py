@@ -89,7 +89,7 @@ class LiveUnit:
     Args:
         trial: Says which unit, and what it does in nominal trials.
         case: The first test case.
-        place: Where it runs.
+        place: Folder, launcher and system of the trials.
 
     Attributes:
         before: The cases that it had before the last one.

@@ -91,7 +91,7 @@ def plain_draft(
     Sessions of one process are one component. What is external is told as by `system_draft.sketch`.
 
     Args:
-        facts: What was seen.
+        facts: What was seen of the system.
         unit: Component to test.
         external: Components that play the outside world.
         names: Names of components by the ids of their sessions, where they have some already.

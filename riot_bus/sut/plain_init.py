@@ -39,7 +39,7 @@ def init_plain(
     """Look at the components on a router and write a system file.
 
     Args:
-        path: Where to.
+        path: Path of the system file.
         endpoint: Where the router listens.
         seconds: How long to look.
         record: Where what is seen is recorded, as the nominal log; None for nowhere.

@@ -48,7 +48,7 @@ class Feeder:
     """Plays messages to the unit on a stage, and finds out whether it is still itself afterwards.
 
     Args:
-        stage: Where it runs.
+        stage: The stage that it runs on.
         name: Its component.
         unit: Its settings.
         baseline: What it does in nominal trials.

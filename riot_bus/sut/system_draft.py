@@ -56,7 +56,7 @@ class DraftComponent:
         nodes: Its ROS nodes; none for a bridge.
         zid: Its session.
         services: What it serves and calls, as text.
-        actions: Likewise.
+        actions: Actions that it serves and calls, as text.
         external: Why it is taken for the outside world; empty if it is not.
         started: How its process was started, if that is known.
     """
@@ -107,7 +107,7 @@ def sketch(
     only what reaches it counts; and if nothing external does, those who feed it are taken for the outside world.
 
     Args:
-        announcements: What was seen.
+        announcements: Liveliness tokens of nodes and bridges.
         offered: Quality of service by key.
         known: Whether there is a definition of a type.
         unit: Node to test: its full name, its last part, or the component's name.

@@ -25,7 +25,7 @@ class BridgedLink:
     """A link of a bridge in the router's own process: to the bus, it is what is at its other end.
 
     Attributes:
-        segment: Where it is.
+        segment: Name of its segment.
         name: Its name.
         addresses: Where its other ends are.
         publishes: Keys of what came over it, and by which of the systems behind it.
@@ -124,7 +124,7 @@ class BridgeHost(Protocol):
         """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; say what crossed.
 
         Args:
-            bridge: What to run.
+            bridge: The bridge; it is started and ended here.
             program: Its command and arguments, none if empty; `{WORD}` stands for what `bridge.words()` says.
             as_json: Say it as lines of JSON.
 
@@ -159,8 +159,8 @@ class BridgeHost(Protocol):
         Args:
             bridge_of: Makes the bridge from open ports of the segments, by name.
             asked: The router.
-            program: As of `run`.
-            as_json: As of `run`.
+            program: Command and arguments, as of `run`.
+            as_json: Say it as lines of JSON, as of `run`.
 
         Returns:
             As `run`.

@@ -217,7 +217,7 @@ class ListensToLinks(Protocol):
 
         Args:
             links: As users write them.
-            seconds: How long.
+            seconds: Time to listen, seconds.
             unit: What is to be tested, as users write it; None if they do not say.
             warn: Called with a line about what does not work.
 

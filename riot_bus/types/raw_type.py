@@ -42,7 +42,7 @@ class OpaqueType:
     """A type whose payloads are never taken apart.
 
     Args:
-        name: Of the type.
+        name: Name of the type.
         encoding: MCAP's message encoding.
         reason: Why.
     """

@@ -25,7 +25,7 @@ class AttachmentProbe:
 
     Args:
         key: What to listen to.
-        sessions: Where.
+        sessions: Sessions that listen.
         heard: Called, on a thread of Zenoh's, when there is something new.
 
     Attributes:

@@ -27,8 +27,8 @@ class Batches:
     """Subscribes when it is made; for one thread that receives.
 
     Args:
-        session: Where.
-        expression: What.
+        session: Session that receives.
+        expression: Key expression of what is received.
     """
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:

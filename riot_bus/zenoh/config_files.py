@@ -49,7 +49,7 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
     """Return a segment of a riot.toml with Zenoh keys checked and taken apart, and paths absolute.
 
     Args:
-        segment: As written.
+        segment: The segment's table as the user wrote it.
         root: Folder that relative paths start from.
         path: The riot.toml, for errors.
         text: Its text.

@@ -55,7 +55,7 @@ def value_of(key: str, text: str, *, where: str) -> Any:
 
     Args:
         key: The key that it is meant for.
-        text: As written.
+        text: The value as the user wrote it.
         where: Place for errors.
 
     Raises:

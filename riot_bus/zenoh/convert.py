@@ -49,7 +49,7 @@ class Converter:
         """Return the message that the sample carries.
 
         Args:
-            sample: What came.
+            sample: A sample that came in.
             now: When it came, nanoseconds since the Unix epoch.
         """
         encoding = str(sample.encoding)

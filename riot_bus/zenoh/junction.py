@@ -44,7 +44,7 @@ class Junction:
     Access control cannot be changed in a running router, so another cut means another router with another id.
 
     Args:
-        segments: At least two.
+        segments: The segments, at least two.
         direct: Severed when something else is to be cut than what they cut.
         inner: Where it listens by turns, for segments without doors; as many places as others have doors, at least two.
         config: Further Zenoh configuration.

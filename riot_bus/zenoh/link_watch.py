@@ -25,7 +25,7 @@ class BrokenLink:
     """A link that broke while it was needed.
 
     Attributes:
-        segment: Where.
+        segment: Name of its segment.
         peer: Id of the session at the other end.
         time: Nanoseconds since the Unix epoch.
         reason: A link between our own routers; a publication of ours that waited too long; or a peer that came back,

@@ -48,7 +48,7 @@ class Mailbox(Generic[ItemT]):
         """Put an item in; return False when there is no room for it.
 
         Args:
-            item: What to queue.
+            item: The item that is queued.
             size: Its payload bytes.
         """
         size += _OVERHEAD_BYTES

@@ -60,7 +60,7 @@ def scout(how: Scouting = THIS_HOST, *, until: Collection[str] = ()) -> Mapping[
     """Ask once on each interface who is there; whoever answers does nothing else about it.
 
     Args:
-        how: How to ask.
+        how: Interfaces, port and time of the question.
         until: Ids; when all of them have answered, the rest is not waited for.
 
     Returns:

@@ -24,7 +24,7 @@ def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
     """Return in words why a handshake fails; None if it does not, or if this is no TLS over TCP.
 
     Args:
-        endpoint: Of the router.
+        endpoint: Endpoint of the router.
         config: The client's Zenoh configuration, its keys joined by `/`.
     """
     try:

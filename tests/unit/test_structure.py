@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -11,6 +12,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"": "riot_bus", "adapters/": "riot_bus_*"}
+SHORT_TEXT = re.compile(
+    r"^ +[a-z_]\w*: (?=.{1,14}$)"
+    r"(All|As|At|By|From|How|In|Likewise|Of|That|To|What|When|Where|Which|Who|Whom|Whose)\b.*\.$(?!\n {5})",
+    re.MULTILINE,
+)
+"""An argument or attribute whose whole text has less than 15 characters and begins with no noun."""
 CIRCLES = [
     {"riot_bus.log.editing.batch", "riot_bus.log.editing.inputs"},
     {
@@ -72,6 +79,18 @@ def test_no_circle_between_rooms_and_only_these_inside() -> None:
     assert {frozenset(each) for each in circles(graph)} <= {
         frozenset(part) for whole in CIRCLES for part in subsets(whole)
     }
+
+
+def test_short_texts_of_arguments_have_a_noun() -> None:
+    """`block: Which.` says nothing to who has not written it."""
+    found = [
+        f"{name}: {each[0].strip()}"
+        for name, tree in sources().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        for each in SHORT_TEXT.finditer(ast.get_docstring(node) or "")
+    ]
+    assert found == []
 
 
 def test_no_two_public_classes_have_one_name() -> None:

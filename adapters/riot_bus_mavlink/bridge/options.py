@@ -61,7 +61,7 @@ class MavlinkBridgeOptions:
         """Return what is to be bridged.
 
         Args:
-            segments: Names.
+            segments: Names of the segments.
 
         Raises:
             ConfigError: An option is not usable.
@@ -88,7 +88,7 @@ class MavlinkBridgePlan:
     Attributes:
         dialect: Messages that are known.
         keys: Of frames on the bus.
-        links: To be opened.
+        links: The links that are opened.
         signer: Knows the key of signed frames, if that was given.
     """
 

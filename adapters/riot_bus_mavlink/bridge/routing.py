@@ -30,7 +30,7 @@ def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed
     """Return whom a frame is for.
 
     Args:
-        frame: What is sent.
+        frame: The frame that is sent.
         offsets: Where its type has target system and target component; None if it has none. Bytes that are cut from the
             end of a payload are zero.
     """
@@ -179,7 +179,7 @@ class Routes(Generic[PeerT]):
 
         Args:
             frame: What came; its checksum is right, or its type unknown.
-            origin: From whom.
+            origin: The end of a link that it came from.
             now: Seconds of a clock that only grows.
 
         Returns:
@@ -210,7 +210,7 @@ class Routes(Generic[PeerT]):
         """Return who gets a frame that came from the bus.
 
         Args:
-            frame: What came.
+            frame: The frame that came.
             looped: Whether it has come over a link of this bridge: then it does not go to where its source is.
         """
         return self._receivers(frame, self._peers, frame.system << 8 | frame.component if looped else -1)

@@ -38,7 +38,7 @@ class Side:
 
     Args:
         port: The segment.
-        routes: Who gets what.
+        routes: The table of who gets which frame.
         keys: Of frames on the bus.
         name_of: Returns the name of a message.
         mark: Attached to frames that came over links of this bridge.
@@ -47,7 +47,7 @@ class Side:
         signer: Knows the key of signed frames; None if nobody does, then they go on as they are.
 
     Attributes:
-        routes: Who gets what.
+        routes: The table of who gets which frame.
         streams: Numbers inserted frames.
         counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
             `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), or too long for
@@ -127,7 +127,7 @@ class Side:
         """Carry what came over a link.
 
         Args:
-            end: Of the link.
+            end: The end of the link that it came from.
             packets: Packets, or pieces of a stream, in their order.
             offer: Also gets the frames that were not dropped.
         """
@@ -279,7 +279,7 @@ class Side:
         """Give a numbered frame that came over no link to the links and the bus.
 
         Args:
-            frame: What is sent.
+            frame: The frame that is sent.
             link: Stands for a link in its key.
         """
         for end in self.routes.deliver(frame, looped=False):

@@ -70,7 +70,7 @@ class LinkSpec:
     """One link.
 
     Attributes:
-        kind: What it is.
+        kind: Kind of the link.
         host: Address to listen on or to connect to; empty for serial links and files.
         port: UDP or TCP port.
         path: Device or file.
@@ -154,7 +154,7 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
     of a `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
 
     Args:
-        text: As written.
+        text: The link as the user wrote it.
         id_of: Returns the id of a message name, for filters.
 
     Raises:

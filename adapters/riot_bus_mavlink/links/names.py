@@ -25,7 +25,7 @@ def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
 
     Args:
         host: Name or address.
-        port: Of it.
+        port: Port of the host.
         kind: `SOCK_DGRAM` or `SOCK_STREAM`.
         flags: Of `getaddrinfo`.
 
@@ -51,7 +51,7 @@ def look_up(
     Args:
         loop: Whose thread must not wait.
         host: Name or address.
-        port: Of it.
+        port: Port of the host.
         kind: `SOCK_DGRAM` or `SOCK_STREAM`.
         found: Called with the place.
         failed: Called if it is not known.

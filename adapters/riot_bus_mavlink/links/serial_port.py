@@ -40,7 +40,7 @@ class SerialLink(RetriedLink):
     """Opens a device, and does so again when it was unplugged.
 
     Args:
-        spec: Of the link.
+        spec: Settings of the link.
         host: Gets what comes.
 
     Raises:

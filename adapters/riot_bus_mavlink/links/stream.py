@@ -41,7 +41,7 @@ class Stream:
     """One open stream, an end of a link.
 
     Args:
-        spec: Of the link.
+        spec: Settings of the link.
         address: Of the other end.
         transport: Closed with the stream.
         host: Gets what comes.
@@ -138,7 +138,7 @@ class RetriedLink:
     A subclass has `_try` open it, which calls `_opened` or `_again`, now or later, on the loop's thread.
 
     Args:
-        spec: Of the link.
+        spec: Settings of the link.
         host: Gets what comes.
 
     Attributes:

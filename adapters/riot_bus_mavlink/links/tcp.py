@@ -48,7 +48,7 @@ class TcpServer:
     """Listens; each client is an end of its own.
 
     Args:
-        spec: Where.
+        spec: Settings of the link, with the port.
         host: Gets what comes.
 
     Raises:
@@ -108,7 +108,7 @@ class TcpClient(RetriedLink):
     """Connects, and does so again when it is disconnected.
 
     Args:
-        spec: Where to.
+        spec: Settings of the link, with the other end.
         host: Gets what comes.
     """
 

@@ -110,7 +110,7 @@ class UdpServer(_UdpLink):
     """Listens, and answers all that have sent something lately.
 
     Args:
-        spec: Where.
+        spec: Settings of the link, with the port.
         host: Gets what comes.
 
     Raises:
@@ -185,7 +185,7 @@ class UdpClient(_UdpLink):
     If the address is that of many (broadcast, multicast), who answers is sent to alone, until it is silent.
 
     Args:
-        spec: Where to.
+        spec: Settings of the link, with the other end.
         host: Gets what comes.
     """
 

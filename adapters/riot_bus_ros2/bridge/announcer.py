@@ -23,7 +23,7 @@ class Announcer:
     """Shows tokens and takes them back.
 
     Args:
-        port: Where.
+        port: Segment that shows them.
         domain: That of the keys.
 
     Attributes:
@@ -42,7 +42,7 @@ class Announcer:
         """Show what is wanted and nothing else.
 
         Args:
-            wanted: What.
+            wanted: The tokens that are to be shown.
             may_show: Whether what it promises works already.
         """
         present = {each for each in wanted if may_show(each)}

@@ -70,10 +70,10 @@ class DomainGraph:
     Attributes:
         bridges: Names of the nodes of bridges.
         nodes: Names of all others.
-        publishers: Of topics.
-        subscriptions: Of topics.
-        servers: Of services.
-        clients: Of services.
+        publishers: Publishers of topics.
+        subscriptions: Subscriptions to topics.
+        servers: Servers of services.
+        clients: Clients of services.
         matched: Subscriptions that get what a publisher of ours publishes, by its number.
         ready: Numbers of our clients whose server would get a request.
     """

@@ -35,7 +35,7 @@ class NodeProcess:
     """The process; `start` it once, `close` it always.
 
     Args:
-        name: Of the node.
+        name: Name of the node.
         options: Which domain and interpreter.
         take: Called with each frame on a thread of its own; None when the process has ended.
     """

@@ -42,7 +42,7 @@ class Ros2BridgeOptions:
         domain: `ROS_DOMAIN_ID` of the nodes.
         zenoh_domain: First chunk of the keys on the segment; bridges that shall meet have the same.
         topics: Only these, as names with `*` (one chunk) and `**` (any); None for all that nodes use by themselves.
-        services: Likewise.
+        services: Only these services, likewise.
         exclude: Neither these topics nor these services.
         depth: Messages that the bridge's own endpoints keep for slow peers. DDS does not tell what others keep.
         latched: Messages that are kept for late joiners of latched topics.

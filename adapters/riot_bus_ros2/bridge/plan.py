@@ -129,7 +129,7 @@ def plan_of(
         graph: The domain, without bridges.
         segment: What others announce on the segment.
         names: What is bridged at all.
-        options: How.
+        options: What was asked of the bridge.
         bridges: Ids of the Zenoh sessions of other bridges, which have one publisher for all that they announce.
     """
 

@@ -26,7 +26,7 @@ class OfferedService:
     Args:
         number: Stands for the client in the domain.
         key: Service.
-        node: Of the domain.
+        node: The node in the domain.
         port: The segment.
     """
 
@@ -87,7 +87,7 @@ class WantedService:
     Args:
         number: Stands for the server in the domain.
         key: Service.
-        node: Of the domain.
+        node: The node in the domain.
         port: The segment.
     """
 

@@ -31,8 +31,8 @@ class UpRoute:
     Args:
         number: Stands for the subscription.
         key: Topic.
-        plan: How.
-        node: Of the domain.
+        plan: QoS and sides of the topic.
+        node: The node in the domain.
         port: The segment.
         latched: Messages to keep for late joiners.
         changed: Called when somebody subscribes or does not any more.
@@ -99,8 +99,8 @@ class DownRoute:
     Args:
         number: Stands for the publisher.
         key: Topic.
-        plan: How.
-        node: Of the domain.
+        plan: QoS and sides of the topic.
+        node: The node in the domain.
         port: The segment.
         is_own: Whether an attachment is that of a message from this bridge.
         refused: Called with the topic of a message that cannot be one.

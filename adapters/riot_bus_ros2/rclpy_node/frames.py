@@ -39,7 +39,7 @@ class BridgeFrame(NamedTuple):
     """One frame.
 
     Attributes:
-        kind: What it is.
+        kind: Kind of the frame.
         endpoint: Number of the publisher, subscription, server or client.
         number: Of a message: when it was published, nanoseconds since the Unix epoch, 0 if unknown. Else what joins a
             response to its request.
@@ -73,7 +73,7 @@ class Wire:
         """Send a frame; raises OSError if the other end is gone.
 
         Args:
-            kind: What it is.
+            kind: Kind of the frame.
             endpoint: See `BridgeFrame`.
             number: See `BridgeFrame`.
             payload: See `BridgeFrame`.

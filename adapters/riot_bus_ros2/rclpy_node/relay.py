@@ -45,8 +45,8 @@ class Relay:
     """The node; a bridge has one.
 
     Args:
-        wire: To the bridge.
-        name: Of the node.
+        wire: Connection to the bridge.
+        name: Name of the node.
     """
 
     def __init__(self, wire: Wire, name: str) -> None:

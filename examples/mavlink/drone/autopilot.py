@@ -36,7 +36,7 @@ class Autopilot:
     """A drone and all that it answers; no I/O and no clock of its own.
 
     Args:
-        seed: Of its noise.
+        seed: Seed of its noise.
         fly: Whether it has a route from the beginning and flies it by itself, again and again.
     """
 
@@ -179,8 +179,8 @@ def run(link: Link, autopilot: Autopilot, *, speed: float, duration: float, wait
     """Fly.
 
     Args:
-        link: To the ground.
-        autopilot: Who flies.
+        link: Connection to the ground.
+        autopilot: The drone that flies.
         speed: How many times faster than real time.
         duration: Seconds of its own time after which it ends, 0 for none; they count from the first message that it
             gets, or from `wait` seconds after the start.

@@ -41,7 +41,7 @@ class Vehicle:
     """A drone that flies straight at its target and wobbles a little.
 
     Attributes:
-        seed: Of its noise.
+        seed: Seed of its noise.
         route: Items of the mission: places, modes to enter, and None for what is neither.
         target: Where it is going.
         current: Item of the mission that it is flying to.

@@ -168,7 +168,7 @@ def conduct(
     """Run both ends and return what they saw, by end.
 
     Args:
-        scenario: What to do.
+        scenario: The scenario that both ends play.
         network: An open network.
         config: Zenoh configuration of both ends.
         timeout: Seconds.

@@ -32,7 +32,7 @@ class ScenarioEnd:
     Both ends agree through their parent, never through the network: `signal` and `wait`.
 
     Args:
-        name: Which end.
+        name: Name of this end.
         prefix: What all keys start with.
         config: Zenoh configuration of its sessions.
         life: How often this end was killed before.

@@ -109,7 +109,7 @@ def run_scenario(
     """Run a scenario in one way.
 
     Args:
-        scenario: What to do.
+        scenario: The scenario that both ends play.
         way: One of `OURS`, or any name together with `endpoints`.
         endpoints: Where the ends connect to a router that runs already.
         folder: Where certificates are kept from one run to the next; by default a temporary folder.
@@ -181,7 +181,7 @@ def run_suite(
     """Run scenarios in several ways, the plain router first.
 
     Args:
-        scenarios: What to run.
+        scenarios: Scenarios, in the order in which they are run.
         ways: Ways, and the endpoints of those whose router runs already; by default `OURS`.
         say: Called with each result.
     """

@@ -22,7 +22,7 @@ class ScenarioVerdict:
 
     Attributes:
         scenario: Its name.
-        summary: What it does.
+        summary: What the scenario does, in a sentence.
         differences: Where the router was not like a plain one.
         skipped: Why it was not tried.
     """

@@ -59,7 +59,7 @@ def cpp_file(
     """Return the text of a C++17 header without dependencies.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         types: Of its variables.
         scale: Nominal spread of its variables.
         name: Of the namespace; letters, digits and underscores.

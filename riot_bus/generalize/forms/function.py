@@ -76,7 +76,7 @@ def judge_of(terms: Terms, names: Sequence[str]) -> Judge:
     """Return a function that says of each row alone what `Rule.predict` does; never raises.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         names: Of the values that it will get, in their order.
     """
     judges = term_judges(terms, names)

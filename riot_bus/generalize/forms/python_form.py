@@ -99,7 +99,7 @@ def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, f
     """Return the text of a Python file.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         types: Of its variables.
         scale: Nominal spread of its variables.
         told: Lines for the reader: what it is about, and the rule.
@@ -122,7 +122,7 @@ def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> st
     """Return the source of a standalone predicate `rule(v)` over a dict of variables.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         types: Of its variables.
         told: The rule as text.
     """

@@ -17,7 +17,7 @@ def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, s
     """Return why a rule has no nearest values for which it does not hold; empty if it has.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         names: Variables that may be changed.
         types: Of the variables.
     """
@@ -53,10 +53,10 @@ class Repair:
     """Changes values so that a rule does not hold; see `standalone.nearest`.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         names: Of all values, in their order.
         movable: Those that may be changed.
-        types: By name.
+        types: Types of variables by name.
         scale: Nominal spread by name, in units of which moves are measured.
     """
 

@@ -53,7 +53,7 @@ def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[st
     """Return the formula, and the field that each of its signals is.
 
     Args:
-        terms: Of the rule.
+        terms: The rule's variables, with path and type.
         types: Of its variables.
 
     Raises:

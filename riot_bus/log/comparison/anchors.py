@@ -48,7 +48,7 @@ def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twi
     Args:
         a: Keys of one sequence.
         b: Keys of the other one.
-        gap: Where to look.
+        gap: Ranges of both that are looked at.
         ends: Whether equal keys at the ends of a gap belong together, also those that come more than once.
     """
     head, middle, tail = _trimmed(a, b, gap) if ends else ([], gap, [])

@@ -31,7 +31,7 @@ def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] |
     """Return the pairs of an alignment, rising in both; None if it would take too long.
 
     Args:
-        costs: Of pairs.
+        costs: Returns costs of pairs.
         count_a: Length of one sequence.
         count_b: Length of the other one.
     """

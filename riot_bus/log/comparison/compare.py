@@ -44,7 +44,7 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
 
     Args:
         a: What is expected.
-        b: What has come.
+        b: The recording that is compared with it.
         wishes: What counts as a difference; None for everything but times.
     """
     wishes = wishes or Wishes()

@@ -57,11 +57,11 @@ class Shape:
     """What messages of a topic have in common that have the same fields.
 
     Attributes:
-        number: Which it is.
-        paths: Of all fields.
+        number: Number that stands for the shape.
+        paths: Paths of all fields.
         rules: What is tolerated, of each.
         names: Of each: its path, in which `[*]` stands for any element.
-        place: Of each path.
+        place: Index of each path.
         compared: Places of the fields that are compared.
         identity: Places of those that tell the messages of a publisher from one another: stamps, else numbers.
         cut: Arrays that have more elements than are listed.

@@ -62,7 +62,7 @@ def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Ext
 
     Args:
         a: What is expected: an MCAP file, or a folder of a recording's files.
-        b: What has come.
+        b: Path of the log that is compared with it.
         wishes: What counts as a difference; None for everything but times.
         extract: What of them is compared; None for all.
 

@@ -39,7 +39,7 @@ class FieldDifference:
 
     Attributes:
         name: Its path, in which `[*]` stands for any element.
-        messages: How many.
+        messages: Number of messages in which it differs.
         example: Where it differs most; of texts, where it differs first.
         largest: By how much it differs at most; None if that is no number.
         typical: By how much it differs in half of the messages in which it does, likewise.
@@ -98,7 +98,7 @@ class TopicDifference:
         same_fields: Messages that have other bytes, but the same fields.
         opaque: Messages that were compared as bytes in both logs, by reason.
         lost_at: Numbers of the first ones.
-        added_at: Likewise.
+        added_at: Numbers of the first ones of the second log.
         moved_at: Numbers in both logs, likewise.
         allowed: So many may be lost, added or moved.
         timing: When they came; None without any in common.

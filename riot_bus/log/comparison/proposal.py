@@ -150,7 +150,7 @@ def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence
     """Propose tolerances with which nominal runs are the same.
 
     Args:
-        names: Of the runs.
+        names: Names of the nominal runs, for messages.
         compared: Compares all pairs of them with some tolerances.
     """
     found = compared(TopicTolerances())

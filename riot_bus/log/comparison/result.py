@@ -53,7 +53,7 @@ class LogDifference:
 
     Attributes:
         a: What was expected.
-        b: What came.
+        b: The log that is compared with it.
         topics: All that were compared, those that differ first.
         order: Across topics.
         ignored: Topics that were not compared, as was wished.

@@ -45,7 +45,7 @@ class Tolerance:
     """How far two values may be apart.
 
     Attributes:
-        absolute: By so much.
+        absolute: Allowed difference, in the unit of the field.
         relative: Or by so much of the larger one.
         leave: Why they are not compared at all; empty if they are.
     """

@@ -30,7 +30,7 @@ class Trouble:
     """How often something could be done with the messages of a topic, and how often not.
 
     Args:
-        name: What.
+        name: Name of what was done.
     """
 
     def __init__(self, name: str) -> None:
@@ -124,7 +124,7 @@ class ChannelEdit:
         topic: What was recorded.
         target: Where they are written; None if all are dropped.
         channel: The channel's number in its input, -1 if it has none.
-        counts: Of the topic.
+        counts: Figures of the topic.
         original: Whether it holds originals.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.

@@ -42,7 +42,7 @@ class ChannelTable:
         origin: Returns when they begin, nanoseconds.
 
     Attributes:
-        courses: By number.
+        courses: The courses by number.
         steps: All selections and assignments.
 
     Raises:

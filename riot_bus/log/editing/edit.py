@@ -44,7 +44,7 @@ def edit(
     When this raises, nothing is written or left behind.
 
     Args:
-        options: What to do.
+        options: Inputs, changes and outputs.
         interceptors: See each message after it was changed.
         progress: Called now and then with bytes that were read and that there are.
 

@@ -26,7 +26,7 @@ class LatchedMessages:
 
     Args:
         start: When it begins, nanoseconds.
-        courses: By number.
+        courses: The courses by number.
         adapters: Know which topics are latched, and how many messages of each are kept.
     """
 

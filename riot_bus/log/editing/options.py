@@ -78,7 +78,7 @@ class EditOptions:
         types: Type names by topic or key expression.
         definitions: Files that define message types.
         force: Replace what is there.
-        dry_run: Write nothing.
+        dry_run: Whether nothing is written, only told.
     """
 
     inputs: Sequence[Path]

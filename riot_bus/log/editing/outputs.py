@@ -31,7 +31,7 @@ class Outputs:
         splits: Whether there may be several files.
         inputs: What must not be overwritten.
         force: Replace what is there.
-        dry: Write nothing.
+        dry: Whether nothing is written, only told.
 
     Raises:
         ConfigError: The output is one of the inputs, exists already, or cannot be created.

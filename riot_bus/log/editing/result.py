@@ -48,11 +48,11 @@ class EditResult:
     """What became of an edit.
 
     Attributes:
-        topics: By name.
+        topics: Figures of each topic by name.
         files: What was written; empty for a dry run.
         losses: By input, what could not be read.
         unwritable: Messages, by topic, whose time would not fit into a log.
-        warnings: What is odd.
+        warnings: Sentences on what is odd.
         hint: What to do about damage, if something can be done.
     """
 

@@ -155,7 +155,7 @@ def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection
         topic: Name or key expression.
         clauses: Such as ` during 5..9 where x > 3`.
         text: All that the user wrote.
-        option: Where.
+        option: Option that the text stands in, for messages.
 
     Raises:
         ConfigError: It is not of this form.

@@ -52,7 +52,7 @@ class FileSink:
 
     Args:
         options: How they are split.
-        outputs: Names them.
+        outputs: Gives the files their names.
         profile: MCAP profile.
         compression: Of their chunks.
         began: Called with each file when it is opened.

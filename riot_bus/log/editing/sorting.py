@@ -37,7 +37,7 @@ class Sorter:
 
         Args:
             rank: Of messages of equal time, those of lower rank come first.
-            batch: In any order.
+            batch: Messages, in any order.
         """
         if len(batch):
             self._waiting.append((rank, batch.by_time()))

@@ -110,7 +110,7 @@ def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Se
     """Return a channel under another name.
 
     Args:
-        channel: As it was.
+        channel: The channel as it was read.
         topic: What is recorded in it.
         name: The new name of the topic.
         adapters: Asked for the key.

@@ -75,7 +75,7 @@ def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, m
 
     Args:
         file: Descriptor of the log.
-        block: Which.
+        block: The block that is read.
         limits: Of what is read.
         memory: Most bytes, before and after decompression, if these are fewer.
 

@@ -15,8 +15,8 @@ class BeyondLimitError(ValueError):
 
     Args:
         what: What it is, and how much.
-        name: Of the limit.
-        value: Of the limit.
+        name: Name of the limit.
+        value: Value that it has now.
         needed: What it would have to be.
     """
 

@@ -59,7 +59,7 @@ class McapFile:
     Args:
         path: File to create; an existing one is overwritten.
         profile: MCAP profile.
-        library: Who writes.
+        library: Name of the writing library.
         compression: One of `COMPRESSIONS`.
 
     Raises:

@@ -72,7 +72,7 @@ class RingContent:
             profile: MCAP profile.
             library: Name of the writing library.
             schemas: As of `LogWriter.definitions`.
-            channels: Likewise.
+            channels: Channels, as of `LogWriter.definitions`.
             notes: Metadata records for the beginning.
             after: Metadata records for the end.
 

@@ -57,7 +57,7 @@ def salvage(
 
     Args:
         file: Descriptor of the log.
-        block: Which.
+        block: The damaged chunk.
         limits: Of what is read.
         memory: Most bytes, before and after decompression, if these are fewer.
     """

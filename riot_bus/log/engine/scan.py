@@ -320,7 +320,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
 
     Args:
         data: Its records.
-        block: Which.
+        block: The block that is read.
         scan: Takes in definitions.
         extras: Its extras.
 

@@ -41,7 +41,7 @@ class Waiting:
         """Take in the messages of a block; the list is sorted and becomes ours.
 
         Args:
-            entries: In any order.
+            entries: Messages, in any order.
             size: Bytes of the block.
         """
         if not entries:

@@ -112,7 +112,7 @@ class PlayStatus:
     Attributes:
         position: The log's time, nanoseconds.
         start: Where the time line begins.
-        end: Where it ends.
+        end: Where the time line ends.
         passes: Number of the present pass, from 1.
         published: Messages so far.
     """
@@ -133,7 +133,7 @@ class Player:
     drop a new anchor. Messages are published by the thread that calls `run`, one after another in the source's order.
 
     Args:
-        source: What to play.
+        source: Messages in the order of their times.
         publish: Called for each message; what it raises ends the play.
         pace: The time.
         rate: Speed relative to the log's own; 0 is as fast as possible.

@@ -51,7 +51,7 @@ class LoadedBlock:
     """One block's messages, in the order of the file.
 
     Attributes:
-        block: Which.
+        block: The block that was read.
         data: Its records.
         places: Where each message's record begins, shape (n,).
         heads: What stands before the payload of each, shape (n,).
@@ -108,7 +108,7 @@ def load_ahead(
 
     Args:
         reader: The log, open as long as this is used; counts what is lost.
-        blocks: Which.
+        blocks: The blocks, in the wanted order.
         memory: Bytes that blocks may take while they wait.
         threads: How many blocks are decompressed at the same time; 0: none ahead.
         largest: Bytes that a single one may take, if not `memory`; larger ones are counted as damaged.

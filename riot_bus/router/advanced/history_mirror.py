@@ -93,7 +93,7 @@ class HistoryMirror:
         """Take note of a heartbeat; called by the worker.
 
         Args:
-            relay: Whose.
+            relay: State of the publisher.
             told: Number of the last sample, as the heartbeat says.
         """
         relay.beats = True
@@ -174,7 +174,7 @@ class HistoryMirror:
         """Adopt the history once lanes have taken what came in before it, which may last on a busy machine.
 
         Args:
-            relay: Whose.
+            relay: State of the publisher.
             taken: Whether they have.
             adopt: Does it; not needed any more when the first live sample has come.
             seen: How many times in a row they had.

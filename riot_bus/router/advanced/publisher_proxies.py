@@ -180,7 +180,7 @@ class PublisherProxies:
 
         Args:
             segment: Where it came from.
-            sample: What came.
+            sample: The sample that came in.
 
         Returns:
             The message, None if nothing is left to do with it.
@@ -215,7 +215,7 @@ class PublisherProxies:
 
         Args:
             original: What came in; None for a message that an interceptor added.
-            message: What came out.
+            message: A message that interceptors have let through.
         """
         here = self.keys.get(message.key)
         if not here:

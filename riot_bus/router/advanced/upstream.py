@@ -86,8 +86,8 @@ class Upstream:
         the library looks for objects of Python's to drop (pyo3 0.25), and a lane makes about fifteen for each message.
 
         Args:
-            segment: Where.
-            selector: Which caches.
+            segment: Segment that is asked.
+            selector: Key expression of the caches.
             then: Called by the worker with the publisher of each sample.
         """
         handlers = library_of(self._sessions[segment]).handlers

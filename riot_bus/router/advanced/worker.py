@@ -57,7 +57,7 @@ class Worker:
 
         Args:
             seconds: How long to wait.
-            job: What to do.
+            job: Called on the worker's thread.
             background: Nobody waits for it: `idle` does not count it.
         """
         with self._changed:

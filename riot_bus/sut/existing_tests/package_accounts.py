@@ -23,7 +23,7 @@ def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: 
     """Leave what there is to say in a folder.
 
     Args:
-        folder: Where to.
+        folder: The folder that it is written to.
         package: Whose tests these were.
         lines: What there is to say.
         vacuous: Whether the results say nothing about what was asked for.

@@ -25,7 +25,7 @@ class Passage:
 
     Attributes:
         wanted: Topics and services that were to be intercepted.
-        counts: By topic.
+        counts: Figures of the router by topic.
         crossed: Intercepted messages that had a subscriber in another segment; calls of services do anyway.
         losses: What was lost against everybody's will.
         hits: How often each injection of the plan was carried out; None without a plan.

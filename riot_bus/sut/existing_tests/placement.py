@@ -41,7 +41,7 @@ class Placement:
 
     Args:
         folder: For two files; only this user should be able to write there.
-        segment: Where to.
+        segment: Segment of the chosen processes.
         nodes: Regular expression for a whole name; None for none.
         variables: What a process of that segment needs.
 

@@ -69,7 +69,7 @@ def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], N
 
     Args:
         command: Program and arguments.
-        asked: What to do.
+        asked: Router, injections and recording around it.
         warn: Prints a line of diagnostics.
 
     Returns:

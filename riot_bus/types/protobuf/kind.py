@@ -63,7 +63,7 @@ class _Spot(NamedTuple):
     """Where a field is, or would be.
 
     Attributes:
-        field: What it is.
+        field: Description of the field.
         found: Its entries; for an element of an array none.
         slot: Where its value stands, None if it is not on the wire, or an array.
         part: The innermost message around it that is on the wire.

@@ -94,7 +94,7 @@ def fields_of(
     Args:
         data: The payload.
         layout: Of the message.
-        parts: Where it is.
+        parts: Parts of the payload that the message stands in.
         numbers: Of the fields that are wanted, and of all fields in oneofs with them; None for all.
 
     Raises:

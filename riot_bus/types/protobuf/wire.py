@@ -82,7 +82,7 @@ class WireField(NamedTuple):
         start: Where its tag begins.
         value: Where what follows the tag begins; of text, bytes, messages and packed arrays the count of bytes.
         body: Where the value itself begins.
-        end: Where it ends.
+        end: Offset of its end in the payload.
         after: Where the next entry begins; of a group after the tag that ends it.
     """
 
