@@ -13,7 +13,7 @@ from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, p
 from riot_bus_ros2.files import load_files
 from riot_bus_ros2.keys import key_expression, name_of_expression, parse_data_key
 from riot_bus_ros2.live import ask_nodes, services_of
-from riot_bus_ros2.offering import clock_of, offer_of
+from riot_bus_ros2.offering import clock_of, offer_of, server_tokens
 from riot_bus_ros2.serving import SPACES, action_parts, call_type
 from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
@@ -143,6 +143,11 @@ class Ros2Adapter:
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
         """Return how to publish `/clock`."""
         return clock_of(topics, domain=domain, type_hash=self.store.type_hash("rosgraph_msgs/msg/Clock"))
+
+    def server_tokens(self, key: str, zid: str, entity: int) -> Sequence[str]:
+        """Return the tokens of a node and its service server, as rmw_zenoh announces them."""
+        found = parse_data_key(key)
+        return () if found is None or "/srv/" not in found.type_name else server_tokens(found, zid, entity)
 
     def stamp(self, attachment: bytes) -> Stamp | None:
         """Return what an attachment of rmw_zenoh says."""

@@ -36,6 +36,7 @@ __all__ = [
     "identity_of",
     "offer_of",
     "ros_type_of",
+    "server_tokens",
 ]
 
 NODE = "riot_play"
@@ -112,6 +113,18 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
     endpoint = NodeEndpoint(node, entity, "MP", key.topic, key.type_name, key.type_hash, qos.announced)
     publisher = build_token(endpoint)
     return Identity((build_token(node), publisher), partial(_attachment, gid_of(publisher)))
+
+
+def server_tokens(key: DataKey, zid: str, entity: int) -> Sequence[str]:
+    """Return the tokens of the node and of a service server; arguments are those of `identity_of`."""
+    node = Node(key.domain, zid, 0, f"/{NODE}")
+    return tuple(
+        build_token(each)
+        for each in (
+            node,
+            NodeEndpoint(node, entity, "SS", key.topic, key.type_name, key.type_hash, RosQos().announced),
+        )
+    )
 
 
 def _offer(key: DataKey, qos: RosQos) -> Offer:

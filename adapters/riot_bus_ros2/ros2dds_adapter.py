@@ -107,6 +107,13 @@ class Ros2DdsAdapter(Ros2Adapter):
         qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
         return self._offer(found, type_name, qos, topic.details.get("topic_type_hash") or None)
 
+    def server_tokens(self, key: str, zid: str, entity: int) -> Sequence[str]:
+        """Return the tokens of a bridge and its service server, if the service's type was announced."""
+        type_name, _ = self._told(key)
+        if type_name is None or "/srv/" not in type_name:
+            return ()
+        return _bridge_token(zid), ros2dds.build_bridge_token(BridgeToken(zid, "SS", key, type_name))
+
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
         """Return how to publish `/clock`."""
         offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(reliable=False, depth=1), self.store.type_hash(CLOCK_TYPE))
@@ -142,4 +149,8 @@ class Ros2DdsAdapter(Ros2Adapter):
 
 def _identity(token: BridgeToken, zid: str, entity: int) -> Identity:
     own = BridgeToken(zid, token.kind, token.key, token.type_name, token.qos)
-    return Identity((f"@/{zid}/@ros2_lv", ros2dds.build_bridge_token(own)), lambda recorded, sequence, time: None)
+    return Identity((_bridge_token(zid), ros2dds.build_bridge_token(own)), lambda recorded, sequence, time: None)
+
+
+def _bridge_token(zid: str) -> str:
+    return f"@/{zid}/@ros2_lv"

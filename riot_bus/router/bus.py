@@ -113,6 +113,7 @@ class Bus:
         self._retired: list[Forwarder] = []
         self._ramps: list[LocalIngress] = []
         self._taps: list[Tap] = []
+        self._tokens: dict[str, Any] = {}
         self._claims = Claims(canonical(intercept))
         self._selected = canonical(services)
         self._record = Claims(canonical(record))
@@ -514,9 +515,20 @@ class Bus:
         pin(session, text)
         return session.declare_subscriber(text, take)
 
-    def serve(self, segment: str, key: str, service: RecordedService) -> None:
-        """Answer the calls of a service that components of a segment make, with what was recorded, until the end."""
-        serve_recorded(self.segment(segment).session, key, service)
+    def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
+        """Answer the calls of a service that components of a segment make, with what was recorded, until the end.
+
+        Args:
+            segment: Name of the segment.
+            key: Key of the service.
+            service: What was recorded of it.
+            tokens: Liveliness tokens by which its callers know that it is there; those that are shown stay so.
+        """
+        session = self.segment(segment).session
+        serve_recorded(session, key, service)
+        for token in tokens:
+            if token not in self._tokens:
+                self._tokens[token] = session.liveliness().declare_token(token)
 
     def wait_subscribed(
         self,

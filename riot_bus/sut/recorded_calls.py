@@ -22,11 +22,12 @@ __all__ = ["calls_of_unit", "serve_calls"]
 
 def serve_calls(stage: TrialSetup, unit: str) -> None:
     """Answer the calls that a unit makes on a stage; raises as `calls_of_unit`."""
-    name = stage.context.file.unit[unit].component or unit
-    for key, calls in calls_of_unit(stage.context, unit).items():
+    segment = stage.segment_of(stage.context.file.unit[unit].component or unit)
+    for number, (key, calls) in enumerate(calls_of_unit(stage.context, unit).items(), start=1):
         service = RecordedService(calls)
         stage.services.append(service)
-        stage.bus.serve(stage.segment_of(name), key, service)
+        zid = stage.bus.segment(segment).zid
+        stage.bus.serve(segment, key, service, tokens=stage.context.registry.server_tokens(key, zid, number))
 
 
 def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[RecordedCall]]:

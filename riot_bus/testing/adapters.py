@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from riot_bus.testing.types import SETTINGS, hostile
 from riot_bus.types.capabilities import (
     Announcement,
+    AnnouncesServers,
     ConvertsFiles,
     DiscoversTypes,
     HasServices,
@@ -58,6 +59,7 @@ _OF_ADAPTERS = (
     DiscoversTypes,
     ParsesTokens,
     HasServices,
+    AnnouncesServers,
     ReadsMetadata,
     PublishesAs,
     ConvertsFiles,
@@ -219,6 +221,20 @@ class AdapterConformance:
         if adapter.missing(key):
             tokens = [*self.tokens, data.draw(_texts(self.tokens))]
             assert adapter.learn(key, tokens, answers, lambda *_: answers) is None
+
+    def test_servers_are_announced_as_others_are(self) -> None:
+        """What announces a server is read as one of the same key, by the adapter itself; a topic has no server."""
+        adapter = self._able(AnnouncesServers)
+        parser = self._able(ParsesTokens)
+        parsed = map(parser.announcement, self.tokens)
+        found = [one for one in parsed if one is not None and one.role == "serves" and not one.action]
+        assert found, "`tokens` lacks that of a server"
+        for one in found:
+            again = [parser.announcement(token) for token in adapter.server_tokens(one.key, "3f2a", 1)]
+            assert [(each.key, each.type_name) for each in again if each and each.role == "serves"] == [
+                (one.key, one.type_name)
+            ]
+        assert all(adapter.server_tokens(key, "3f2a", 1) == () for key in [*self.keys, *self.foreign])
 
     def test_topics_are_published_again(self) -> None:
         """A recorded topic keeps its name, and who publishes it can be read by the adapter itself."""

@@ -25,6 +25,7 @@ __all__ = [
     "MOST_PARTS",
     "AllowsNonFinite",
     "Announcement",
+    "AnnouncesServers",
     "Ask",
     "ConvertsFiles",
     "DescribesFields",
@@ -187,6 +188,21 @@ class HasServices(Protocol):
         Args:
             type_name: Type of the service.
             part: One of `riot_bus.types.serve.PARTS`.
+        """
+        ...
+
+
+@runtime_checkable
+class AnnouncesServers(Protocol):
+    """Says by which liveliness tokens callers know that a service is there: some wait for it before they call."""
+
+    def server_tokens(self, key: str, zid: str, entity: int) -> Sequence[str]:
+        """Return the keys of the tokens of a server and its node; empty if the key is none of a service of its kind.
+
+        Args:
+            key: Key of the service.
+            zid: Id of the Zenoh session that serves it.
+            entity: Number of the server in the session, from 1.
         """
         ...
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.plugins import ADAPTERS
 from riot_bus.types.capabilities import (
+    AnnouncesServers,
     DiscoversTypes,
     HasServices,
     ListsTypes,
@@ -210,6 +212,11 @@ class TypeRegistry:
     def service_adapters(self) -> list[HasServices]:
         """Return the adapters that know services."""
         return list(self._with_services)
+
+    def server_tokens(self, key: str, zid: str, entity: int) -> list[str]:
+        """Return the tokens of a server, whose callers may wait for them; see `AnnouncesServers.server_tokens`."""
+        found = (each.server_tokens(key, zid, entity) for each in self._adapters if isinstance(each, AnnouncesServers))
+        return list(dict.fromkeys(chain.from_iterable(found)))
 
     def publishing_adapters(self) -> list[PublishesAs]:
         """Return the adapters that say how topics are published."""

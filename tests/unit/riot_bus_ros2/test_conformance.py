@@ -6,6 +6,7 @@ import pytest
 
 from riot_bus.testing.adapters import AdapterConformance
 from riot_bus.types.capabilities import (
+    AnnouncesServers,
     DiscoversTypes,
     HasServices,
     ListsTypes,
@@ -39,6 +40,7 @@ class TestRos2(AdapterConformance):
         DiscoversTypes,
         ParsesTokens,
         HasServices,
+        AnnouncesServers,
         ReadsMetadata,
         PublishesAs,
     )
@@ -59,4 +61,5 @@ class TestRos2Dds(AdapterConformance):
     tokens = (
         "@/3f/@ros2_lv/MP/heard/nav_msgs§msg§Odometry/:1:0:0,10:typehash=RIHS01_ab;",
         "@/3f/@ros2_lv/AS/dock/nav_msgs§action§Dock",
+        "@/3f/@ros2_lv/SS/add/example_interfaces§srv§AddTwoInts",
     )
