@@ -133,8 +133,7 @@ class Covering:
             outcome: What came of it.
             nominal_outputs: Outputs of a nominal trial.
         """
-        played = int(outcome.statistics.get("played", 0)) or 1 << 62
-        reached = [placed for placed in _delivered(group, outcome) if self._position(placed) < played]
+        reached = self._reached(group, outcome)
         failed = outcome.verdict is Verdict.FAIL
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
@@ -267,6 +266,18 @@ class Covering:
                 yield from (self._random.choice(numbers) for _ in range(_TRIES))
         yield from (self._random.randint(0, last) for _ in range(_TRIES * item.times))
 
+    def _reached(self, group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
+        """Return what has changed a message whose turn came: a field may be missing, or have that value.
+
+        Where the outcome does not tell, that is all whose place in the log is among the messages that were played.
+        """
+        counts = outcome.statistics.get("delivered")
+        if counts is None:
+            played = int(outcome.statistics.get("played", 0)) or 1 << 62
+            return [placed for placed in group if self._position(placed) < played]
+        left = iter(counts)
+        return [placed for placed in group if sum(next(left) for _ in placed.injections)]
+
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.firsts[0]]
 
@@ -294,15 +305,6 @@ class Covering:
         """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
-
-
-def _delivered(group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
-    """Return what has changed a message, as far as the outcome tells: a field may be missing, or have that value."""
-    counts = outcome.statistics.get("delivered")
-    if counts is None:
-        return list(group)
-    left = iter(counts)
-    return [placed for placed in group if sum(next(left) for _ in placed.injections)]
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:

@@ -28,6 +28,7 @@ def inject_log(
     registry: TypeRegistry,
     seed: int = 0,
     reached: list[list[int]] | None = None,
+    ahead: list[int] | None = None,
 ) -> tuple[tuple[Message, ...], list[tuple[int, Message, tuple[Change, ...]]]]:
     """Carry out injections on a log, in its order.
 
@@ -38,6 +39,7 @@ def inject_log(
         seed: Seed of the choices.
         reached: Gets for each injection the indices of the messages that it changed; setting a field to what it is
             already changes nothing.
+        ahead: Gets for each message of the log how many messages come out before its turn.
 
     Returns:
         The messages as a receiver would get them (a delayed one carries its new time), and for every touched message
@@ -52,6 +54,8 @@ def inject_log(
     out: list[Message] = []
     touched: list[tuple[int, Message, tuple[Change, ...]]] = []
     for index, message in enumerate(messages):
+        if ahead is not None:
+            ahead.append(len(out))
         result = pipeline.feed(message)
         queue.push(*result.emissions)
         out.extend(_delivered(queue.pop_due(message.time)))

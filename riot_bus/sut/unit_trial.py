@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -144,15 +145,16 @@ class UnitTrial:
         """
         started = time.monotonic()
         context, unit = stage.context, stage.context.file.unit[self.unit]
-        name, reached = component_of(context.file, self.unit), list[list[int]]()
+        name, reached, ahead = component_of(context.file, self.unit), list[list[int]](), list[int]()
         process = stage.processes[name]
         messages, touched = inject_log(
-            case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached
+            case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached, ahead=ahead
         )
         ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
         feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
         settled = feeder.feed_case(messages)
         sent, answered = feeder.sent, len(stage.outputs)
+        turns = len(case.messages) if sent == len(messages) else bisect_left(ahead, sent)  # of the log's own messages
         if self.before:
             stage.launcher.wait([process], timeout=_DEBUGGER_S)
         seen = feeder.nominal(self.baseline.probe) if self.nominal else None
@@ -178,8 +180,8 @@ class UnitTrial:
             statistics={
                 "played": sent,
                 "messages": len(messages),
-                "modified": sum(index < sent for index, _, _ in touched),
-                "delivered": [sum(index < sent for index in each) for each in reached],
+                "modified": sum(index < turns for index, _, _ in touched),
+                "delivered": [sum(index < turns for index in each) for each in reached],
                 "shown": _shown(stage.outputs[:answered]),
                 "behaviour": behaviour_of(stage.outputs[:answered], context.registry),
                 "outputs": answered,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,9 @@ from riot_bus.types.serve import Request
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase, Verdict
+from riot_bus_ros2.adapter import Ros2Adapter
+from riot_bus_ros2.keys import DataKey, build_data_key
+from tests.ros2_env import ros2_interpreter
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
@@ -71,6 +75,48 @@ LOG = [
 ]
 
 
+ROS_NODE = """
+import rclpy
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
+
+rclpy.init()
+node = rclpy.create_node("caller")
+client = node.create_client(SetBool, "/limit")
+client.wait_for_service()
+out = node.create_publisher(String, "/out", 10)
+
+
+def ask(message):
+    answer = client.call_async(SetBool.Request(data=message.data))
+    answer.add_done_callback(lambda found: out.publish(String(data=found.result().message)))
+
+
+node.create_subscription(Bool, "/in", ask, 10)
+rclpy.spin(node)
+"""
+ROS_SYSTEM = """
+[system]
+adapters = ["ros2"]
+nominal = "nominal.mcap"
+
+[components.caller]
+command = ["sh", "-c", "exec $RIOT_ROS_PYTHON node.py"]
+dds = true
+inputs = ["/in"]
+outputs = ["/out"]
+calls = ["/limit"]
+ready = { timeout = 90 }
+
+[unit.caller]
+settle = { window = 0.1, linger = 0.5, timeout = 20 }
+
+[[monitors]]
+kind = "never"
+when = "/out where data == 'off is not allowed'"
+"""
+
+
 def write(folder: Path, system: str = SYSTEM, log: list[Message] = LOG) -> Path:
     (folder / "node.py").write_text(NODE)
     (folder / "riot.toml").write_text(system)
@@ -105,3 +151,35 @@ def test_a_log_without_such_calls_is_told(tmp_path: Path, system: str, log: list
         pytest.raises(ConfigError, match=words),
     ):
         pool.execute(UnitTrial("scaler"), TestCase())
+
+
+def test_a_ros_client_that_waits_for_its_service_finds_the_recorded_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
+    hash_of = Ros2Adapter().store.type_hash
+    limit, commands = (
+        build_data_key(DataKey(0, topic, kind, hash_of(kind)))
+        for topic, kind in (("/limit", "std_srvs/srv/SetBool"), ("/in", "std_msgs/msg/Bool"))
+    )
+    log: list[Message] = []
+    for number, (value, answer) in enumerate(((True, "on"), (False, "off is not allowed")), start=1):
+        told = answer.encode() + b"\0"
+        reply = _cdr(value=True) + b"\0\0\0" + struct.pack("<I", len(told)) + told
+        log += [
+            Message(3 * number, commands, _cdr(value=value)),
+            Request(3 * number + 1, f"{limit}/@request", _cdr(value=value), sequence=number),
+            Message(3 * number + 2, f"{limit}/@reply", reply, sequence=number),
+        ]
+    path = write(tmp_path, ROS_SYSTEM, log)
+    (tmp_path / "node.py").write_text(ROS_NODE)
+    on, off = log[0], log[3]
+    with Pool(path, 1, keep=tmp_path / "trials") as pool:
+        passes = pool.execute(UnitTrial("caller"), TestCase((on,)))
+        fails = pool.execute(UnitTrial("caller"), TestCase((on, off)))
+    assert (passes.verdict, passes.statistics["outputs"], passes.detail) == (Verdict.PASS, 1, "")
+    assert (fails.verdict, fails.statistics["outputs"]) == (Verdict.FAIL, 2)
+
+
+def _cdr(*, value: bool) -> bytes:
+    return b"\0\1\0\0" + bytes([value])

@@ -42,6 +42,14 @@ def test_which_messages_each_injection_changed() -> None:
     assert reached == [[0, 1, 3], [], [], [], [3]]
 
 
+def test_how_much_comes_out_before_the_turn_of_each_message() -> None:
+    log = [Message(number, "a", b"{}") for number in range(5)]
+    faults = [Injection("a", fault="drop", last=1), Injection("a", fault="duplicate", copies=2, first=2, last=2)]
+    ahead: list[int] = []
+    out, _ = apply.inject_log(log, faults, registry=TypeRegistry(), ahead=ahead)
+    assert (ahead, len(out)) == ([0, 0, 0, 3, 4], 5)
+
+
 def test_a_signal_of_whole_numbers_sets_a_boolean() -> None:
     log = [Message(10**18 + number, "a", b'{"on": true}', encoding="application/json") for number in range(40)]
     signal = Signal(0.5, 0.5, hold=1, seed=3, integer=True)
