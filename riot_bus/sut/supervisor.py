@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import json
+import math
 import os
 import select
 import signal
@@ -298,11 +299,17 @@ class Supervisor:
         os.set_blocking(wake_write, False)
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
-        pending = b""
+        pending, look_at = b"", math.inf
         while True:
-            readable, _, _ = select.select([self._link.fileno(), wake_read], [], [], LOOK_S if self._guards else None)
-            if not readable:
+            if not self._guards:
+                look_at = math.inf
+            elif look_at == math.inf:
+                look_at = time.monotonic() + LOOK_S
+            wait = None if look_at == math.inf else max(0.0, look_at - time.monotonic())
+            readable, _, _ = select.select([self._link.fileno(), wake_read], [], [], wait)
+            if time.monotonic() >= look_at:  # whatever else there is: a component's signals may never end
                 self.guard()
+                look_at = time.monotonic() + LOOK_S
             if wake_read in readable:
                 with contextlib.suppress(BlockingIOError):
                     os.read(wake_read, 4096)

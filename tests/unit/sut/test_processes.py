@@ -185,6 +185,24 @@ def test_limits_hold_for_processes_that_are_included(launcher: Launcher, tmp_pat
         assert other.wait(WAIT_S) == -signal.SIGKILL
 
 
+def test_limits_hold_for_who_keeps_the_supervisor_busy(launcher: Launcher, tmp_path: Path) -> None:
+    """Each child that ends wakes the supervisor, far more often than it looks at limits."""
+    limits = {"memory": 100 << 20, "files": 0, "processes": 0, "cpu": 0}
+    orphans = "while True:\n    if not os.fork():\n        os.fork()\n        os._exit(0)\n    os.wait()"
+    code = f"import os\nx = bytes([1]) * (200 << 20)\n{orphans}"
+    process = launcher.start(
+        "part",
+        [sys.executable, "-S", "-c", code],
+        env=dict(os.environ),
+        cwd=tmp_path,
+        directory=tmp_path,
+        limits=limits,
+    )
+    assert launcher.wait([process], timeout=WAIT_S)
+    assert process.excess is not None
+    assert process.excess[0] == "memory"
+
+
 def test_settling(launcher: Launcher, start: Start) -> None:
     busy = start("while True: pass")
     assert not wait_settled(Threads([busy.pid]), window=0.05, timeout=0.5)
