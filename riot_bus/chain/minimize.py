@@ -91,7 +91,7 @@ class _Minimization:
 
     def run(self) -> MinimalRecord:
         try:
-            found = self._rated(self._simplified(self._messages()))
+            found = self._without_modified(self._rated(self._simplified(self._messages())))
             absent = self._absent(found)
         except KeyboardInterrupt:
             if self.best and not MinimalRecord.exists(self.folder):
@@ -115,9 +115,7 @@ class _Minimization:
             # Nothing that was modified matters, but what is missing.
             self.needs_cause, self.log = False, self.log.restored()
         else:
-            topics = (self.context.registry.topic(message.key) for message in unmodified.messages)
-            self.missing, self.missing_failed = tuple(dict.fromkeys(topics)), (failed, total)
-            write_other_cause(self.step, self.folder, self.finding, unmodified, (failed, total))
+            self._tell_other_cause(unmodified, (failed, total))
             self.ask = self._failing_if_modified
         minimal = self._shrunk(self.log)
         return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
@@ -227,6 +225,25 @@ class _Minimization:
                 hint="try another --seed; what makes it come more often?",
             )
         return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if failed else found
+
+    def _without_modified(self, found: _Found) -> _Found:
+        """Return it with trials of its messages without the modified ones: these may do what their absence does."""
+        log, without = found.log, list(found.minimal.without)
+        rest = [place for place, message in enumerate(log.messages) if message.sequence not in log.originals]
+        if not self.needs_cause or not log.originals or not rest or self.missing:
+            return found
+        failed, total, fails = self._decided(log.keep(rest), found.minimal.noise)
+        if fails:
+            self._tell_other_cause(log.keep(rest), (failed, total))
+        if len(without) == len(rest) + 1:
+            (modified,) = set(range(len(without))).difference(rest)
+            without[modified] = failed, total
+        return replace(found, minimal=replace(found.minimal, without=tuple(without)))
+
+    def _tell_other_cause(self, log: FailingLog, failed: tuple[int, int]) -> None:
+        topics = (self.context.registry.topic(message.key) for message in log.messages)
+        self.missing, self.missing_failed = tuple(dict.fromkeys(topics)), failed
+        write_other_cause(self.step, self.folder, self.finding, log, failed)
 
     def _observed(self, fields: NamedFields) -> dict[str, list[Scalar]]:
         log = self.step.workspace.known_unit_log(self.finding.unit)

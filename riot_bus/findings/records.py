@@ -372,8 +372,8 @@ class MinimalRecord(Artefact):
         one_minimal: Whether it was shown that they fail and that without any one of them nothing does.
         confidence: How sure that is at least; 0 if it was not shown.
         failed: How many of how many trials of them failed.
-        without: Likewise for each of them, when it alone was left out; none of none where what is left has no modified
-            message, which is no cause to look for.
+        without: Likewise for each of them, when it alone was left out; none of none where that leaves no message. What
+            fails without the modified one has another cause: see `missing`.
         interrupted: Whether the search was; then this is the best so far, and `riot minimize` goes on.
         missing: Topics of messages that fail in the same place without any modified one, since others are missing;
             with `missing_failed`, how many of how many trials of them did. They are a finding of their own.

@@ -97,6 +97,25 @@ def test_what_fails_because_messages_are_missing_is_another_cause(tmp_path: Path
     assert not log.originals
 
 
+def test_a_modified_message_that_does_what_its_absence_does_is_told_apart(tmp_path: Path) -> None:
+    """Message 5 is refused when it is modified; without it, refused or not there, message 41 is fatal."""
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        given = {message.sequence: message for message in messages}
+        set_up = 5 in given and said(given[5]) == said(command("step", 3.0, 5))
+        return 1 if 41 in given and not set_up else None
+
+    one = bench(tmp_path, fails=fails)
+    failing(one, 5)
+    nominal_passes(one)
+    record = minimize(one.run(), one.folder)
+    assert record.kept == (5, 41)
+    assert record.without[0][0] == record.without[0][1] > 0
+    assert record.missing == ("command",)
+    assert "command alone, unmodified, fails likewise" in record.summary
+    assert FindingRecord.load(one.folder.with_name(f"{one.folder.name}-missing")).modified == 0
+
+
 def test_start_up_messages_stay_when_they_are_needed(tmp_path: Path) -> None:
     def fails(messages: Sequence[Message]) -> int | None:
         return hangs(messages) if messages and messages[0].sequence == 0 else None
