@@ -62,7 +62,8 @@ class CampaignResult:
         after_others: Failures that came after other cases in the same process, and not with one of their own.
         unjudged: Cases that could not be judged, and why.
         alarms: Signatures that are told by comparing with nominal trials, and that nominal trials have shown: no
-            failures.
+            failures; `notes` has them, too.
+        unordered: Passing trials in which the order across topics was given up.
         stopped: Whether it was told to stop.
     """
 
@@ -80,6 +81,7 @@ class CampaignResult:
     after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
     unjudged: Sequence[tuple[TestCase, str]] = ()
     alarms: Sequence[str] = ()
+    unordered: int = 0
     stopped: bool = False
 
 
@@ -92,13 +94,15 @@ class _Campaign:
     types: Mapping[tuple[str, str], str]
     failures: dict[str, Failure] = field(default_factory=dict)
     failing: int = 0
-    alarms: set[str] = field(default_factory=set)
+    alarms: dict[str, int] = field(default_factory=dict)
+    baseless: dict[str, str] = field(default_factory=dict)
+    unordered: int = 0
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
     usual: list[Outcome] = field(default_factory=list)
     asked: dict[str, TestCase] = field(default_factory=dict)
     after_others: dict[str, AfterOthers] = field(default_factory=dict)
-    unseen: dict[str, list[str]] = field(default_factory=dict)
+    unseen: dict[str, dict[int, str]] = field(default_factory=dict)
     started: str = ""
     effects: Effects = field(default_factory=Effects)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
@@ -122,9 +126,9 @@ class _Campaign:
             self.started = str(outcome.statistics.get("started", ""))
             if outcome.detail:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
-            for line in outcome.statistics.get("unseen", ()):
-                name, _, reason = str(line).partition(": ")
-                self.unseen.setdefault(name, []).append(reason)
+            self.unordered += bool(outcome.statistics.get("unordered")) and outcome.verdict is Verdict.PASS
+            for name, reason in {line.partition(": ")[::2] for line in map(str, outcome.statistics.get("unseen", ()))}:
+                self.unseen.setdefault(name, {}).setdefault(trial, reason)
             if case.injections:
                 self.effects.add(case, outcome, self.usual)
                 add_history(self.after_others, case, outcome, asked=self.asked)
@@ -148,6 +152,8 @@ class _Campaign:
         signature = failure.violation.signature
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
         failure.case, failure.rate = repeat_in_order(failure.case, signature, self.runner)
+        if not failure.rate.total:
+            self.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
 
     def simplify(self, failure: Failure) -> None:
         """Let the simplest case stand for a failure if it fails as often, without what it does not need to."""
@@ -177,6 +183,8 @@ class _Campaign:
             outcomes += _run_nominal(self.runner, list(more.values()))
             cases |= more
         self._know_alarms(outcomes)
+        told = [dict(outcome.statistics.get("baseless", {})) for outcome in outcomes]
+        self.baseless = {key: why for key, why in told[0].items() if all(key in each for each in told)}
         outcomes = list(map(self._judged, outcomes))
         self.nominal = self.usual = outcomes
         self.judge(cases, outcomes)
@@ -197,10 +205,15 @@ class _Campaign:
 
     def _know_alarms(self, outcomes: Sequence[Outcome]) -> None:
         """Note what nominal trials show that is only told by comparing with nominal trials: it is nominal, too."""
-        self.alarms.update({each.signature for one in outcomes for each in one.violations if is_compared(each)})
+        for outcome in outcomes:
+            for signature in {each.signature for each in outcome.violations if is_compared(each)}:
+                self.alarms[signature] = self.alarms.get(signature, 0) + 1
 
     def _judged(self, outcome: Outcome) -> Outcome:
-        return outcome.without(lambda each: each.signature in self.alarms) if self.alarms else outcome
+        """Return an outcome without what cannot be told of the unit."""
+        if not self.alarms and not self.baseless:
+            return outcome
+        return outcome.without(lambda each: each.signature in self.alarms or each.signature in self.baseless)
 
     def _asked(self, case: TestCase) -> TestCase:
         self.asked[case.digest()] = case
@@ -290,8 +303,10 @@ def run_campaign(
         work.simplify(failure)
     rest = {key: each for key, each in work.failures.items() if not each.confirmed}
     every = nominal + done - len(work.unjudged)
-    blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
+    blind = {name: next(reversed(each.values())) for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
+    notes |= {f"{signature}: {why}, in no nominal trial": nominal for signature, why in work.baseless.items()}
+    notes |= {f"{signature}: nominal trials show the same": count for signature, count in work.alarms.items()}
     finished = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
     return CampaignResult(
         nominal + done,
@@ -308,6 +323,7 @@ def run_campaign(
         after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
         unjudged=work.unjudged,
         alarms=sorted(work.alarms),
+        unordered=work.unordered,
         stopped=stopped,
     )
 

@@ -24,19 +24,22 @@ A failure of one in five is missed once in eighty-seven times."""
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
-    """Return how often fresh trials of a case fail with a signature.
+    """Return how often fresh trials of a case fail with a signature, of those that could be judged.
 
     Args:
         case: The case; the trial that failed first does not count, since it was chosen for that.
         signature: The failure.
         runner: Executes trials.
     """
-    hits = total = 0
-    while total < CONFIRMATIONS:
-        count = _FIRST if not total else min(CONFIRMATIONS - total, max(_FIRST, runner.parallelism))
-        cases = [replace(case, again=number) for number in range(total + 1, total + count + 1)]
-        hits += sum(outcome.failed_as(signature) for outcome in runner.run(cases))
-        total += count
+    hits = total = asked = 0
+    while asked < CONFIRMATIONS:
+        count = _FIRST if not asked else min(CONFIRMATIONS - asked, max(_FIRST, runner.parallelism))
+        cases = [replace(case, again=number) for number in range(asked + 1, asked + count + 1)]
+        judged = [outcome for outcome in runner.run(cases) if outcome.judged]
+        hits += sum(outcome.failed_as(signature) for outcome in judged)
+        asked, total = asked + count, total + len(judged)
+        if total < _FIRST:
+            continue
         triggers = Noise.after().triggers(hits, total - hits)
         if triggers < _DOUBT or (triggers > 1 - _DOUBT and Noise.after(hits, total).spread <= _SPREAD):
             break

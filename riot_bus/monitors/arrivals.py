@@ -45,6 +45,11 @@ class Rate:
         """The topic."""
         return (self.topic,)
 
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Topics of which it misses messages."""
+        return self.topics
+
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when the largest gap is too large."""
         times = [message.time for message in view.outputs if view.registry.matches(self.topic, message.key)]
@@ -127,6 +132,11 @@ class Sometimes(_Condition):
         detail = why_unseen(view, selector) or ""
         return [Violation("sometimes", self.topics[0], f"never reached: {self.when}", detail)]
 
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Topics of which it misses messages."""
+        return self.topics
+
     def unseen(self, view: TrialView) -> str | None:
         """Return None: that nothing came is what it looks for."""
         return None
@@ -172,6 +182,11 @@ class Ratio:
         allowed = f"{outputs / inputs:.4g} for one, allowed: {self.low:g} to {self.high:g}"
         detail = f"{outputs} of {self.output} for {inputs} of {self.input} ({allowed})"
         return [Violation("count", self.topics[0], f"count of {self.output} for {self.input}", detail)]
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Topics of which it misses messages."""
+        return self.topics[:1] if self.low else ()
 
     def unseen(self, view: TrialView) -> str | None:
         """Return that no input came, None if one did."""

@@ -44,6 +44,11 @@ class Answered:
         """Topics of requests and answers."""
         return (message_selector(self.request).topic, message_selector(self.answer).topic)
 
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Topics of which it misses messages."""
+        return self.topics[1:]
+
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first request without an answer; those that may still get one are left out."""
         answers = [

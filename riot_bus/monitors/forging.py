@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import islice, product
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.model import Forges, name_of, why_no_message, why_nothing_to_judge
+from riot_bus.monitors.model import Forges, names_of, why_no_message, why_nothing_to_judge
 from riot_bus.monitors.selection import selected
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message
@@ -14,7 +14,7 @@ from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import Selector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.monitors.model import Monitor, TrialView
     from riot_bus.vocabulary.trial import Scalar
@@ -46,14 +46,14 @@ def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
         return f"{type(error).__name__}: {error}"
 
 
-def mute_monitors(view: TrialView, monitors: Iterable[Monitor]) -> tuple[str, ...]:
+def mute_monitors(view: TrialView, monitors: Sequence[Monitor]) -> tuple[str, ...]:
     """Return a line for each monitor that stays silent on a copy of a trial that is forged to violate it.
 
     A monitor without `forge` cannot be tried, and one that has nothing to judge in this trial says so by itself.
     """
     return tuple(
-        f"{name_of(monitor)}: {reason}"
-        for monitor in monitors
+        f"{name}: {reason}"
+        for name, monitor in zip(names_of(monitors), monitors, strict=True)
         if isinstance(monitor, Forges) and why_nothing_to_judge(monitor, view) is None
         if (reason := why_cannot_fire(monitor, view)) is not None
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.types.registry import TypeRegistry
@@ -21,6 +22,7 @@ __all__ = [
     "Forges",
     "Invariant",
     "Judgement",
+    "MissesMessages",
     "Monitor",
     "ResourceSample",
     "Signs",
@@ -28,6 +30,7 @@ __all__ = [
     "TrialView",
     "judge",
     "name_of",
+    "names_of",
     "why_no_message",
     "why_nothing_to_judge",
 ]
@@ -163,6 +166,16 @@ class TellsUnseen(Protocol):
 
 
 @runtime_checkable
+class MissesMessages(Protocol):
+    """A monitor that is violated where messages of some topics do not come: because of that, or of a misspelt topic."""
+
+    @property
+    def missed(self) -> Sequence[str]:
+        """Topics of which it misses messages."""
+        ...
+
+
+@runtime_checkable
 class Forges(Protocol):
     """A monitor that can show that it is able to fire."""
 
@@ -179,11 +192,14 @@ class Judgement:
         violations: In the order of the monitors.
         broken: A line for each monitor that failed itself.
         unseen: A line for each monitor that had nothing to judge, with the reason.
+        baseless: Signatures of violations by monitors that miss messages of which there was none at all, with the
+            reason: the topic may be misspelt.
     """
 
     violations: tuple[Violation, ...] = ()
     broken: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
+    baseless: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
@@ -191,7 +207,8 @@ def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
     violations: list[Violation] = []
     broken: list[str] = []
     unseen: list[str] = []
-    for monitor in monitors:
+    baseless: dict[str, str] = {}
+    for name, monitor in zip(names_of(monitors), monitors, strict=True):
         error: Exception | None = None
         try:
             found = tuple(monitor.judge(view))
@@ -204,12 +221,26 @@ def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
                 reason = why_nothing_to_judge(monitor, view)
             except Exception as raised:
                 error = error or raised
-        name = name_of(monitor)
+        topics = monitor.missed if found and isinstance(monitor, MissesMessages) else ()
+        missed = [why_no_message(view, topic) for topic in topics]
+        if missed and all(missed):
+            baseless |= {each.signature: str(missed[0]) for each in found}
         if reason is not None:
             unseen.append(f"{name}: {reason}")
         elif error is not None:
             broken.append(f"{name}: {type(error).__name__}: {error}")
-    return Judgement(tuple(violations), tuple(broken), tuple(unseen))
+    return Judgement(tuple(violations), tuple(broken), tuple(unseen), baseless)
+
+
+def names_of(monitors: Iterable[Monitor]) -> list[str]:
+    """Return what tells monitors apart; those that are called alike are numbered."""
+    seen: Counter[str] = Counter()
+    found = []
+    for monitor in monitors:
+        name = name_of(monitor)
+        seen[name] += 1
+        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return found
 
 
 def name_of(monitor: Monitor) -> str:

@@ -13,7 +13,7 @@ from riot_bus.monitors.model import ResourceSample
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "resources"]
+__all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "out_of_memory_kills", "resources"]
 
 _LEAST_SHARE = 0.1
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
@@ -220,6 +220,11 @@ def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
             files += len(os.listdir(f"/proc/{pid}/fd"))
             threads += len(os.listdir(f"/proc/{pid}/task"))
     return ResourceSample(time.time_ns(), messages, memory, files, threads)
+
+
+def out_of_memory_kills() -> int:
+    """Return how many processes of this machine the kernel has ended since there was no memory left; 0 if unknown."""
+    return int(_read("/proc/vmstat").partition(b"\noom_kill ")[2].split(b"\n")[0] or 0)
 
 
 def _tasks(pids: Sequence[int]) -> list[str]:

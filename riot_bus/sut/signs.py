@@ -56,6 +56,8 @@ class Feeder:
 
     Attributes:
         sent: Messages that were published the last time.
+        gave_up: Whether the order across topics was to be kept and was not: a unit that works for long, or never
+            sleeps, gets further messages without waiting.
         probed: Outputs that there were before the last probe; None if there was none.
     """
 
@@ -66,6 +68,7 @@ class Feeder:
         self._segment = stage.segment_of(name)
         self._settle, self._rate = unit.settle, unit.rate
         self._process = stage.processes[name]
+        self.gave_up = False
         self._ordered = ordered and not unit.rate
         self._fed = time.monotonic()
         self._begun: tuple[Activity, Activity] | None = None
@@ -158,6 +161,7 @@ class Feeder:
             nonlocal before, key, switches, ordered
             if ordered and message.key != key:
                 ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S, hangs=self._watch)
+                self.gave_up |= not ordered
                 if ordered:
                     self._watch.went_on()
                 switches, key = threads.switches(), message.key

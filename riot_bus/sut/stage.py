@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
-from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
+from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, out_of_memory_kills, resources
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
@@ -160,6 +160,7 @@ class TrialSetup:
         )
         self.now: Callable[[], int] = time.time_ns
         self._begin, self.begun = time.time_ns(), time.monotonic()
+        self._killed = out_of_memory_kills()
 
     def _addresses(self, segments: Sequence[str], attach: Iterable[str]) -> dict[str, tuple[str, ...]]:
         """Return where each segment listens: on any port, and where components connect to that run already."""
@@ -598,6 +599,9 @@ class TrialSetup:
             process = self.processes[name]
             self.launcher.alive(process)
             self._starter.check_way(name)
+            if process.status == -signal.SIGKILL and process.excess is None and out_of_memory_kills() > self._killed:
+                hint = "run fewer trials at once (--jobs), or write limits with less memory"
+                raise EnvironmentFaultError(f"the kernel has ended {name!r}: the machine has no memory left", hint=hint)
             root = self._starter.folder_of(name)
             traced = component.tracebacks == "fail"
             seen = (signs or {}).get(name, NO_SIGNS)
@@ -617,7 +621,11 @@ class TrialSetup:
                     excess=self._excess(name),
                 )
             )
-        broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}
+        losses = self.bus.losses
+        if settled and (late := losses.reasons.get("observer too slow")):  # else it publishes without an end
+            hint = "run fewer trials at once (--jobs), or stop what else runs on this machine"
+            raise EnvironmentFaultError(f"{late} outputs came faster than they could be taken in", hint=hint)
+        broken = {link.segment for link in losses.links if link.reason == "stalled"}
         stalled = [name for name in names if self.segment_of(name) in broken]
         return TrialView(
             views,

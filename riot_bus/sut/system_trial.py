@@ -296,6 +296,8 @@ class SystemTrial:
             log=log,
             statistics={
                 "external_messages": len(external),
+                "unseen": judged.unseen,
+                **({"baseless": judged.baseless} if judged.baseless else {}),
                 **({} if case.messages else {"delivered": tap.delivered(), "modified": sum(tap.delivered())}),
                 **(probe.statistics if probe else {}),
             },

@@ -187,6 +187,8 @@ class UnitTrial:
                 "outputs": answered,
                 "started": process.started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
+                **({"baseless": judged.baseless} if judged.baseless else {}),
+                **({"unordered": True} if feeder.gave_up else {}),
                 **({"nominal": seen} if seen is not None else {}),
             },
         )

@@ -18,6 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from riot_bus.sut.activity import out_of_memory_kills
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import ComponentProcess, Launcher
 from riot_bus.sut.stage import TrialSetup
@@ -257,6 +258,7 @@ def test_nothing_of_a_container_is_left_when_riot_is_killed(tmp_path: Path, engi
     code = f"""
 import time
 from pathlib import Path
+from riot_bus.sut.activity import out_of_memory_kills
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import ComponentProcess, Launcher
 from riot_bus.sut.stage import TrialSetup
@@ -347,3 +349,14 @@ def test_a_connection_that_is_lost_is_no_failure_of_the_component(tmp_path: Path
         with pytest.raises(EnvironmentFaultError, match="'ssh' of component 'part' ended with status"):
             one.wait_subscribed("part", ["ask"])
     assert time.monotonic() - begin < WAIT_S
+
+
+def test_a_kill_for_want_of_memory_is_no_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with stage(system(tmp_path, 'command = ["{python}", "part.py", "{endpoint}"]')) as made:
+        process = made.start("part", seed=0)
+        os.kill(process.pid, signal.SIGKILL)
+        assert made.launcher.wait([process], timeout=WAIT_S)
+        assert made.view(["part"], settled=True, waited=1.0).components[0].status == -signal.SIGKILL
+        monkeypatch.setattr("riot_bus.sut.stage.out_of_memory_kills", lambda: out_of_memory_kills() + 1)
+        with pytest.raises(EnvironmentFaultError, match="the machine has no memory left"):
+            made.view(["part"], settled=True, waited=1.0)

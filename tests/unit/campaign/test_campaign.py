@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -154,6 +155,7 @@ def test_what_is_only_told_by_comparing_is_no_failure_where_nominal_trials_show_
     compared = "a thread" in signature
     assert set(result.failures) == ({CRASH.signature} if compared else {CRASH.signature, signature})
     assert list(result.alarms) == ([signature] if compared else [])
+    assert (f"{signature}: nominal trials show the same" in result.notes) == compared
 
 
 def test_all_violations_of_a_trial_count() -> None:
@@ -236,6 +238,44 @@ def test_a_monitor_that_saw_nothing_in_any_trial_is_told() -> None:
     lines = iter([["Range a:x: no message", "Rate b: no message"]] * 7 + [["Range a:x: none of 1 messages"]])
     result = campaign(Pure(lambda case: Outcome(Verdict.PASS, statistics={"unseen": next(lines)})), trials=4)
     assert result.notes == {"Range a:x: none of 1 messages": 8}
+
+
+def test_monitors_that_are_blind_by_turns_are_not_blind() -> None:
+    lines = iter([["Range a:x: no message"], ["Range a:x (2): no message"]] * 4)
+    result = campaign(Pure(lambda case: Outcome(Verdict.PASS, statistics={"unseen": next(lines)})), trials=4)
+    assert result.notes == {}
+
+
+def test_of_what_never_came_nominally_nothing_is_missed() -> None:
+    """The topic of the monitor may be misspelt."""
+    missed = Violation("sometimes", "out", "never reached: out", "")
+    there = Outcome(Verdict.FAIL, (missed,), statistics={"baseless": {missed.signature: "no message of 'out' came"}})
+
+    def answer(case: TestCase) -> Outcome:
+        return replace(there, violations=(CRASH, missed)) if injected(case) else there
+
+    result = campaign(Pure(answer), trials=60)
+    assert set(result.failures) == {CRASH.signature}
+    assert result.notes == {"never reached: out: no message of 'out' came, in no nominal trial": 4}
+    once = iter([there, *[replace(there, statistics={})] * 100])  # it came in the other trials, and was not enough
+    assert set(campaign(Pure(lambda case: next(once)), trials=4).failures) == {missed.signature}
+
+
+def test_trials_that_did_not_keep_the_order_are_counted() -> None:
+    given_up = Outcome(Verdict.PASS, statistics={"unordered": True})
+    result = campaign(Pure(lambda case: given_up if case.injections else Outcome(Verdict.PASS)), trials=8)
+    assert result.unordered == 8
+
+
+def test_a_failure_whose_repeats_cannot_be_judged_is_told() -> None:
+    def answer(case: TestCase) -> Outcome:
+        if case.again:
+            return Outcome(Verdict.UNJUDGED, detail="its worker was killed")
+        return failing(case) if injected(case) else Outcome(Verdict.PASS)
+
+    result = campaign(Pure(answer), trials=60)
+    assert result.failures == {}
+    assert f"{CRASH.signature}: none of its repeats could be judged" in result.notes
 
 
 def test_progress_counts_trials_and_failures() -> None:

@@ -36,6 +36,14 @@ def test_what_never_fails_again_takes_twenty() -> None:
     assert repeat(TestCase(), CRASH.signature, runner(0.0)).total == 20
 
 
+def test_what_could_not_be_judged_is_no_pass() -> None:
+    def answer(case: TestCase) -> Outcome:
+        return Outcome(Verdict.UNJUDGED) if case.again % 2 else Outcome(Verdict.FAIL, (CRASH,))
+
+    rate = repeat(TestCase(), CRASH.signature, Pure(answer))
+    assert rate.hits == rate.total >= 4
+
+
 def test_another_failure_is_no_confirmation() -> None:
     assert repeat(TestCase(), CRASH.signature, runner(1.0, OTHER)).hits == 0
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from riot_bus.monitors.arrivals import Never, Rate, Ratio
+from riot_bus.monitors.arrivals import Never, Rate, Ratio, Sometimes
 from riot_bus.monitors.exchanges import Answered
 from riot_bus.monitors.invariants import Finite, Gapless, Range, Values
 from riot_bus.monitors.model import Invariant, Judgement, TrialView, judge
@@ -78,3 +78,19 @@ def test_one_that_raises_is_isolated_and_never_called_unseen() -> None:
 def test_the_start_is_the_first_input() -> None:
     assert VIEW.start == 0
     assert trial_view([], inputs=[("a", {}), ("a", {})], step=0.5).start == 5 * 10**8
+
+
+def test_monitors_of_one_name_are_told_apart() -> None:
+    view = trial_view([("a", {"x": 1.0})])
+    judged = judge(view, [Range("b:y", min=0.0), Range("b:y", max=9.0)])
+    assert [line.partition(": ")[0] for line in judged.unseen] == ["Range b:y", "Range b:y (2)"]
+
+
+@pytest.mark.parametrize("monitor", [Sometimes("b"), Sometimes("b where y > 1"), Ratio("b", "a", 1.0, 1.0)])
+def test_what_is_missed_of_topics_that_never_came_is_told_apart(monitor: Invariant) -> None:
+    inputs = [("a", {"x": 1.0})]
+    (violation,) = judge(trial_view([("c", {"y": 1.0})], inputs=inputs), [monitor]).violations
+    judged = judge(trial_view([("c", {"y": 1.0})], inputs=inputs), [monitor])
+    assert judged.baseless == {violation.signature: "no message of 'b' came; known: c"}
+    there = judge(trial_view([("b", {"y": 1.0})] * 3, inputs=inputs), [monitor])
+    assert there.baseless == {}
