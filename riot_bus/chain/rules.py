@@ -149,7 +149,8 @@ class _Teacher:
         ]
         variables = [*with_arrays(questions, named, variables), *order_variables(passing)]
 
-        rest = (field for name, field in questions.fields.fields.items() if name not in observed)
+        unit = self.step.workspace.context.file.unit[questions.finding.unit]
+        rest = (field for field in considered_fields(questions.fields, unit) if field.name not in observed)
         others = [field for field in rest if field.leaf.type in TYPES][:_OTHERS]
         varied = [
             Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))

@@ -70,6 +70,7 @@ def measure_baseline(
         trial = UnitTrial(unit, replace(start, probe_answers=known), nominal=True)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
         outcomes = pool.map(trial, cases)
+        _check_starts(outcomes)
         busy.extend(float(one.statistics.get("busy", 0.0)) for one in outcomes)
         for each in (violation for one in outcomes for violation in one.violations if violation.monitor == "limit"):
             raise ConfigError(
@@ -110,6 +111,12 @@ def measure_baseline(
     return replace(found, mined=check_rules(rules, [one.violations for one in others], trials=mined.trials))
 
 
+def _check_starts(outcomes: Sequence[Outcome]) -> None:
+    """Raise if no trial could be carried out: no other one can, such as where a unit is never ready."""
+    if not any(outcome.judged for outcome in outcomes):
+        raise EnvironmentFaultError(outcomes[0].detail)
+
+
 def _passes(outcome: Outcome, *, but: str = "") -> bool:
     """Return whether a trial was judged, and no monitor found a failure, but for one."""
     return outcome.judged and all(each.monitor == but for each in outcome.violations)
@@ -146,5 +153,6 @@ def _keeps_order(
     case = TestCase(tuple(log))
     ways = (False, True, False, True)  # both at once, where there are processors for it
     outcomes = pool.map(trial, [replace(case, ordered=way) for way in ways])
+    _check_starts(outcomes)
     kept, free = ([one.seconds for one in outcomes[first::2] if _passes(one)] for first in (1, 0))
     return not kept or not free or min(kept) <= _MUCH_SLOWER * min(free)  # what failed tells nothing of the time

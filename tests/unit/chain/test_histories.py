@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 from riot_bus.campaign.history import AfterOthers
 from riot_bus.chain.histories import join_logs, shrink_history
@@ -62,7 +63,23 @@ def test_what_a_fresh_process_does_not_show_is_no_failure() -> None:
     unit = Unit()
     found = AfterOthers(WORN, case(9), (case(7), case(1)))
     assert shrink_history(found, unit, registry=TypeRegistry(), probe=PROBE) is None
-    assert len(unit.asked) == 1  # all of it, once
+    assert len(unit.asked) == 8  # all of it, each time afresh
+    assert len({case.digest() for case in unit.asked}) == 8
+
+
+def test_what_comes_only_sometimes_is_found_too() -> None:
+    class Flaky(Unit):
+        def _play(self, case: TestCase) -> Outcome:
+            return super()._play(case) if int(case.digest(), 16) % 10 < 4 else Outcome(Verdict.PASS)
+
+    found = 0
+    for seed in range(20):
+        last = replace(case(9), seed=seed)
+        failure = shrink_history(
+            AfterOthers(WORN, last, (case(7), case(7))), Flaky(), registry=TypeRegistry(), probe=PROBE
+        )
+        found += failure is not None
+    assert found >= 17
 
 
 def test_logs_are_joined_without_going_back_in_time() -> None:

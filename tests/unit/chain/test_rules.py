@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -8,8 +10,9 @@ from riot_bus.chain.rules import _spread, _typed, rules
 from riot_bus.findings.records import ProportionRecord, RuleRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
-from tests.unit.chain.machine import MODE, SPEED, bench, rated, sometimes, write_fields, write_minimal
+from tests.unit.chain.machine import MODE, SPEED, SYSTEM, bench, rated, sometimes, write_fields, write_minimal
 
 
 def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
@@ -33,6 +36,24 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert not (one.folder / "context.mcap").exists()
     told = f"on {record.checks} fresh checks, right in 24 of 24 trials behind nominal messages, {record.trials} trials)"
     assert record.summary.endswith(told)
+
+
+@pytest.mark.parametrize("leave", ["", 'leave = ["command:mode"]\n'])
+def test_fields_that_are_left_alone_are_not_varied_to_check_the_rule(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, leave: str
+) -> None:
+    varied: set[str] = set()
+
+    def learn(*given: Any, context: Sequence[Variable], **more: Any) -> LearnedRule:
+        varied.update(each.name for each in context)
+        return learn_rule(*given, context=context, **more)
+
+    monkeypatch.setattr("riot_bus.chain.rules.learn_rule", learn)
+    one = bench(tmp_path, SYSTEM + leave)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    one.workspace.carry_out(find_step("rules"), one.folder, budget=40)
+    assert varied == ({"command:note"} if leave else {"command:note", MODE})
 
 
 def test_a_rate_without_trials_behind_it_is_not_told() -> None:
