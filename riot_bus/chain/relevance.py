@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -106,6 +107,7 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
         straight=found.straight,
         unconfirmed=tuple(unconfirmed),
         complete=found.complete,
+        left=tuple(sorted(questions.fields.fields.keys() - {field.name for field in considered})),
     )
     return _with_structure(step, folder, record, questions, considered, found.noise, budget - found.trials)
 
@@ -123,7 +125,7 @@ def _with_structure(
     unit = step.workspace.context.file.unit[questions.finding.unit]
     known = {*(one.name for one in record.fields), *record.unconfirmed}
     parts = parts_of(questions.fields, considered, known, paced=unit.rate > 0)
-    if not parts or budget < 1:
+    if not parts:
         return record
     cases = FreshCases(questions.runner, after=2 * _AFTER)
     several = len({message.key for message in questions.fields.log.messages}) > 1
@@ -166,9 +168,10 @@ def _with_structure(
                 passed=passed,
             )
         )
-    asked = structure.asked - (len(structure.needed) - len(found))
+    doubtful = Counter(one.part.kind for one in structure.needed) - Counter(one.kind for one in found)
+    known = {kind: count - doubtful[kind] for kind, count in structure.asked.items()}
     return record.model_copy(
-        update={"structure": tuple(found), "structure_asked": asked, "structure_failed": structure.failed}
+        update={"structure": tuple(found), "structure_known": known, "structure_failed": structure.failed}
     )
 
 

@@ -6,7 +6,8 @@ it is is found as the needed messages of a log are, each with two logs that diff
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -68,12 +69,12 @@ class Structure:
 
     Attributes:
         needed: The parts that have to stay as they are.
-        asked: Of how many parts it is known whether they have to.
+        asked: Of how many parts it is known whether they have to, by kind; 0 where trials did not tell.
         failed: How many of how many trials failed with the others of a kind changed at once.
     """
 
     needed: tuple[Needed, ...]
-    asked: int
+    asked: Mapping[str, int]
     failed: tuple[int, int]
 
 
@@ -121,7 +122,8 @@ def search_structure(
         progress: Told after every batch.
     """
     needed: list[Needed] = []
-    asked, failed, total = 0, 0, 0
+    asked = dict.fromkeys((part.kind for part in parts), 0)
+    failed = total = 0
     for kinds in _TOGETHER:
         some = [part for part in parts if part.kind in kinds]
 
@@ -145,7 +147,9 @@ def search_structure(
         if found.one_minimal:
             failing = changed(found.kept)
             needed += [Needed(some[place], failing, changed({*found.kept} - {place})) for place in found.kept]
-            asked, failed, total = asked + len(some), failed + found.failed[0], total + found.failed[1]
+            asked |= Counter(part.kind for part in some)
+            if len(found.kept) < len(some):  # else nothing was changed in these trials
+                failed, total = failed + found.failed[0], total + found.failed[1]
     return Structure(tuple(needed), asked, (failed, total))
 
 

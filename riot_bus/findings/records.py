@@ -421,8 +421,8 @@ class MinimalRecord(Artefact):
         gaps = sum(one.what == "gap" for one in self.simplified)
         simpler = "; " * bool(values) + values + (f"; {back} back to nominal" if back else "")
         simpler += f"; {counted(gaps, 'shorter gap')}" if gaps else ""
-        absent = f"; {self.absent}" if self.absent else ""
-        return f"{kept} ({counted(self.trials, 'trial')}{proven}){simpler}{absent}{other}"
+        simpler += f"; {self.absent}" if self.absent else ""
+        return f"{kept} ({counted(self.trials, 'trial')}{proven}){simpler}{other}"
 
     @classmethod
     def exists(cls, directory: Path) -> bool:
@@ -508,8 +508,9 @@ class FieldsRecord(Artefact):
         unconfirmed: Fields that the search named, and whose certificate fresh trials did not confirm.
         complete: Whether the search has ended by itself, not since its trials were spent.
         structure: What besides values the failure needs.
-        structure_asked: Of how many keys, neighbours and gaps it is known whether they matter; 0 if of none.
-        structure_failed: How many of how many trials failed with all others of these changed at once.
+        structure_known: Number of parts of which it is known whether they matter, by kind; 0 where trials did not tell.
+        structure_failed: How many of how many trials failed with all others of a kind changed at once.
+        left: Fields that were not varied: brittle ones, and those that riot.toml leaves alone.
     """
 
     FILE = "fields.json"
@@ -521,16 +522,20 @@ class FieldsRecord(Artefact):
     unconfirmed: tuple[str, ...] = ()
     complete: bool = True
     structure: tuple[StructureRecord, ...] = ()
-    structure_asked: int = 0
+    structure_known: dict[str, int] = {}
     structure_failed: tuple[int, int] = (0, 0)
+    left: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
         """Which fields matter."""
-        names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
-        names += "".join(f", {name} (unconfirmed)" for name in self.unconfirmed)
+        kinds = {one.name: one.kind for one in self.fields} | dict.fromkeys(self.unconfirmed, "unconfirmed")
+        names = ", ".join(f"{name} ({kind})" for name, kind in kinds.items()) or "none"
         spent = "" if self.complete else "; trials spent before the search had ended"
         needed = "".join(f"; it needs that {one}" for one in self.structure)
+        sure = f"at most {self.bound:.1%} of random values of the others change the outcome (95 %)"
+        rest = f"; {sure if self.straight else 'whether the others matter is not known'}"
+        needed += rest if len(self.considered) > len(kinds) else ""
         return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')}{spent}){needed}"
 
 
@@ -680,13 +685,12 @@ class PermeabilityRecord(Artefact):
     @property
     def summary(self) -> str:
         """Which external fields reach a relevant one."""
-        names = ", ".join(self.permeable) or "none"
         fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
         idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
         played = ", the outside played from the nominal log" if self.played else ""
         why = "; ".join(dict.fromkeys(self.untested.values()))
         untold = f" ({counted(len(self.untested), 'field')} not tested: {why})" if self.untested else ""
-        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}"
+        return f"{fields} in {runs} of {self.system}{played} -> {', '.join(self.permeable) or 'none'}{idle}{untold}"
 
     @property
     def permeable(self) -> tuple[str, ...]:

@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from riot_bus.findings.records import ProportionRecord, Value
+from riot_bus.findings.records import FieldsRecord, ProportionRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.order import order_of
 
-__all__ = ["Statement", "not_tried", "statements"]
+__all__ = ["Statement", "not_tried", "other_fields", "statements"]
+
+_PARTS = {
+    "other keys": ("key", "missing key"),
+    "other orders of neighbours": ("order",),
+    "longer times between messages": ("gap",),
+}
+"""What besides values is asked of a log, and its kinds in the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +53,10 @@ def _minimal(view: FindingView) -> list[Statement]:
     if minimal.one_minimal:
         sure = f"{share(minimal.confidence)}: " if minimal.confidence else ""
         confidence = f"{sure}they suffice, and none of them can be left out"
-    kept = plural(len(minimal.kept), "message")
-    found = [Statement(f"{kept} of {minimal.before} suffice for the failure", evidence, confidence)]
+    what = "suffice for the failure" if failed else "were kept"
+    if not failed:
+        confidence = "not known whether they suffice"
+    found = [Statement(f"{plural(len(minimal.kept), 'message')} of {minimal.before} {what}", evidence, confidence)]
     if minimal.absent:
         passed, trials = minimal.absent.passed
         found.append(
@@ -111,36 +120,60 @@ def _fields(view: FindingView) -> list[Statement]:
                 f"95 %: passes at least {share(exact_interval(passed, others)[0])} of the time otherwise",
             )
         )
-    unmoved = view.fields.structure_asked - len(view.fields.structure)
-    if unmoved > 0:
-        failed, trials = view.fields.structure_failed
+    unmoved = {words: sum(_unmoved(view.fields, kind) for kind in kinds) for words, kinds in _PARTS.items()}
+    failed, trials = view.fields.structure_failed
+    if trials and any(unmoved.values()):
+        asked = ", ".join(f"{words} ({count} asked)" for words, count in unmoved.items() if count)
         found.append(
             Statement(
-                f"other keys, orders of neighbours and gaps may as well be otherwise ({unmoved} asked)",
+                f"it fails likewise with {asked}",
                 f"all of a kind changed at once: {failed} of {plural(trials, 'trial')} failed",
                 f"95 %: fails at least {share(exact_interval(failed, trials)[0])} of the time",
             )
         )
-    rest = len(view.fields.considered) - len(view.fields.fields) - len(view.fields.unconfirmed)
-    if rest > 0 and view.fields.straight:
-        ended = "" if view.fields.complete else "; the trials were spent before the search had ended"
-        found.append(
-            Statement(
-                f"the other {plural(rest, 'field')} of these messages hardly matter",
-                f"{plural(view.fields.straight, 'trial')} in a row with all of them at random values, none changed the "
-                f"outcome{ended}",
-                f"95 %: of such random values at most {share(view.fields.bound)} change the outcome",
-            )
+    rest = other_fields(view.fields)
+    return found if rest is None else [*found, rest]
+
+
+def _unmoved(fields: FieldsRecord, kind: str) -> int:
+    """Return how many parts of a kind are known not to matter."""
+    return fields.structure_known.get(kind, 0) - sum(one.kind == kind for one in fields.structure)
+
+
+def other_fields(fields: FieldsRecord) -> Statement | None:
+    """Return what is known of the fields that were considered and not named; None if there are none."""
+    rest = len(fields.considered) - len(fields.fields) - len(fields.unconfirmed)
+    if rest < 1:
+        return None
+    named = f"the {'other ' if rest < len(fields.considered) else ''}{plural(rest, 'field')} of these messages"
+    if not fields.straight:
+        return Statement(
+            f"whether {named} matter is not known",
+            "the trials were spent before all of them were varied together",
+            "not tested",
         )
-    elif rest > 0:
-        found.append(
-            Statement(
-                f"whether the other {plural(rest, 'field')} matter is not known",
-                "the trials were spent before all of them were varied together",
-                "not tested",
-            )
-        )
-    return found
+    ended = "" if fields.complete else "; the trials were spent before the search had ended"
+    return Statement(
+        f"{named} hardly matter",
+        f"{plural(fields.straight, 'trial')} in a row with all of them at random values, none changed the "
+        f"outcome{ended}",
+        f"95 %: of such random values at most {share(fields.bound)} change the outcome",
+    )
+
+
+def _unknown_parts(view: FindingView, fields: FieldsRecord, *, orders: bool) -> list[str]:
+    """Return what besides values was not asked, or not decided by trials.
+
+    Where some was asked, the log has no keys and orders but those in the record.
+    """
+    known = fields.structure_known
+    several = view.minimal is None or len(view.minimal.kept) > 1
+    there = {"key": not known, "order": several and not orders and not known, "gap": several}
+    return [
+        words
+        for words, kinds in _PARTS.items()
+        if not any(known.get(kind) for kind in kinds) and (there[kinds[0]] or known.keys() & {*kinds})
+    ]
 
 
 def _names(topics: Iterable[str]) -> str:
@@ -261,9 +294,15 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
     gaps += [f"The step `{step.name}` has not been run." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
     orders = view.fields is not None and any(order_of(name) for name in view.fields.considered)
-    if view.fields and not view.fields.structure_asked:
-        what = "keys and times between messages" if orders else "keys, the order of messages and times between them"
-        gaps.append(f"Whether {what} matter is not known.")
+    if view.fields and (unknown := _unknown_parts(view, view.fields, orders=orders)):
+        gaps.append(f"Whether {' or '.join(unknown)} matter is not known.")
+    if view.fields and view.fields.left:
+        gaps.append(
+            f"{plural(len(view.fields.left), 'field')} not varied, such as stamps, checksums and what riot.toml leaves "
+            f"alone: {_names(view.fields.left)}"
+        )
+    if view.rule and not any(one and one.total for one in (view.rule.in_context, view.rule.in_campaign)):
+        gaps.append("Whether the rule holds in longer logs than the minimal one was not asked.")
     if view.rule:
         about = "and the order of two messages, not about keys or" if orders else "not about keys, nor the order or"
         gaps.append(f"The rule is about values{' ' if orders else ', '}{about} timing of messages.")

@@ -71,17 +71,57 @@ def test_what_besides_values_matters_is_told_with_its_trials(tmp_path: Path) -> 
     order = StructureRecord(
         kind="order", name="/a", then="/b", failing_log="f", passing_log="p", failed=(3, 3), passed=(4, 4)
     )
+    known = {"key": 2, "missing key": 1, "order": 2}
     FieldsRecord.load(tmp_path).model_copy(
-        update={"structure": (order,), "structure_asked": 5, "structure_failed": (2, 2)}
+        update={"structure": (order,), "structure_known": known, "structure_failed": (2, 2)}
     ).save(tmp_path)
     view = load(tmp_path)
     found = {one.claim: one for one in statements(view)}
     assert "3 of 3 failed, 4 of 4 passed" in found["the failure needs that /a comes before /b"].evidence
-    (rest,) = (one for one in found if one.startswith("other keys, orders of neighbours and gaps"))
-    assert "(4 asked)" in rest
-    assert not any("is not known" in gap for gap in not_tried(view))
-    FieldsRecord.load(tmp_path).model_copy(update={"structure": (), "structure_asked": 0}).save(tmp_path)
-    assert any("Whether keys, the order of messages" in gap for gap in not_tried(load(tmp_path)))
+    likewise = found["it fails likewise with other keys (3 asked), other orders of neighbours (1 asked)"]
+    assert likewise.evidence.replace("\N{NO-BREAK SPACE}", " ").endswith("2 of 2 trials failed")
+    assert not any("is not known" in gap for gap in not_tried(view)), "one message has no times between messages"
+
+
+@pytest.mark.parametrize(
+    ("known", "kept", "gap"),
+    [
+        ({}, 1, "Whether other keys matter"),
+        ({}, 2, "Whether other keys or other orders of neighbours or longer times between messages matter"),
+        ({"key": 3}, 2, "Whether longer times between messages matter"),
+        ({"order": 0, "gap": 0}, 2, "Whether other orders of neighbours or longer times between messages matter"),
+        ({"key": 0, "missing key": 1, "gap": 1}, 2, None),
+    ],
+)
+def test_what_was_not_asked_besides_values_is_named(
+    tmp_path: Path, known: dict[str, int], kept: int, gap: str | None
+) -> None:
+    view_at("until activate", tmp_path)
+    MinimalRecord.load(tmp_path).model_copy(update={"kept": tuple(range(kept))}).save(tmp_path)
+    FieldsRecord.load(tmp_path).model_copy(update={"structure_known": known}).save(tmp_path)
+    told = [each for each in not_tried(load(tmp_path)) if "matter is not known" in each]
+    assert told == ([f"{gap} is not known."] if gap else [])
+
+
+def test_what_was_left_out_is_named(tmp_path: Path) -> None:
+    view_at("until activate", tmp_path)
+    FieldsRecord.load(tmp_path).model_copy(update={"left": ("/map:stamp", "/map:crc")}).save(tmp_path)
+    gaps = not_tried(load(tmp_path))
+    assert any(gap.startswith("2") and gap.endswith("alone: /map:stamp, /map:crc") for gap in gaps)
+    assert "Whether the rule holds in longer logs than the minimal one was not asked." in gaps
+    right = ProportionRecord(value=1.0, low=0.7, high=1.0, count=9, total=9)
+    RuleRecord.load(tmp_path).model_copy(update={"in_campaign": right}).save(tmp_path)
+    assert not any("longer logs" in gap for gap in not_tried(load(tmp_path)))
+
+
+@pytest.mark.parametrize("failed", [(0, 0), (0, 3)])
+def test_messages_that_no_trial_has_failed_with_are_not_said_to_suffice(
+    tmp_path: Path, failed: tuple[int, int]
+) -> None:
+    view_at("until activate", tmp_path)
+    MinimalRecord.load(tmp_path).model_copy(update={"failed": failed, "one_minimal": False}).save(tmp_path)
+    (found,) = (one for one in statements(load(tmp_path)) if "of 5012" in one.claim)
+    assert (found.claim, found.confidence) == ("1 message of 5012 were kept", "not known whether they suffice")
 
 
 def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
