@@ -40,7 +40,9 @@ def links(view: FindingView) -> list[DiagramBox]:
         "test": (plural(finding.messages, "message"), f"{finding.modified} modified"),
     }
     if view.minimal:
-        done["minimize"] = (f"{plural(len(view.minimal.kept), 'message')} needed", f"of {view.minimal.before}")
+        what, proven = ("needed", "") if view.minimal.one_minimal else ("kept", ", not proven")
+        kept = plural(len(view.minimal.kept), "message")
+        done["minimize"] = (_short(f"{kept} {what}"), _short(f"of {view.minimal.before}{proven}"))
     if view.fields:
         names = [one.name for one in view.fields.fields]
         done["relevance"] = (f"{len(names)} of {len(view.fields.considered)}", _short(", ".join(map(_leaf, names))))

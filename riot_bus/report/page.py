@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from riot_bus.findings.records import EdgeRecord, FieldRecord
+from riot_bus.findings.records import EdgeRecord, FieldRecord, FieldsRecord
 from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
 from riot_bus.report.diagram import links
@@ -14,8 +14,9 @@ from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load
 from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
-from riot_bus.report.statements import not_tried, statements
+from riot_bus.report.statements import not_tried, other_fields, statements
 from riot_bus.report.templating import page_environment
+from riot_bus.vocabulary.order import order_of
 
 __all__ = ["PAGE", "HtmlReport", "write_report"]
 
@@ -85,6 +86,8 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "rule_plot": plot and {"svg": Markup(plot.svg), "caption": plot.caption},  # noqa: S704 - serialised from a tree
         "maps": [{"svg": Markup(one.svg), "caption": one.caption} for one in maps],  # noqa: S704 - as above
         "messages": _messages(view),
+        "no_field": _no_field(view.fields),
+        "other_fields": other_fields(view.fields) if view.fields else None,
         "trees": _trees(view),
         "paths": _paths(view),
         "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
@@ -113,13 +116,27 @@ def _evidence(directory: Path) -> list[tuple[str, str]]:
 
 
 def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:
-    """Return the topics of the minimal messages with their relevant fields."""
+    """Return the minimal messages, as fields name them, with their relevant fields and orders."""
     topics = view.minimal.topics if view.minimal else ()
     fields = view.fields.fields if view.fields else ()
-    return [
-        (topic, [one for one in fields if one.name == topic or one.name.startswith((f"{topic}:", f"len({topic}:"))])
-        for topic in topics[:_ROWS]
-    ]
+    found = []
+    for place, topic in enumerate(topics[:_ROWS]):
+        name = f"{topic}[{topics[:place].count(topic)}]" if topics.count(topic) > 1 else topic
+        found.append((name, [one for one in fields if one.name.startswith(f"{name}:") or _orders(one.name, topic)]))
+    return found
+
+
+def _orders(name: str, topic: str) -> bool:
+    order = order_of(name)
+    return order is not None and topic in (order.first, order.second)
+
+
+def _no_field(fields: FieldsRecord | None) -> str:
+    """Return what is known of a message without a relevant field."""
+    if fields is None:
+        return "not searched yet"
+    sure = fields.complete and fields.straight and not fields.unconfirmed and not fields.structure
+    return "none: that it arrives is enough" if sure else "none confirmed"
 
 
 def _trees(view: FindingView) -> list[dict[str, Any]]:

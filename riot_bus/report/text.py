@@ -6,8 +6,11 @@ from pathlib import Path
 
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
+from riot_bus.report.statements import other_fields
 
 __all__ = ["TextReport", "summary"]
+
+_NAMES = 8
 
 
 def summary(directory: Path) -> str:
@@ -42,11 +45,15 @@ def _facts(view: FindingView) -> list[tuple[str, str]]:
     finding = view.finding
     log = f"{plural(finding.messages, 'message')} ({finding.modified} modified)"
     if view.minimal:
-        log += f" -> {len(view.minimal.kept)} needed"
+        log += f" -> {len(view.minimal.kept)} {'needed' if view.minimal.one_minimal else 'kept, not proven'}"
     facts = [("signature", clean(finding.signature, limit=160)), ("log", log)]
     facts += [("", clean(line, limit=160)) for line in (view.minimal.lines()[:5] if view.minimal else ())]
     if view.fields:
-        facts.append(("fields", ", ".join(clean(one.name, limit=80) for one in view.fields.fields[:8]) or "none"))
+        names = [clean(one.name, limit=80) for one in view.fields.fields[:_NAMES]]
+        names += [f"{clean(name, limit=80)} (unconfirmed)" for name in view.fields.unconfirmed[:_NAMES]]
+        facts.append(("fields", ", ".join(names) or "none confirmed"))
+        rest = other_fields(view.fields)
+        facts += [("", f"{rest.claim} ({rest.confidence})")] if rest else []
     if view.rule:
         rates = {"precision": view.rule.precision, "recall": view.rule.recall}
         told = (

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import ActivationRecord, FindingRecord, RuleRecord
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.report.backtrack import lines
 from riot_bus.report.page import write_report
 from riot_bus.report.regression import regression_name
@@ -118,6 +118,48 @@ def test_whole_chain(finding: Path) -> None:
         assert told in text
     assert "The chain ended" not in text
     assert page.tags.count("svg") >= 5
+
+
+def test_fields_of_several_messages_and_orders_stand_with_their_messages(finding: Path) -> None:
+    (one, two), topics = FieldsRecord.load(finding).fields, ("/odom", "/arm", "/odom", "/config")
+    names = ("/odom[1]:x", "/arm before /config")
+    fields = tuple(each.model_copy(update={"name": name}) for each, name in zip((one, two), names, strict=True))
+    FieldsRecord.load(finding).model_copy(update={"fields": fields}).save(finding)
+    MinimalRecord.load(finding).model_copy(update={"kept": (1, 2, 3, 4), "topics": topics}).save(finding)
+    text = flat(read(finding))
+    assert "/odom[0]none: that it arrives is enough" in text
+    for told in ("/odom[1]/odom[1]:x-1", "/arm/arm before /config117", "/config/arm before /config117"):
+        assert told in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, "None was confirmed: the 5 fields of these messages hardly matter (95 trials in a row"),
+        (
+            {"complete": False, "straight": 0},
+            "None was confirmed: whether the 5 fields of these messages matter is not",
+        ),
+        ({"unconfirmed": ("/map_updates:y",)}, "Not confirmed by fresh trials: /map_updates:y."),
+        ({"considered": ()}, "None was confirmed."),
+    ],
+)
+def test_that_no_field_was_confirmed_is_no_claim_that_none_matters(
+    finding: Path, changes: dict[str, object], told: str
+) -> None:
+    FieldsRecord.load(finding).model_copy(update={"fields": (), **changes}).save(finding)
+    text = flat(read(finding))
+    assert told in text
+    assert ("that it arrives is enough" in text) == (not {"complete", "unconfirmed"} & changes.keys())
+    assert "whatever their fields hold" not in text
+
+
+def test_messages_that_are_not_proven_to_be_needed_are_called_kept(finding: Path) -> None:
+    assert "is needed: without it the failure goes away" in flat(read(finding))
+    MinimalRecord.load(finding).model_copy(update={"one_minimal": False}).save(finding)
+    text = flat(read(finding))
+    assert "The 1 message that was kept" in text
+    assert "needed:" not in text
 
 
 def test_what_logs_alone_say_is_told_as_riot_backchain_tells_it(finding: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, ProportionRecord, RuleRecord
 from riot_bus.report.format import clean, number, plural, seconds, share, value
 from riot_bus.report.page import write_report
 from riot_bus.report.text import summary
@@ -24,6 +24,21 @@ def test_whole_chain(finding: Path) -> None:
     assert "  log       5\N{NO-BREAK SPACE}012 messages (38 modified) -> 1 needed" in lines
     assert lines[-1] == f"  again     riot reproduce {finding}"
     assert len(lines) < 12
+
+
+def test_what_is_not_proven_of_messages_and_fields_is_told_as_such(finding: Path) -> None:
+    more = "the other 3 fields of these messages hardly matter (95 %: of such random values at most 3.1 % change the"
+    assert any(line.strip() == f"{more} outcome)" for line in summary(finding).splitlines())
+    MinimalRecord.load(finding).model_copy(update={"one_minimal": False}).save(finding)
+    spent = {"fields": (), "unconfirmed": ("/map_updates:x",), "straight": 0, "complete": False}
+    FieldsRecord.load(finding).model_copy(update=spent).save(finding)
+    lines = [" ".join(line.replace("\N{NO-BREAK SPACE}", " ").split()) for line in summary(finding).splitlines()]
+    assert "log 5 012 messages (38 modified) -> 1 kept, not proven" in lines
+    assert "fields /map_updates:x (unconfirmed)" in lines
+    assert "whether the other 4 fields of these messages matter is not known (not tested)" in lines
+    page = write_report(finding).read_text()
+    assert ">1 message kept<" in page
+    assert ">of 5012, not proven<" in page
 
 
 def test_where_a_rule_was_seen_to_be_wrong_is_told_with_it(finding: Path) -> None:
