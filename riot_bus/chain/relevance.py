@@ -168,10 +168,10 @@ def _with_structure(
                 passed=passed,
             )
         )
-    doubtful = Counter(one.part.kind for one in structure.needed) - Counter(one.kind for one in found)
-    known = {kind: count - doubtful[kind] for kind, count in structure.asked.items()}
+    doubtful = Counter[str](one.part.kind for one in structure.needed) - Counter[str](one.kind for one in found)
+    decided = {kind: count - doubtful[kind] for kind, count in structure.asked.items()}
     return record.model_copy(
-        update={"structure": tuple(found), "structure_known": known, "structure_failed": structure.failed}
+        update={"structure": tuple(found), "structure_known": decided, "structure_failed": structure.failed}
     )
 
 

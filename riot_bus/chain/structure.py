@@ -122,7 +122,7 @@ def search_structure(
         progress: Told after every batch.
     """
     needed: list[Needed] = []
-    asked = dict.fromkeys((part.kind for part in parts), 0)
+    asked: dict[str, int] = {part.kind: 0 for part in parts}
     failed = total = 0
     for kinds in _TOGETHER:
         some = [part for part in parts if part.kind in kinds]
@@ -147,7 +147,7 @@ def search_structure(
         if found.one_minimal:
             failing = changed(found.kept)
             needed += [Needed(some[place], failing, changed({*found.kept} - {place})) for place in found.kept]
-            asked |= Counter(part.kind for part in some)
+            asked |= Counter[str](part.kind for part in some)
             if len(found.kept) < len(some):  # else nothing was changed in these trials
                 failed, total = failed + found.failed[0], total + found.failed[1]
     return Structure(tuple(needed), asked, (failed, total))

@@ -132,7 +132,8 @@ def test_a_unit_that_fails_whatever_the_fields_hold_has_no_relevant_field(tmp_pa
     write_minimal(one)
     record = relevance(one.run(), one.folder)
     assert record.fields == ()
-    assert record.summary == "3 fields -> none (0 trials)"  # figures are filled in by `carry_out`
+    others = "at most 5.0% of random values of the others change the outcome (95 %)"
+    assert record.summary == f"3 fields -> none (0 trials); {others}"  # figures are filled in by `carry_out`
 
 
 def test_the_step_before_is_needed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from riot_bus.findings.records import (
     CampaignRecord,
     EdgeRecord,
     EffectsRecord,
+    FieldsRecord,
     FindingRecord,
     PermeabilityRecord,
     ProportionRecord,
@@ -127,3 +128,16 @@ def test_a_path_that_begins_at_the_findings_folder_is_a_whole_one_when_it_is_rea
             id="x", system="s", system_file=written, unit="u", component="u", monitor="crash", signature="crash in u"
         ).save(folder)
         assert Path(FindingRecord.load(folder).system_file) == read
+
+
+@pytest.mark.parametrize(
+    ("straight", "told"),
+    [
+        (95, "at most 3.1% of random values of the others change the outcome (95 %)"),
+        (0, "whether the others matter is not known"),
+    ],
+)
+def test_what_is_known_of_the_other_fields_is_told_with_the_relevant_ones(straight: int, told: str) -> None:
+    record = FieldsRecord(fields=(), considered=("/a:x", "/a:y"), bound=0.031, straight=straight, unconfirmed=("/a:x",))
+    assert record.summary == f"2 fields -> /a:x (unconfirmed) (0 trials); {told}"
+    assert "others" not in record.model_copy(update={"considered": ("/a:x",)}).summary
