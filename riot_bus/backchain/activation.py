@@ -77,8 +77,10 @@ class Activation:
             return self.with_inputs(", ".join(f"{name} = {value:g}" for name, value in self.found.items()))
         if self.best_distance is None:
             return f"not activated in {counted(self.runs, 'run')}: the internal fields were never seen"
-        near = f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
-        return f"{near}; another field may gate the effect, see permeability and relevance"
+        met = sum(one.distance is not None and one.distance <= 0 for _, one in self.history)
+        if met:
+            return f"not activated in {counted(self.runs, 'run')}, though the rule was met in {met} of them"
+        return f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
 
     def followed_by(self, other: Activation) -> Activation:
         """Return how this search ended, which found nothing, with one behind it."""

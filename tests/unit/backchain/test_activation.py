@@ -79,6 +79,14 @@ def test_stops_after_the_first_failing_batch_and_at_the_budget():
     assert seen[-1][:2] == (45, 45)
 
 
+def test_a_rule_that_was_met_without_a_failure_is_told_without_a_guess():
+    fields = rover_fields()
+    met = activate(fields, lambda points: [Evaluation(-0.5, failed=False) for _ in points], seed=0, budget=7)
+    assert met.text == "not activated in 7 runs, though the rule was met in 7 of them"
+    near = activate(fields, lambda points: [Evaluation(0.5, failed=False) for _ in points], seed=0, budget=7)
+    assert near.text == "not activated in 7 runs: the rule came no nearer than 0.5"
+
+
 @pytest.mark.parametrize("distance", [3.0, 1e308, float("inf"), float("nan")])
 def test_constant_distances_do_not_stop_the_search(distance):
     result = activate(
