@@ -136,10 +136,16 @@ class FleetScan:
         far = len(self.logs) - len(self.failing) - len(self.near) - len(self.unjudged)
         met = f"{len(self.failing)} meet" if len(self.failing) > 1 else f"{len(self.failing) or 'none'} meets"
         misses = "near miss" if len(self.near) == 1 else "near misses"
+        partly = sum(bool(log.judged and log.problem) and not log.holds for log in self.logs)
+        some = (
+            f"; {counted(partly, 'log')} only as far as {'it' if partly == 1 else 'they'} could be read"
+            if partly
+            else ""
+        )
         spreads = f"{self.within:g} nominal spread{'' if self.within == 1 else 's'} of its fields"
         return (
             f"{counted(len(self.logs), 'log')}: {met} the rule, {len(self.near)} {misses} (nearer than {spreads}), "
-            f"{far} farther away, {len(self.unjudged)} not judged"
+            f"{far} farther away, {len(self.unjudged)} not judged{some}"
         )
 
     def lines(self) -> list[str]:

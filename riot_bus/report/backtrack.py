@@ -111,7 +111,9 @@ def _strength(one: EvidenceRecord) -> str:
 
 def _basis(tested: Sequence[EvidenceRecord]) -> str:
     shown = [one.detectable for one in tested if one.detectable is not None]
-    bound = f"; {share(max(shown))} or more would about have shown" if shown else "; too few messages for any to show"
+    bound = f"; {share(max(shown))} or more would about have shown" if shown else ""
+    if few := len(tested) - len(shown):
+        bound += f"{f', but {few} of them had' if shown else ';'} too few messages for any to show"
     return f"{counted(len(tested), 'pair')} of fields, {_rests(tested)}{bound}"
 
 

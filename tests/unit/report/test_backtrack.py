@@ -58,6 +58,14 @@ def test_without_a_bound_few_messages_are_told():
     assert "too few messages for any to show" in text
 
 
+def test_pairs_without_a_bound_are_counted_apart() -> None:
+    silent = RECORD.ranking[1]
+    some = (silent, silent.model_copy(update={"detectable": None}))
+    text = "\n".join(lines(RECORD.model_copy(update={"ranking": some})))
+    told = "0.8 % or more would about have shown, but 1 of them had too few messages for any to show"
+    assert f"2 pairs of fields, 1,200 messages of 4 logs; {told}" in text
+
+
 def test_dot_escapes_names_and_shows_evidence():
     text = dot(RECORD)
     assert text.startswith("digraph riot {")
