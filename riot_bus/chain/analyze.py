@@ -74,7 +74,7 @@ def analyze(
     """
     FindingRecord.load(folder)
     outside = bool(workspace.context.file.external.topics)
-    stopped, unfinished = "", False
+    stopped, unfinished, open_questions = "", False, list[str]()
     for step in (*STEPS[1:], *further):
         if step.kind.exists(folder):
             step.kind.load(folder)
@@ -86,7 +86,8 @@ def analyze(
         except (InconclusiveError, OutOfTimeError) as error:
             stopped, unfinished = str(error), isinstance(error, OutOfTimeError)
             workspace.tell(StepStopped(step.name, stopped, str(folder)))
+            open_questions.append(f"The step `{step.name}` ended early: {stopped}")
             break
-    report = write_report(folder)
+    report = write_report(folder, open_questions=open_questions)
     workspace.tell(AnalysisFinished(str(folder), str(report), stopped))
     return Analysis(folder, report, stopped, unfinished)

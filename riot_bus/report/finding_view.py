@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,7 @@ from riot_bus.findings.records import (
 )
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 from riot_bus.report.format import clean, plural
+from riot_bus.statistics.rates import chance_of_difference
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 
 __all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load"]
@@ -35,6 +37,10 @@ _VERBS = {
     "mined": "is not as in nominal trials",
 }
 _NAMED = 3
+_CHANCE = 0.05
+"""Chance at most that replays fail so much more often than runs with nominal inputs if both have one rate."""
+_VARIED = re.compile(r" ?\[((end of )?part \d|point \d|amplitude|period|one message|place of the message)\]\Z")
+"""What stands behind a field's name where it varies in time; alone, it is no field."""
 EVIDENCE = "evidence"
 """Folder of a finding with what a failing trial has left."""
 _TOLD = (FindingRecord, MinimalRecord, FieldsRecord, RuleRecord, PermeabilityRecord, ActivationRecord)
@@ -110,23 +116,33 @@ class FindingView:
 
     @property
     def severity(self) -> Severity:
-        """The paper's triage (RIOT III): an activation counts only when at least one replay confirmed it.
+        """The paper's triage (RIOT III): an activation counts only when replays have confirmed it.
 
         What was found in runs of the whole system is none of it: nothing was looked for in the unit alone.
         """
         if self.finding.whole_system:
             return "whole system"
-        if self.activation and self.activation.found and self.activation.replays_failed:
+        if self.activated:
             return "activated"
         return "permeable" if self.permeability and self.permeability.permeable else "unit only"
 
     @property
+    def activated(self) -> bool:
+        """Whether replays of what was found failed, and for certain more often than runs with nominal inputs."""
+        one = self.activation
+        if one is None or not one.found or not one.replays_failed:
+            return False
+        chance = chance_of_difference(one.replays_failed, one.replays, one.controls_failed, one.controls)
+        return not one.controls or chance <= _CHANCE
+
+    @property
     def externals(self) -> tuple[str, ...]:
-        """The external fields that matter most: the region's, then the others that reach the unit."""
-        region = self.activation.region if self.activation else None
-        names = [each.field for each in region.ranges] if region else []
-        names += list((self.activation.found or {}) if self.activation else {}) if not names else []
-        names += list(self.permeability.permeable) if self.permeability and not names else []
+        """The external fields of what was found and those that limit its region; else those that reach the unit."""
+        activation = self.activation
+        names = [_VARIED.sub("", name) for name in (activation.found if activation else None) or ()]
+        if activation and activation.region:
+            names += [each.field for each in activation.region.ranges if len(each.ends) <= 1]
+        names = [name for name in names if name] or list(self.permeability.permeable if self.permeability else ())
         return tuple(dict.fromkeys(names))
 
     def command(self, step: str) -> str:
@@ -173,17 +189,16 @@ class FindingView:
         names = _listed(self.externals)
         activation = self.activation
         if activation and activation.found:
-            again = f"{activation.replays_failed} of {plural(activation.replays, 'replay')}"
+            again = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
+            if self.activated:
+                return [TextPart("; the outside world reaches it through "), *names, TextPart(f": {again}")]
+            told = again if activation.replays else "not replayed yet"
             if activation.replays_failed:
-                return [
-                    TextPart("; the outside world reaches it through "),
-                    *names,
-                    TextPart(f": {again} failed again"),
-                ]
-            told = f"{again} failed again" if activation.replays else "not replayed yet"
+                nominal = f"{activation.controls_failed} of {activation.controls}"
+                told += f", not for certain more often than with nominal inputs ({nominal})"
             return [TextPart("; one run of the whole system failed through "), *names, TextPart(f", but {told}")]
         if self.permeability is None:
-            return [TextPart("; whether the outside world can cause this has not been tested yet")]
+            return [TextPart("; whether the outside world can cause this is not known")]
         if not self.permeability.edges:
             return [TextPart("; of no external field could be told whether it reaches it")]
         if not self.permeability.permeable:

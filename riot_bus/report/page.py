@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from riot_bus.findings.records import EdgeRecord, FieldRecord, FieldsRecord
+from riot_bus.findings.records import EdgeRecord, FieldRecord, FieldsRecord, PointRecord
 from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
 from riot_bus.report.diagram import links
@@ -16,6 +16,7 @@ from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
 from riot_bus.report.statements import not_tried, other_fields, statements
 from riot_bus.report.templating import page_environment
+from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.order import order_of
 
 __all__ = ["PAGE", "HtmlReport", "write_report"]
@@ -26,6 +27,7 @@ _ROWS = 60
 _TAIL = 6000
 _PATHS = 200
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "activation-minimal.mcap", "reproduce.sh")
+_PARAMETER = f"{PARAMETERS.removeprefix('#')}:"
 _FORMS = ("rule.json", "sanitize.py", "sanitize.hpp")
 _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
@@ -92,6 +94,8 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "paths": _paths(view),
         "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
         "nominal": nominal,
+        "parameters": activation is not None and any(name.startswith(_PARAMETER) for name in activation.found or ()),
+        "met": sum(map(_met, activation.points)) if activation else 0,
         "statements": statements(view),
         "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
@@ -129,6 +133,11 @@ def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:
 def _orders(name: str, topic: str) -> bool:
     order = order_of(name)
     return order is not None and topic in (order.first, order.second)
+
+
+def _met(point: PointRecord) -> bool:
+    """Return whether the rule was met in a run of the search, and the system did not fail."""
+    return point.phase == "search" and not point.failed and point.distance is not None and point.distance <= 0
 
 
 def _no_field(fields: FieldsRecord | None) -> str:

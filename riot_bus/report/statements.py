@@ -244,13 +244,17 @@ def _outside(view: FindingView) -> list[Statement]:
             )
     activation = view.activation
     if activation and activation.found:
-        low, high = exact_interval(activation.replays_failed, activation.replays)
         replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
         if activation.controls:
             nominal = plural(activation.controls, "run")
             replays += f"; {activation.controls_failed} of {nominal} with nominal inputs failed so"
-        sure = f"95 %: {share_interval(low, high)} of replays fail" if activation.replays else "seen once"
-        found.append(Statement("external inputs alone make the whole system fail", replays, sure))
+        if view.activated:
+            low, high = exact_interval(activation.replays_failed, activation.replays)
+            sure = f"95 %: {share_interval(low, high)} of replays fail"
+            found.append(Statement("external inputs alone make the whole system fail", replays, sure))
+        else:
+            claim = "one run of the whole system failed with the external inputs that were found"
+            found.append(Statement(claim, replays, "not confirmed by replays"))
     elif activation and activation.runs:
         searched = f"{plural(activation.runs, 'run')} of the whole system"
         if activation.chance:
@@ -277,9 +281,10 @@ def _outside(view: FindingView) -> list[Statement]:
             for signature, count in activation.others.items()
         ]
     region = activation.region if activation else None
-    if region and region.inside:
-        inside = region.inside
-        found.append(Statement("the whole system fails inside the crash region", *_proportion(inside)))
+    if region and region.inside and region.inside.total:
+        seen = f"{region.inside.count} of {plural(region.inside.total, 'run')} inside failed"
+        drawn = "it was drawn by these runs, so they do not test it"
+        found.append(Statement("the whole system failed inside the crash region", seen, drawn))
     return found
 
 
@@ -291,7 +296,7 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
         open_questions: What the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
-    gaps += [f"The step `{step.name}` has not been run." for step, record in view.steps if record is None]
+    gaps += [f"The step `{step.name}` has no result yet." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
     orders = view.fields is not None and any(order_of(name) for name in view.fields.considered)
     if view.fields and (unknown := _unknown_parts(view, view.fields, orders=orders)):
@@ -322,7 +327,6 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
     if view.activation and not view.activation.runs:
         gaps.append(f"Runs of the whole system: {clean(view.activation.text, limit=400)}.")
     if view.activation and view.activation.region:
-        gaps.append(
-            "The crash region is a box in two external fields: failures outside of it, or by others, may exist."
-        )
+        axes = plural(len(view.activation.region.ranges), "external field")
+        gaps.append(f"The crash region is drawn over {axes}: failures outside of it, or by others, may exist.")
     return gaps

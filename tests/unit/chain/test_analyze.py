@@ -67,6 +67,10 @@ def test_a_step_that_can_say_nothing_ends_the_chain_and_the_report_is_written(tm
     (stopped,) = one.told(StepStopped)
     assert (stopped.step, stopped.text, stopped.folder) == ("rules", done.stopped, str(one.folder))
     assert view.load(one.folder).next_step == "rules"
+    page = done.report.read_text()
+    assert "The step `rules` ended early: " in page
+    assert "no field of the minimal log is relevant" in page
+    assert "has not been run" not in page
 
 
 def test_without_external_topics_the_chain_ends_with_the_rule(tmp_path: Path) -> None:

@@ -10,7 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import (
+    ActivationRecord,
+    FieldsRecord,
+    FindingRecord,
+    MinimalRecord,
+    PermeabilityRecord,
+    RuleRecord,
+)
 from riot_bus.report.backtrack import lines
 from riot_bus.report.page import write_report
 from riot_bus.report.regression import regression_name
@@ -211,7 +218,7 @@ def test_prefix_of_the_chain(finding: Path, steps: dict[str, str], done: int) ->
     for name, section in SECTIONS.items():
         assert (section in page.ids) == (name in files[:done])
     for step in list(steps.values())[done:]:
-        assert f"The step {step} has not been run." in text.replace("`", "")
+        assert f"The step {step} has no result yet." in text.replace("`", "")
     following = list(steps.values())[done : done + 1]
     assert [f"riot {step} {finding}" in text for step in following] == [True] * len(following)
     assert ("activated" in text) == (done == 6)
@@ -247,6 +254,32 @@ def test_not_found_activation(finding: Path) -> None:
     text = flat(read(finding))
     assert "but 200 system runs did not make it fail" in text
     assert "came within 3.5 nominal spreads" in text
+
+
+def test_a_rule_that_was_met_without_a_failure_is_told_as_such(finding: Path) -> None:
+    record = ActivationRecord.load(finding)
+    points = (*record.points[:3], record.points[0].model_copy(update={"distance": -0.5, "failed": False}))
+    record.model_copy(
+        update={"found": None, "region": None, "points": points, "replays": 0, "best_distance": -0.5}
+    ).save(finding)
+    text = flat(read(finding))
+    assert "in 1 of them the rule was met, and the system did not fail" in text
+    assert "came within" not in text
+
+
+def test_parameters_that_were_found_are_named_with_the_replay(finding: Path) -> None:
+    assert "activation.mcap goes in." in flat(read(finding))
+    ActivationRecord.load(finding).model_copy(update={"found": {"param:planner/inflation": 3.0}}).save(finding)
+    assert "activation.mcap goes in, and the parameters that were found are set." in flat(read(finding))
+
+
+@pytest.mark.parametrize("left_out", [True, False])
+def test_what_runs_of_the_whole_system_drove_is_not_called_all(finding: Path, left_out: bool) -> None:
+    if not left_out:
+        PermeabilityRecord.load(finding).model_copy(update={"pruned": ()}).save(finding)
+    text = flat(read(finding))
+    assert "In 12 runs of the whole system, external fields got random values: not all of them in each run" in text
+    assert ("and some in none (see the end of the page)" in text) == left_out
 
 
 def test_unconfirmed_activation_is_not_activated(finding: Path) -> None:

@@ -140,6 +140,30 @@ def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
         assert any("1 external field not tested (no internal field had values" in gap for gap in not_tried(view))
 
 
+def test_what_replays_do_not_confirm_is_no_activation(finding: Path) -> None:
+    claim = "external inputs alone make the whole system fail"
+    assert claim in {one.claim for one in statements(load(finding))}
+    for changes in ({"replays_failed": 0}, {"replays_failed": 1, "controls": 10, "controls_failed": 1}):
+        ActivationRecord.load(finding).model_copy(update=changes).save(finding)
+        found = {one.claim: one.confidence for one in statements(load(finding))}
+        assert claim not in found
+        assert found["one run of the whole system failed with the external inputs that were found"] == (
+            "not confirmed by replays"
+        )
+
+
+def test_the_crash_region_is_told_with_the_runs_that_it_was_drawn_by(finding: Path) -> None:
+    (region,) = (one for one in statements(load(finding)) if "crash region" in one.claim)
+    assert region.evidence == "39 of 40 runs inside failed"
+    assert region.confidence == "it was drawn by these runs, so they do not test it"
+    record = ActivationRecord.load(finding)
+    assert record.region
+    one = record.region.model_copy(update={"ranges": record.region.ranges[:1]})
+    assert any("drawn over 2 external fields:" in gap for gap in not_tried(load(finding)))
+    record.model_copy(update={"region": one}).save(finding)
+    assert any("drawn over 1 external field:" in gap for gap in not_tried(load(finding)))
+
+
 def test_a_log_in_place_of_the_outside_is_told(finding: Path) -> None:
     assert not any("How the outside answers" in gap for gap in not_tried(load(finding)))
     PermeabilityRecord.load(finding).model_copy(update={"played": True}).save(finding)
