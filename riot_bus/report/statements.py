@@ -53,7 +53,8 @@ def _minimal(view: FindingView) -> list[Statement]:
     if minimal.one_minimal:
         sure = f"{share(minimal.confidence)}: " if minimal.confidence else ""
         confidence = f"{sure}they suffice, and none of them can be left out"
-    what = "suffice for the failure" if failed else "were kept"
+    one = len(minimal.kept) == 1
+    what = f"suffice{'s' * one} for the failure" if failed else f"{'was' if one else 'were'} kept"
     if not failed:
         confidence = "not known whether they suffice"
     found = [Statement(f"{plural(len(minimal.kept), 'message')} of {minimal.before} {what}", evidence, confidence)]
@@ -146,15 +147,16 @@ def other_fields(fields: FieldsRecord) -> Statement | None:
     if rest < 1:
         return None
     named = f"the {'other ' if rest < len(fields.considered) else ''}{plural(rest, 'field')} of these messages"
+    matter = "matters" if rest == 1 else "matter"
     if not fields.straight:
         return Statement(
-            f"whether {named} matter is not known",
+            f"whether {named} {matter} is not known",
             "the trials were spent before all of them were varied together",
             "not tested",
         )
     ended = "" if fields.complete else "; the trials were spent before the search had ended"
     return Statement(
-        f"{named} hardly matter",
+        f"{named} hardly {matter}",
         f"{plural(fields.straight, 'trial')} in a row with all of them at random values, none changed the "
         f"outcome{ended}",
         f"95 %: of such random values at most {share(fields.bound)} change the outcome",

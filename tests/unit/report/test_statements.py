@@ -121,7 +121,7 @@ def test_messages_that_no_trial_has_failed_with_are_not_said_to_suffice(
     view_at("until activate", tmp_path)
     MinimalRecord.load(tmp_path).model_copy(update={"failed": failed, "one_minimal": False}).save(tmp_path)
     (found,) = (one for one in statements(load(tmp_path)) if "of 5012" in one.claim)
-    assert (found.claim, found.confidence) == ("1 message of 5012 were kept", "not known whether they suffice")
+    assert (found.claim, found.confidence) == ("1 message of 5012 was kept", "not known whether they suffice")
 
 
 def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
