@@ -48,11 +48,12 @@ def _minimal(view: FindingView) -> list[Statement]:
             f"({min(trials for _, trials in without if trials)} or more for each)"
         )
     if any(trials == 0 for _, trials in without):
-        evidence += "; without the modified one nothing is left that could be the cause"
+        evidence += "; without the modified one nothing is left"
     confidence = "not proven to be minimal: the search ended before that"
     if minimal.one_minimal:
         sure = f"{share(minimal.confidence)}: " if minimal.confidence else ""
-        confidence = f"{sure}they suffice, and none of them can be left out"
+        needed = "of those with a modified one, no fewer do" if minimal.missing else "none of them can be left out"
+        confidence = f"{sure}they suffice, and {needed}"
     one = len(minimal.kept) == 1
     what = f"suffice{'s' * one} for the failure" if failed else f"{'was' if one else 'were'} kept"
     if not failed:
