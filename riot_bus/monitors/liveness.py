@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.signature import Crash, crashes_in
@@ -9,6 +10,7 @@ from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from riot_bus.monitors.model import ComponentView, TrialView
 
@@ -147,8 +149,15 @@ def crashes_of(component: ComponentView) -> tuple[Crash, ...]:
         return ()
     if component.status is None and not component.tracebacks:
         return ()
-    printed, stack = component.printed, component.stack
-    return crashes_in(component.status, component.errors, component.root, printed=printed, stack=stack)
+    return _crashes(component.status, component.errors, component.root, component.printed, tuple(component.stack))
+
+
+@functools.lru_cache(maxsize=2)
+def _crashes(
+    status: int | None, errors: str, root: Path, printed: str, stack: tuple[tuple[str, str], ...]
+) -> tuple[Crash, ...]:
+    """Return what `crashes_in` does: each of these monitors asks, and what a component wrote may be long."""
+    return crashes_in(status, errors, root, printed=printed, stack=stack)
 
 
 def _violation(monitor: str, component: ComponentView, place: str, detail: str = "") -> Violation:

@@ -95,6 +95,7 @@ class ComponentView:
         resources: What it had of the machine, over time.
         signs: What its state differs in from that after nominal trials.
         excess: What it had more of than it may, for which it was ended, and how much as text; None if nothing.
+        unread: Bytes in the middle of what it wrote that are not in `errors` and `printed`.
     """
 
     name: str
@@ -107,6 +108,7 @@ class ComponentView:
     resources: Sequence[ResourceSample] = ()
     signs: Signs = NO_SIGNS
     excess: tuple[str, str] | None = None
+    unread: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +192,7 @@ class Judgement:
 
     Attributes:
         violations: In the order of the monitors.
-        broken: A line for each monitor that failed itself.
+        broken: A line for each monitor that failed itself, and each component of whose output not all was read.
         unseen: A line for each monitor that had nothing to judge, with the reason.
         baseless: Signatures of violations by monitors that miss messages of which there was none at all, with the
             reason: the topic may be misspelt.
@@ -205,7 +207,7 @@ class Judgement:
 def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
     """Ask all monitors; one that raises is isolated and reported."""
     violations: list[Violation] = []
-    broken: list[str] = []
+    broken = [f"{each.name}: it wrote so much that the middle was not read" for each in view.components if each.unread]
     unseen: list[str] = []
     baseless: dict[str, str] = {}
     for name, monitor in zip(names_of(monitors), monitors, strict=True):

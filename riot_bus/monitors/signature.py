@@ -12,12 +12,12 @@ from __future__ import annotations
 import re
 import signal
 from dataclasses import dataclass
-from itertools import groupby, islice, pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 __all__ = ["Crash", "SourceFrame", "crashes_in", "fatal_thread", "frames_in", "traceback_of", "tracebacks"]
 
@@ -124,8 +124,9 @@ def crashes_in(
     """
     died = [match for text in (printed, errors) for match in _DIED.finditer(text)][:_MOST]
     printed, errors = (_LAUNCHED.sub("", text) for text in (printed, errors))
-    known = [*tracebacks(printed), *tracebacks(errors)][-_MOST:]
-    python = [Crash(_place(each, root), _detail(each, root)) for each in reversed(known)]
+    known = [*tracebacks(printed), *tracebacks(errors)]
+    latest = dict.fromkeys(reversed(known))
+    python = _one_of_each(Crash(_place(each, root), _detail(each, root)) for each in latest)
     if status == 0:
         python, died = [], []  # what it wrote did not keep it from a good end
     # A Python process with native threads may abort while it ends of an exception: the exception is the crash.
@@ -142,15 +143,27 @@ def crashes_in(
 
 def _sanitizer_reports(errors: str) -> list[Crash]:
     """Return what the sanitizers of compilers have reported; undefined behaviour does not end a process."""
-    found = []
-    for match in islice(_SUMMARY.finditer(errors), _MOST):
-        where = f" in {match['function']}" if match["function"] else ""
-        kind = _NUMBER.sub("N", match["kind"])
-        found.append(Crash(f"{match['tool']} {kind}{where}", match[0][:_LONGEST_DETAIL]))
-    for match in islice(_UNDEFINED.finditer(errors), _MOST):
-        what = _NUMBER.sub("N", match["text"])[:_LONGEST_SOURCE]
-        found.append(Crash(f"{Path(match['file']).name}: runtime error: {what}", match[0][:_LONGEST_DETAIL]))
-    return found
+    summaries = (
+        Crash(f"{each['tool']} {_NUMBER.sub('N', each['kind'])}{where}", each[0][:_LONGEST_DETAIL])
+        for each in _SUMMARY.finditer(errors)
+        for where in (f" in {each['function']}" if each["function"] else "",)
+    )
+    undefined = (
+        Crash(f"{Path(each['file']).name}: runtime error: {what}", each[0][:_LONGEST_DETAIL])
+        for each in _UNDEFINED.finditer(errors)
+        for what in (_NUMBER.sub("N", each["text"])[:_LONGEST_SOURCE],)
+    )
+    return [*_one_of_each(summaries), *_one_of_each(undefined)]
+
+
+def _one_of_each(crashes: Iterable[Crash]) -> list[Crash]:
+    """Return the first crash of each place, of a bounded number of places."""
+    found: dict[str, Crash] = {}
+    for crash in crashes:
+        found.setdefault(crash.place, crash)
+        if len(found) == _MOST:
+            break
+    return list(found.values())
 
 
 def _place(traceback: str, root: Path) -> str:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["SourcePlace", "failing_stack", "find_place", "unit_place"]
 
 _KINDS = ("stdout", "stderr", "stacks")
-_LARGEST = 1 << 20
+_LARGEST = 32 << 20
 _LONGEST_LINE = 2000
 _LONGEST_PATH = 1000
 _FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"

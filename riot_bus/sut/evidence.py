@@ -48,7 +48,7 @@ def write_evidence(
         texts["native"] = "".join(f"{file}: {function}\n" for file, function in component.stack)
         for name, text in texts.items():
             if text.strip():
-                (folder / f"{component.name}.{name}.txt").write_text(text[-_MOST_TEXT:], encoding="utf-8")
+                (folder / f"{component.name}.{name}.txt").write_text(text, encoding="utf-8")
         with (folder / f"{component.name}.resources.csv").open("w", newline="", encoding="utf-8") as stream:
             rows = csv.writer(stream, lineterminator="\n")
             rows.writerow(["time_ns", "messages", "memory_bytes", "files", "threads"])

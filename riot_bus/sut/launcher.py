@@ -31,6 +31,8 @@ _SUPERVISOR = Path(__file__).with_name("supervisor.py")
 _TICKS = os.sysconf("SC_CLK_TCK")
 TORN_DOWN_WITHIN_S = 30.0
 """An engine removes a container within one of them; what takes longer is killed."""
+_HALF = 8 << 20
+"""Bytes of the begin, and of the end, that are read of what a component writes to one stream."""
 _SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64
 
 
@@ -59,19 +61,29 @@ class ComponentProcess:
     torn_down: bool = True
 
     def errors(self) -> str:
-        """Return what it has written to stderr (at most the last 256 KiB)."""
-        return _tail(self.stderr)
+        """Return what it has written to stderr; of more than 16 MiB, the begin and the end."""
+        return _text(self.stderr)
 
     def printed(self) -> str:
-        """Return what it has written to stdout (at most the last 256 KiB)."""
-        return _tail(self.stdout)
+        """Return what it has written to stdout; of more than 16 MiB, the begin and the end."""
+        return _text(self.stdout)
+
+    @property
+    def unread(self) -> int:
+        """Bytes between the begin and the end of what it has written that are left out."""
+        return sum(max(0, path.stat().st_size - 2 * _HALF) for path in (self.stdout, self.stderr))
 
 
-def _tail(path: Path) -> str:
+def _text(path: Path) -> str:
     with path.open("rb") as stream:
-        stream.seek(0, 2)
-        stream.seek(max(0, stream.tell() - (256 << 10)))
-        return stream.read().decode(errors="replace")
+        end = stream.seek(0, 2)
+        stream.seek(0)
+        text = stream.read(_HALF)
+        if end > 2 * _HALF:
+            stream.seek(end - _HALF)
+            text += b"\n"
+        text += stream.read(_HALF)
+    return text.decode(errors="replace")
 
 
 class Launcher:

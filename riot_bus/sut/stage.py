@@ -619,6 +619,7 @@ class TrialSetup:
                     resources=tuple(self.samples(name)),
                     signs=seen,
                     excess=self._excess(name),
+                    unread=process.unread,
                 )
             )
         losses = self.bus.losses

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from riot_bus.monitors.arrivals import Never, Rate, Ratio, Sometimes
 from riot_bus.monitors.exchanges import Answered
 from riot_bus.monitors.invariants import Finite, Gapless, Range, Values
-from riot_bus.monitors.model import Invariant, Judgement, TrialView, judge
+from riot_bus.monitors.model import ComponentView, Invariant, Judgement, TrialView, judge
 from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.trial import Violation
 
@@ -94,3 +96,9 @@ def test_what_is_missed_of_topics_that_never_came_is_told_apart(monitor: Invaria
     assert judged.baseless == {violation.signature: "no message of 'b' came; known: c"}
     there = judge(trial_view([("b", {"y": 1.0})] * 3, inputs=inputs), [monitor])
     assert there.baseless == {}
+
+
+def test_output_that_was_not_read_is_told() -> None:
+    part = ComponentView("part", None, "", Path("/srv"), unread=5)
+    judged = judge(replace(VIEW, components=[part]), [Never("alarm")])
+    assert judged.broken == ("part: it wrote so much that the middle was not read",)

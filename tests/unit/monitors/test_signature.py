@@ -235,3 +235,14 @@ def test_deaths_that_ros_launch_tells() -> None:
     plain = traceback(OWN, error="ValueError: no")
     assert [crash.place for crash in crashes_in(None, "", ROOT, launched(plain) + died.format(1))] == ["place: x()"]
     assert crash_in(0, "", died.format(-2)) is None
+
+
+def test_a_crash_is_seen_however_often_others_come_after_it() -> None:
+    errors = traceback(OTHER, error="E: 1") + "\n" + "\n".join(traceback(OWN, error=f"E: {n}") for n in range(50))
+    assert [each.place for each in crashes_in(None, errors, ROOT)] == ["place: x()", "elsewhere: x()"]
+
+
+def test_undefined_behaviour_is_seen_however_often_other_comes_before_it() -> None:
+    one, other = "a.cpp:1:2: runtime error: null pointer\n", "b.cpp:1:2: runtime error: shift by 40\n"
+    places = [each.place for each in crashes_in(None, one * 50 + other, ROOT)]
+    assert places == ["a.cpp: runtime error: null pointer", "b.cpp: runtime error: shift by N"]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -69,3 +70,10 @@ def test_the_last_outputs_are_kept_within_a_bound(tmp_path: Path, monkeypatch: p
 def test_a_backtrace_is_what_comes_behind_its_mark() -> None:
     assert native_backtrace("output\nriot: backtrace\n#0 f ()\n") == "#0 f ()"
     assert native_backtrace("output") == ""
+
+
+def test_what_was_written_early_is_kept(tmp_path: Path) -> None:
+    (part,) = view().components
+    errors = "Traceback\n" + "." * (1 << 20)
+    write_evidence(tmp_path, replace(view(), components=[replace(part, errors=errors)]), [], context=context())
+    assert (tmp_path / "part.stderr.txt").read_text() == errors
