@@ -133,14 +133,25 @@ class Outcome:
     def failed_as(self, signature: str | None) -> bool:
         """Return whether this is the failure under study (any failure when `signature` is None).
 
-        A violation whose place could not be told, as in runs of a whole system, is taken for one whose place is known.
+        A hang, or a crash by a signal, whose place could not be told, as in runs of a whole system, is taken for one
+        whose place is known.
         """
         if self.verdict is not Verdict.FAIL:
             return False
         return signature is None or any(
-            signature == each.signature or signature.startswith((f"{each.signature}: ", f"{each.signature} in "))
+            signature == each.signature or ((end := _before_place(each)) and signature.startswith(each.signature + end))
             for each in self.violations
         )
+
+
+def _before_place(violation: Violation) -> str:
+    """Return what would come before the place in a signature that has none; empty where another one may lack nothing.
+
+    It is `hang of NAME`, and `crash in NAME: SIGNAL`; a crash with a line of Python has one more `: ` in it.
+    """
+    if violation.monitor == "hang":
+        return "" if ": " in violation.signature else ": "
+    return " in " if violation.monitor == "crash" and violation.signature.count(": ") == 1 else ""
 
 
 class Runner(Protocol):

@@ -87,6 +87,24 @@ def test_failing_as() -> None:
     assert not Outcome(Verdict.ERROR).failed_as(None)
 
 
+@pytest.mark.parametrize(
+    ("monitor", "seen", "known", "same"),
+    [
+        ("hang", "hang of n", "hang of n: in f", True),
+        ("hang", "hang of n: in f", "hang of n: in f in g", False),
+        ("crash", "crash in n: SIGSEGV", "crash in n: SIGSEGV in f < g", True),
+        ("crash", "crash in n: f: return x", "crash in n: f: return x in seen", False),
+        ("log", "log of n: [ERROR] nav", "log of n: [ERROR] nav: lost", False),
+        ("log", "log of n: no way", "log of n: no way in map", False),
+    ],
+)
+def test_only_a_failure_whose_place_is_unknown_is_taken_for_one_with_a_place(
+    monitor: str, seen: str, known: str, same: bool
+) -> None:
+    failed = Outcome(Verdict.FAIL, violations=(Violation(monitor, "n", seen),))
+    assert failed.failed_as(known) is same
+
+
 def test_hints_and_clock() -> None:
     assert did_you_mean("segmets", ["segments", "types"]) == "did you mean 'segments'?"
     assert did_you_mean("zzz", ["a"]) == "known: a"
