@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 __all__ = ["parse_seconds", "parse_size", "parse_types"]
 
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(|[kmgt])(i?)b?", re.IGNORECASE)
-_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(|ms|s|min|h|d)")
-_UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(|ms|s|m|min|h|d)")
+_UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def parse_size(text: str, where: str) -> int:
@@ -28,7 +28,7 @@ def parse_size(text: str, where: str) -> int:
 
 
 def parse_seconds(text: str, where: str) -> float:
-    """Return seconds: `90`, `90s`, `15min`, `1h`; raises ConfigError."""
+    """Return seconds: `90`, `90s`, `15min`, `15m`, `1h`; raises ConfigError."""
     match = _TIME.fullmatch(text.strip())
     if match is None:
         raise ConfigError(f"{text!r} is no time", where=where, hint="write it like 90, 90s, 15min or 1h")
