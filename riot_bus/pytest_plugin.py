@@ -56,10 +56,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Let tests with our marker use the fixture."""
-    names = item.fixturenames if isinstance(item, pytest.Function) else None
-    if names is not None and item.get_closest_marker("riot") is not None and "riot" not in names:
-        names.append("riot")
+    """Let tests with our marker use the fixture, before others of the test alone: they may start what it is for."""
+    if not isinstance(item, pytest.Function) or item.get_closest_marker("riot") is None:
+        return
+    names, known = item.fixturenames, item._fixtureinfo.name2fixturedefs
+    if "riot" not in names:
+        shared = (number for number, name in enumerate(names) if name in known and known[name][-1].scope != "function")
+        names.insert(max(shared, default=-1) + 1, "riot")
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

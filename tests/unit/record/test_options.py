@@ -17,7 +17,9 @@ def test_sizes(text: str, size: int) -> None:
     assert parse_size(text, "--x") == size
 
 
-@pytest.mark.parametrize(("text", "seconds"), [("90", 90), ("90s", 90), ("15min", 900), ("30m", 1800), ("1h", 3600), ("50ms", 0.05)])
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("90", 90), ("90s", 90), ("15min", 900), ("30m", 1800), ("1h", 3600), ("50ms", 0.05)]
+)
 def test_times(text: str, seconds: float) -> None:
     assert parse_seconds(text, "--x") == seconds
 
