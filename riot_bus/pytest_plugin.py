@@ -152,8 +152,10 @@ def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[Ro
         facts = {**run_facts(), "test": item.nodeid, "seed": str(seed)}
         log = LogWriter(path, registry=riot_router.registry, metadata=facts, threaded=True)
         item.stash[_LOG] = path
+    types, definitions = config.getini("riot_types"), config.getini("riot_messages")
+    place: dict[str, Any] = {"folder": request.path.parent, "out": out}
     with (
-        router_test(riot_router, folder=request.path.parent, out=out, seed=seed, log=log) as one,
+        router_test(riot_router, **place, seed=seed, log=log, types=types, definitions=definitions) as one,
         _environment(segment.variables),
     ):
         item.stash[_USED] = one

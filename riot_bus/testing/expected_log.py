@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from riot_bus.log.comparison.compare import Wishes
 from riot_bus.log.comparison.opening import Extract, compare_logs, opened
 from riot_bus.log.comparison.tolerances import tolerances_of
 from riot_bus.log.writer import LogWriter
+from riot_bus.types.serve import part_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,8 +36,12 @@ def difference_from(
     timing: float | None = None,
     order: bool = False,
     timeout: float = 10.0,
+    types: Sequence[str] = (),
+    definitions: Sequence[Path] = (),
 ) -> LogDifference:
     """Wait until as many messages have been delivered as a log has, then compare them with it.
+
+    As `riot diff` does, it matches topics by their keys and else by their names. Calls of services are left out.
 
     Args:
         expected: The log.
@@ -47,6 +53,8 @@ def difference_from(
         timing: Seconds that messages may come earlier or later; None for any.
         order: Whether the order across topics has to be the same.
         timeout: Seconds to wait for each topic; what has not come by then is a difference.
+        types: `TOPIC=TYPE` of the log.
+        definitions: Files that define its message types.
 
     Raises:
         ConfigError: The log or a tolerance cannot be used, or nothing can be compared.
@@ -54,20 +62,26 @@ def difference_from(
     files = [Path(each) for each in tolerances if "=" not in str(each)]
     texts = [str(each) for each in tolerances if "=" in str(each)]
     wishes = Wishes(tolerances=tolerances_of(texts, files), timing=timing, order=order)
-    extract = Extract(topics=topics, exclude=exclude)
+    extract = Extract(topics=topics, exclude=exclude, types=types, definitions=definitions)
     with opened([expected], extract) as (recording,):
-        counts = {track.key: len(track) for track in recording.tracks.values()}
+        tracks = {key: track for key, track in recording.tracks.items() if part_of(key) is None}
+        calls = recording.tracks.keys() - tracks.keys()
+    extract = replace(extract, exclude=[*exclude, *sorted(calls)])
     deadline = time.monotonic() + timeout
-    for key, count in counts.items():
+    for track in tracks.values():
         with suppress(AssertionError):  # what is missing is told by the comparison
-            capture.wait_for(key, count, timeout=max(0.0, deadline - time.monotonic()))
+            capture.wait_for(track.topic, len(track), timeout=max(0.0, deadline - time.monotonic()))
+    delivered = [one.message for one in capture.delivered("**")]
+    here = {message.key for message in delivered}
+    names = {track.topic.strip("/") for key, track in tracks.items() if key not in here}
+    wanted = {key for key in here if key in tracks or registry.topic(key).strip("/") in names}
     with tempfile.TemporaryDirectory(prefix="riot-") as name:
         came = Path(name) / "delivered.mcap"
         with LogWriter(came, registry=registry) as log:
-            for one in capture.delivered("**"):
-                if one.message.key in counts:
-                    log.write(one.message)
+            for message in delivered:
+                if message.key in wanted:
+                    log.write(message)
         found = compare_logs(expected, came, wishes, extract=extract)
-    if not any(counts.values()):
+    if not any(map(len, tracks.values())):
         found.check_compared()  # else it is a difference that nothing has come
     return found

@@ -45,7 +45,14 @@ _NOTHING = "@nothing"
 
 @contextmanager
 def router_test(
-    router: LiveRouter, *, folder: Path, out: Path, seed: int = 0, log: LogWriter | None = None
+    router: LiveRouter,
+    *,
+    folder: Path,
+    out: Path,
+    seed: int = 0,
+    log: LogWriter | None = None,
+    types: Sequence[str] = (),
+    definitions: Sequence[Path] = (),
 ) -> Iterator[RouterTest]:
     """Yield what a test works with; afterwards nothing of it is left.
 
@@ -55,10 +62,14 @@ def router_test(
         out: Folder for what campaigns write.
         seed: Seed of everything random.
         log: Records all that passes; closed at the end.
+        types: `TOPIC=TYPE` of the logs that are expected.
+        definitions: Files that define their message types.
     """
     capture = Capture(router.registry, log)
     with router.capturing(capture), ExitStack() as stack:
-        yield RouterTest(router, capture, stack, folder=folder, out=out, seed=seed)
+        one = RouterTest(router, capture, stack, folder=folder, out=out, seed=seed)
+        one.known_types = {"types": types, "definitions": definitions}
+        yield one
 
 
 class RouterTest:
@@ -79,6 +90,8 @@ class RouterTest:
         self.record = capture
         """What has crossed: `wait_for(topic, count)`, `await arrived(topic, count)`."""
         self.seed = seed
+        self.known_types: dict[str, Any] = {}
+        """What is known of the types of expected logs: `types` and `definitions` of `difference_from`."""
         self._router, self._stack = router, stack
         self._folder, self._out = folder, out
         self._topics: list[str] = []
@@ -258,7 +271,11 @@ class RouterTest:
         tolerances = [each if "=" in str(each) else self._folder / each for each in several]
         self._router.bus.drain(_SETTLED_S)
         found = difference_from(
-            self._folder / log, self.record, self._router.registry, tolerances=tolerances, **options
+            self._folder / log,
+            self.record,
+            self._router.registry,
+            tolerances=tolerances,
+            **{**self.known_types, **options},
         )
         assert found.same, "\n".join(found.lines())
 
@@ -285,10 +302,8 @@ class RouterTest:
         self._router.pass_all()
         through = bus.drain(_DRAINED_S)
         if not through:
-            what = (
-                f"riot: counts are not checked, since messages are still on their way {_DRAINED_S:g} s after the test"
-            )
-            warnings.warn(what, stacklevel=2)
+            late = f"messages are still on their way {_DRAINED_S:g} s after the test"
+            warnings.warn(f"riot: counts are not checked, since {late}", stacklevel=2)
         for topic, each in self.counts().items():
             came, went = each.received + each.added, each.forwarded + each.dropped + each.lost + each.held
             if through and came != went:

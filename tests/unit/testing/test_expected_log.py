@@ -64,3 +64,21 @@ def test_nothing_to_compare_is_no_pass(tmp_path: Path) -> None:
     log = written(tmp_path / "log.mcap", [message(0, 0)])
     with pytest.raises((ConfigError, InconclusiveError)):
         difference_from(log, captured([]), REGISTRY, topics=["b"], timeout=0.01)
+
+
+def test_topics_are_matched_by_their_names_where_keys_differ(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.mcap", [message(number, number, "/a") for number in range(3)])
+    assert difference_from(log, captured([message(number, number) for number in range(3)]), REGISTRY).same
+    with_key = [message(number, number + 1) for number in range(3)] + [message(n, n, "/a") for n in range(3)]
+    assert difference_from(log, captured(with_key), REGISTRY).same
+
+
+def test_calls_of_services_are_left_out(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.mcap", [message(0, 0), message(1, 1, "add/@request"), message(2, 2, "add/@reply")])
+    assert difference_from(log, captured([message(0, 0)]), REGISTRY).same
+
+
+def test_types_of_the_log_are_those_that_are_said(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.mcap", [message(0, 0)])
+    with pytest.raises(ConfigError, match="unknown message type 'Pose'"):
+        difference_from(log, captured([message(0, 0)]), REGISTRY, types=["a=Pose"])
