@@ -131,6 +131,7 @@ class Launcher:
         limits: Mapping[str, float] | None = None,
         held: bool = False,
         teardown: Sequence[str] = (),
+        undoes: bool = False,
         relayed: bool = False,
     ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
@@ -147,6 +148,7 @@ class Launcher:
             held: Whether its standard input stays open until it ends, or riot does; else there is none.
             teardown: Command that is run when it has ended, or riot has, however that came. Its output goes to
                 `<directory>/<name>.teardown`.
+            undoes: Whether that is only run where it ends with another status than 0, or is ended.
             relayed: See `ComponentProcess`.
 
         Raises:
@@ -159,7 +161,7 @@ class Launcher:
         request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": fork._asdict() if fork else None}
         request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
-        request |= {"held": held, "teardown": list(teardown), "torn_down_within": TORN_DOWN_WITHIN_S}
+        request |= {"held": held, "teardown": list(teardown), "undoes": undoes, "torn_down_within": TORN_DOWN_WITHIN_S}
         request["teardown_output"] = os.devnull if directory is None else str(directory / f"{name}.teardown")
         with self._lock:
             self._send(request)

@@ -8,17 +8,18 @@ import random
 import socket
 import sys
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.sut.containers import first_process
 from riot_bus.sut.domains import free_domains
 from riot_bus.sut.existing_tests.placement import STARTED, only_some, started_in
 from riot_bus.sut.forking import fork_of
+from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.ros_bridge import domain_environment, start_bridge
 from riot_bus.sut.starts import start_of
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.sut.system import FREE_PORT
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
@@ -125,30 +126,37 @@ class ComponentStarter:
             varying = {key for key, value in filled.env.items() if component.env[key] != value}
             modules = self._imports.get(self._program(name), ())
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
-        if filled.setup:
-            self._carry_out(f"{name}.setup", filled.setup, env=env, cwd=cwd, timeout=component.ready.timeout)
         bridge = self._bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
             number, called = self._domain(name), f"{name}.bridge"
             self._bridges[name] = start_bridge(
                 self._launcher, called, endpoint=endpoint, domain=number, folder=self._directory
             )
+        around: dict[str, Any] = {"env": env, "cwd": cwd}
+        if filled.setup:
+            within = component.ready.timeout
+            self._carry_out(f"{name}.setup", filled.setup, **around, timeout=within, undo=filled.teardown)
         self._inside.pop(name, None)
         limits = component.limits
         unlimited = before or component.attach is not None or limits == "off"
-        self._processes[name] = self._launcher.start(
-            name,
-            start.argv,
-            env=env,
-            cwd=cwd,
-            directory=self._directory,
-            fixed=fixed,
-            fork=fork,
-            limits=None if unlimited or limits == "off" else limits.model_dump(),
-            held=start.held,
-            teardown=start.teardown,
-            relayed=start.relayed,
-        )
+        try:
+            self._processes[name] = self._launcher.start(
+                name,
+                start.argv,
+                **around,
+                directory=self._directory,
+                fixed=fixed,
+                fork=fork,
+                limits=None if unlimited or limits == "off" else limits.model_dump(),
+                held=start.held,
+                teardown=start.teardown,
+                relayed=start.relayed,
+            )
+        except EnvironmentFaultError:
+            if filled.setup and filled.teardown:
+                with suppress(RiotError):
+                    self._carry_out(f"{name}.teardown", filled.teardown, **around, timeout=TORN_DOWN_WITHIN_S)
+            raise
         return self._processes[name]
 
     def folder_of(self, name: str) -> Path:
@@ -197,12 +205,19 @@ class ComponentStarter:
         self._carry_out(name, filled, env=environment_of_others(), cwd=self._file.root, timeout=timeout)
 
     def _carry_out(
-        self, name: str, command: Sequence[str], *, env: Mapping[str, str], cwd: Path, timeout: float
+        self,
+        name: str,
+        command: Sequence[str],
+        *,
+        env: Mapping[str, str],
+        cwd: Path,
+        timeout: float,
+        undo: Sequence[str] = (),
     ) -> None:
-        """Execute a command to its end; what it writes stays in files of its name."""
-        process, where = (
-            self._launcher.start(name, command, env=env, cwd=cwd, directory=self._directory),
-            self._file.path,
+        """Execute a command to its end, and `undo` where that is no good one; output stays in files of its name."""
+        where = self._file.path
+        process = self._launcher.start(
+            name, command, env=env, cwd=cwd, directory=self._directory, teardown=undo, undoes=True
         )
         if not self._launcher.wait([process], timeout=timeout):
             told = f"{name}: {command[0]!r} has not ended within {timeout:g} s"

@@ -208,8 +208,8 @@ class Supervisor:
                     if pid in self._held:
                         self._held.pop(pid).close()
                     self.tell(event="exited", pid=pid, status=code, stack=stack, excess=self._excess.pop(pid, None))
-                    if pid in self._teardowns:
-                        self.tear_down(pid, self._teardowns.pop(pid))
+                    if (request := self._teardowns.pop(pid, None)) and (code or not request["undoes"]):
+                        self.tear_down(pid, request)
                 elif pid in self._ending:
                     self.tell(event="torn down", pid=self._ending.pop(pid), problem=f"status {code}" if code else "")
 

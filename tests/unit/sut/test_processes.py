@@ -125,6 +125,14 @@ def test_what_is_torn_down_when_a_component_has_ended(launcher: Launcher, tmp_pa
     assert (tmp_path / "stays").exists()
 
 
+def test_what_only_undoes_is_run_after_no_good_end(launcher: Launcher, tmp_path: Path) -> None:
+    for name, *command in (("good", "true"), ("bad", "false"), ("long", "sleep", "93.5")):
+        words = {"env": dict(os.environ), "cwd": tmp_path, "directory": tmp_path}
+        launcher.start(name, command, **words, teardown=["touch", f"undone-{name}"], undoes=True)
+    launcher.kill_all()
+    assert sorted(path.name for path in tmp_path.glob("undone-*")) == ["undone-bad", "undone-long"]
+
+
 def test_a_teardown_that_fails_is_told(launcher: Launcher, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     for name, words in (("fails", ["sh", "-c", "exit 4"]), ("missing", ["no-such-program"])):
         env, here = dict(os.environ), tmp_path
