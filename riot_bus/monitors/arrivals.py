@@ -30,7 +30,7 @@ _Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 class Rate:
     """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching.
 
-    Where no inputs are known, from the start of the trial.
+    Where no inputs are known, from the start of the trial. Where others had the processors, it may be as much later.
 
     Attributes:
         topic: Topic name or key expression.
@@ -52,21 +52,27 @@ class Rate:
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when the largest gap is too large."""
-        times = [message.time for message in view.outputs if view.registry.matches(self.topic, message.key)]
-        stamps = [view.start, *(time for time in times if time >= view.start), view.end]
-        widest = max(after - before for before, after in pairwise(stamps)) / 1e9
-        if widest <= self.gap:
+        widest = self._widest(view)
+        if widest <= self.gap + view.late:
             return []
         detail = f"no {self.topic} for {widest:.3f} s (allowed: {self.gap:g} s)"
         return [Violation("rate", self.topic, f"rate of {self.topic}", detail)]
 
     def unseen(self, view: TrialView) -> str | None:
         """Return why no gap could be too large, None if one could."""
-        seconds = (view.end - view.start) / 1e9
+        seconds, widest = (view.end - view.start) / 1e9, self._widest(view)
         short = (
             f"the trial took {seconds:.3f} s, which is no longer than the gap allowed" if seconds <= self.gap else None
         )
-        return why_no_message(view, self.topic) or short
+        if (why := why_no_message(view, self.topic) or short) or not self.gap < widest <= self.gap + view.late:
+            return why
+        return f"the machine was busy: outputs may be {view.late:.3f} s late, the largest gap is {widest:.3f} s"
+
+    def _widest(self, view: TrialView) -> float:
+        """Return the seconds of the largest gap."""
+        times = [message.time for message in view.outputs if view.registry.matches(self.topic, message.key)]
+        stamps = [view.start, *(time for time in times if time >= view.start), view.end]
+        return max(after - before for before, after in pairwise(stamps)) / 1e9
 
     def forge(self, view: TrialView) -> TrialView:
         """Return a copy in which the output is missing."""

@@ -27,7 +27,7 @@ class Answered:
     Attributes:
         request: A selector, such as `255/*/COMMAND_LONG`.
         answer: A selector of answers, such as `1/1/COMMAND_ACK where result == 0`.
-        within: Seconds of wall time.
+        within: Seconds of wall time, without those in which others had the processors.
         same: Fields whose values are equal in a request and its answer.
     """
 
@@ -80,7 +80,7 @@ class Answered:
         return list(selected(view, selector)) or list(selected(view, selector, view.inputs))
 
     def _deadline(self, view: TrialView, request: Message) -> int:
-        return max(request.time, view.start) + round(self.within * 1e9)
+        return max(request.time, view.start) + round((self.within + view.late) * 1e9)
 
     def _values(self, message: Message, kind: MessageType) -> tuple[Scalar, ...]:
         return tuple(kind.read(message.payload, name) for name in self.same)

@@ -51,6 +51,7 @@ def mute_monitors(view: TrialView, monitors: Sequence[Monitor]) -> tuple[str, ..
 
     A monitor without `forge` cannot be tried, and one that has nothing to judge in this trial says so by itself.
     """
+    view = replace(view, held_up=0.0)  # what is forged is as late as it is
     return tuple(
         f"{name}: {reason}"
         for name, monitor in zip(names_of(monitors), monitors, strict=True)

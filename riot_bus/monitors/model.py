@@ -35,6 +35,9 @@ __all__ = [
     "why_nothing_to_judge",
 ]
 
+_ALWAYS_HELD_UP = 0.05
+"""Share of the time that a thread may wait for a processor on a machine that has nothing else to do."""
+
 
 @dataclass(frozen=True, slots=True)
 class ResourceSample:
@@ -122,6 +125,7 @@ class TrialView:
         inputs: Messages that were published to the components, each with the time at which it was.
         probed: Index of the first output that came after the last probe had begun; None if there was none.
         end: When watching ended, nanoseconds since the epoch.
+        held_up: Seconds from the first input on in which components, or riot, waited for a processor.
     """
 
     components: Sequence[ComponentView]
@@ -134,6 +138,12 @@ class TrialView:
     stalled: Sequence[str] = field(default_factory=list)
     inputs: Sequence[Message] = ()
     probed: int | None = None
+    held_up: float = 0.0
+
+    @property
+    def late(self) -> float:
+        """Seconds by which outputs may be late since the machine was busy; 0 where it was not more than always."""
+        return self.held_up if self.held_up * 1e9 > _ALWAYS_HELD_UP * (self.end - self.start) else 0.0
 
     @property
     def start(self) -> int:

@@ -88,7 +88,7 @@ class Stl:
         if self._why_short(samples, end) is not None:
             return []
         found = self._first_false(samples, end)
-        if found is None:
+        if found is None or self._why_late(view) is not None:
             return []
         first, worst = found
         values = ", ".join(f"{self.signals[name]} = {_at(each, first):g}" for name, each in samples.items())
@@ -107,7 +107,10 @@ class Stl:
         broken = next((name for name, each in samples.items() if each and math.isnan(each[-1][1])), None)
         if broken is not None:
             return f"{self.signals[broken]} is NaN, so nothing is judged from then on (`finite` finds that)"
-        return self._why_short(samples, end) or self._why_vacuous(samples, end)
+        if (why := self._why_short(samples, end) or self._why_vacuous(samples, end)) is not None:
+            return why
+        late = self._why_late(view)
+        return late if late is not None and self._first_false(samples, end) is not None else None
 
     def forge(self, view: TrialView) -> TrialView:
         """Return a copy in which each signal of outputs keeps one value, and of inputs, too, where that does not do."""
@@ -184,6 +187,12 @@ class Stl:
         if end - start >= ahead:
             return None
         return f"watched for {max(0.0, end - start):.3f} s with values of all signals, it looks {ahead:g} s ahead"
+
+    def _why_late(self, view: TrialView) -> str | None:
+        """Return why times tell nothing, where the formula has bounds; None if they do, or it has none."""
+        if not view.late or not _is_bounded(_Parsed(self).node):
+            return None
+        return f"it did not hold, but the machine was busy: outputs may be {view.late:.3f} s late"
 
     def _why_vacuous(self, samples: Mapping[str, _Samples], end: float) -> str | None:
         """Return which antecedent keeps an implication from ever being violated; None if each of them lets it."""
@@ -289,6 +298,10 @@ def _ahead(node: Any) -> float:
             raise ConfigError(f"formula: {kind.removeprefix('Timed').lower()!r} has wrong bounds", hint=hint)
         return inner + (float(node.end) if kind.removeprefix("Timed") in _FUTURE else 0.0)
     return inner
+
+
+def _is_bounded(node: Any) -> bool:
+    return hasattr(node, "begin") or any(map(_is_bounded, node.children))
 
 
 def _implications(node: Any, ahead: float | None) -> Iterator[tuple[Any, float | None]]:

@@ -250,7 +250,7 @@ class SystemTrial:
                 stage.wait_ready(inside)
             if probe:
                 probe.begin()
-            unplayed = False
+            unplayed, begun = False, (stage.activity(inside), stage.others.activity())
             if case.messages:
                 unplayed = not self._play(messages, stage, tap.observe, live)
             else:
@@ -272,7 +272,8 @@ class SystemTrial:
             stage.bus.drain(_SETTLE_TIMEOUT)
             view = stage.view(others, settled=rested, waited=_SETTLE_TIMEOUT)
             components = [*view.components, *driven.components]
-            view = replace(view, components=components, stalled=[*view.stalled, *driven.stalled])
+            held_up = 0.0 if live else stage.held_up(inside, since=begun)()  # virtual time waits
+            view = replace(view, components=components, stalled=[*view.stalled, *driven.stalled], held_up=held_up)
             external = tuple(sorted(tap.messages, key=lambda message: message.time))
             inner = tuple(seen)
             alone = probe.end(settled=settled) if probe else None

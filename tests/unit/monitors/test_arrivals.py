@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from riot_bus.monitors.arrivals import Rate, Ratio, Sometimes
+from riot_bus.monitors.model import Judgement, judge
 from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -40,3 +41,14 @@ def test_the_outputs_for_an_input_are_counted() -> None:
     assert Ratio("other", "in", 0.5, 1.5).judge(twice) != []
     with pytest.raises(ConfigError, match="above"):
         Ratio("out", "in", 2, 1)
+
+
+def test_a_busy_machine_is_no_gap() -> None:
+    view = trial_view([("out", {})] * 3, step=2.0)
+    assert Rate("out", gap=1.0).judge(replace(view, held_up=0.9)) != []
+    busy = replace(view, held_up=1.5)
+    assert judge(busy, [Rate("out", gap=1.0)]).unseen == (
+        "Rate out: the machine was busy: outputs may be 1.500 s late, the largest gap is 2.000 s",
+    )
+    assert judge(busy, [Rate("out", gap=2.5)]) == Judgement()
+    assert Rate("out", gap=1.0).judge(replace(trial_view([("out", {})], step=40.0), held_up=3.0)) != []  # 4 % of 80 s

@@ -102,3 +102,11 @@ def test_the_time_to_answer_counts_from_the_first_input() -> None:
     early = view((1, "ask", {}), (5.5, "tell", {}))
     assert monitor.judge(early) != []
     assert monitor.judge(replace(early, inputs=[Message(5 * SECOND, "in", b"{}")])) == []
+
+
+def test_a_busy_machine_has_as_much_more_time_to_answer() -> None:
+    monitor, late = Answered("ask", answer="tell", within=1.0), view((1, "ask", {}), (2.5, "tell", {}), end=10.0)
+    assert monitor.judge(late) != []
+    assert monitor.judge(replace(late, held_up=1.0)) == []
+    assert monitor.judge(replace(late, held_up=0.4)) != []
+    assert monitor.judge(replace(view((1, "ask", {}), end=10.0), held_up=1.0)) != []

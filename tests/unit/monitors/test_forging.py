@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -84,3 +85,8 @@ def test_monitors_that_stay_silent_where_they_must_fire_are_told_and_no_others()
 
     monitors = [Finite("a:x"), Finite("b:x"), Unforged(), Silent(), Finite("a:t")]
     assert mute_monitors(VIEW, monitors) == ("Silent a: it is silent on a trial that is to violate it",)
+
+
+def test_a_busy_machine_makes_none_mute() -> None:
+    busy = replace(trial_view([("odom", {"x": 1.0})] * 3), held_up=0.3)
+    assert mute_monitors(busy, [Rate("odom", gap=0.2)]) == ()

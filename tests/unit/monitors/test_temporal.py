@@ -6,6 +6,7 @@ import json
 import random
 import re
 import sys
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -281,3 +282,12 @@ def test_without_rtamt_it_says_what_to_do(version: tuple[int, int], told: str, m
         Stl("x > 1", {"x": "a:x"})
     assert isinstance(raised.value, MissingExtraError) == (version < (3, 13))
     assert re.search(told, str(raised.value))
+
+
+def test_times_on_a_busy_machine_are_not_judged() -> None:
+    view = replace(trial_view([("status", {"ok": False})] * 40, inputs=[("cmd", {"speed": 0.75})]), held_up=1.0)
+    assert judge(view, [Stl(ANSWERED, BOUND)]).violations == ()
+    (told,) = judge(view, [Stl(ANSWERED, BOUND)]).unseen
+    assert told.endswith("it did not hold, but the machine was busy: outputs may be 1.000 s late")
+    assert judge(replace(view, held_up=0.1), [Stl(ANSWERED, BOUND)]).violations != ()
+    assert judge(view, [Stl("always (ok >= 1)", {"ok": "status:ok"})]).violations != ()
