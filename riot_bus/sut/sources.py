@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["source_files"]
 
+_LOG = logging.getLogger(__name__)
 _CODE = (".py", ".so", ".pyd")
+_PROGRAM = (b"\x7fELF", b"#!")
 _NO_CODE = frozenset({"__pycache__", "site-packages", "node_modules", "trials", "findings"})
 _MOST = 5000
 """Files that are looked for without `sources`; a working folder with more is more than a system."""
@@ -23,8 +28,9 @@ _MOST = 5000
 def source_files(file: SystemFile) -> list[Path]:
     """Return the files of a system's code: those that `sources` names, else those that its components may load.
 
-    These are the programs and files that commands name, and all Python modules and shared libraries below the folder of
-    riot.toml and the working folders of components; environments and caches are left out.
+    These are the programs and files that commands name, and all Python modules, shared libraries, programs and scripts
+    below the folder of riot.toml and the working folders of components; environments and caches are left out. Files of
+    message definitions and of monitors are always among them.
     """
     if file.system.sources:
         found = [path for pattern in file.system.sources for path in sorted(file.root.glob(pattern))]
@@ -34,7 +40,11 @@ def source_files(file: SystemFile) -> list[Path]:
         found += [path for component in file.programs for path in _named(component, file.root)]
         resets = (file.system.reset, *(unit.reset for unit in file.unit.values()))
         found += [path for reset in resets if reset for path in _files_of(reset.command, file.root)]
-    named = [*file.monitor_files, *(name for component in file.programs for name in component.files)]
+    named = [
+        *file.monitor_files,
+        *file.system.messages,
+        *(name for component in file.programs for name in component.files),
+    ]
     return [path for path in dict.fromkeys([*found, *(file.root / name for name in named)]) if path.is_file()]
 
 
@@ -50,9 +60,30 @@ def _below(folder: Path) -> Iterator[Path]:
             names.clear()
             continue
         for name in sorted(files):
-            if name.endswith(_CODE) and count < _MOST:
+            path = Path(parent) / name
+            if name.endswith(_CODE) or ".so." in name or _is_program(path):
                 count += 1
-                yield Path(parent) / name
+                if count > _MOST:
+                    _tell_more(folder)
+                    return
+                yield path
+
+
+def _is_program(path: Path) -> bool:
+    """Return whether a file can be executed and is no data: on some file systems, all files can."""
+    with suppress(OSError):
+        if os.access(path, os.X_OK) and path.is_file():
+            with path.open("rb") as stream:
+                return stream.read(4).startswith(_PROGRAM)
+    return False
+
+
+@functools.cache
+def _tell_more(folder: Path) -> None:
+    hint = "name the system's code in [system] sources"
+    _LOG.warning(
+        "more than %d files of code are below %s: changes of the others are not noticed; %s", _MOST, folder, hint
+    )
 
 
 def _named(component: Component, root: Path) -> Iterator[Path]:

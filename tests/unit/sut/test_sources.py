@@ -3,6 +3,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import pytest
+
+from riot_bus.sut import sources
 from riot_bus.sut.sources import source_files
 from riot_bus.sut.system import SystemFile
 
@@ -52,3 +55,30 @@ def test_a_program_is_found_as_a_shell_finds_it(tmp_path: Path) -> None:
     assert found.name == "sh"
     table["components"] = {"part": {"command": [sys.executable, "no.py"]}}
     assert source_files(SystemFile.model_validate(table)) == [Path(sys.executable).resolve()]
+
+
+def test_programs_that_only_a_script_names_are_code(tmp_path: Path) -> None:
+    make(tmp_path, "work/run.sh", "work/build/data.bin", "work/build/libcore.so.2")
+    for name, begin in (("node", b"\x7fELF"), ("start", b"#!/bin/sh"), ("image", b"\x89PNG")):
+        (tmp_path / "work/build" / name).write_bytes(begin)
+        (tmp_path / "work/build" / name).chmod(0o755)
+    programs = {"work/build/node", "work/build/start", "work/build/libcore.so.2"}
+    assert files(tmp_path, "./run.sh") == {"work/run.sh", *programs}
+
+
+def test_definitions_of_messages_count(tmp_path: Path) -> None:
+    make(tmp_path, "a.py", "Pose.msg")
+    assert files(tmp_path, "a", sources=["a.py"], messages=["Pose.msg"]) == {"a.py", "Pose.msg"}
+
+
+def test_more_files_than_are_looked_at_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(sources, "_MOST", 2)
+    make(tmp_path, "a.py", "b.py")
+    assert files(tmp_path, "no") == {"a.py", "b.py"}
+    assert caplog.messages == []
+    make(tmp_path, "c.py")
+    assert files(tmp_path, "no") == {"a.py", "b.py"}
+    (told,) = caplog.messages
+    assert told.startswith(f"more than 2 files of code are below {tmp_path}")
