@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.sut.surroundings import FIXED
+from riot_bus.sut.surroundings import FIXED, fixes_addresses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,10 +58,20 @@ def write_evidence(
         "violations": [asdict(violation) for violation in violations],
         "status": {component.name: component.status for component in view.components},
         "commands": {each.name: _started(context.file.components[each.name]) for each in view.components},
-        "surroundings": dict(FIXED) if context.file.system.surroundings == "fixed" else "as they are",
+        **_surroundings(context, [each.name for each in view.components]),
     }
     (folder / "trial.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return {path.name: path.stat().st_size for path in sorted(folder.iterdir())}
+
+
+def _surroundings(context: Context, names: Sequence[str]) -> dict[str, object]:
+    """Return what was the same each time: variables of each component, and addresses."""
+    if context.file.system.surroundings != "fixed":
+        return {"surroundings": "as they are", "addresses": "random"}
+    own = {name: context.file.components[name].env for name in names}
+    variables = {name: {key: env.get(key, value) for key, value in FIXED.items()} for name, env in own.items()}
+    addresses = "the same each time" if fixes_addresses() else "random: the kernel lets no process fix them"
+    return {"surroundings": variables, "addresses": addresses}
 
 
 def _started(component: Component) -> list[str]:

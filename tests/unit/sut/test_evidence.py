@@ -11,6 +11,7 @@ from riot_bus.monitors.model import ComponentView, ResourceSample, Signs, TrialV
 from riot_bus.sut import evidence
 from riot_bus.sut.context import Context
 from riot_bus.sut.evidence import native_backtrace, write_evidence
+from riot_bus.sut.surroundings import FIXED, fixes_addresses
 from riot_bus.sut.system import SystemFile
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
@@ -18,7 +19,10 @@ from riot_bus.vocabulary.trial import Violation
 
 
 def context(surroundings: str = "fixed") -> Context:
-    table = {"system": {"surroundings": surroundings}, "components": {"part": {"command": ["part"]}}}
+    table = {
+        "system": {"surroundings": surroundings},
+        "components": {"part": {"command": ["part"], "env": {"TZ": "CET"}}},
+    }
     return Context(SystemFile.model_validate(table), TypeRegistry(), ())
 
 
@@ -53,7 +57,10 @@ def test_what_a_trial_leaves_is_in_files(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "e/trial.json").read_text())
     assert told["violations"][0]["signature"] == violation.signature
     assert told["status"] == {"part": 3}
-    assert told["surroundings"]["TZ"] == "UTC"
+    assert told["surroundings"] == {"part": {**FIXED, "TZ": "CET"}}
+    assert told["addresses"] == (
+        "the same each time" if fixes_addresses() else "random: the kernel lets no process fix them"
+    )
     assert told["commands"] == {"part": ["part"]}
     write_evidence(tmp_path / "f", view(), [], context=context("as they are"))
     assert json.loads((tmp_path / "f/trial.json").read_text())["surroundings"] == "as they are"
