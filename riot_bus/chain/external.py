@@ -104,7 +104,10 @@ class ExternalField:
         """Return what a number stands for, in the field's own type."""
         if self.choices:
             return self.choices[min(max(round(value), 0), len(self.choices) - 1)]
-        return round(value) if self.integer and math.isfinite(value) else value
+        if not self.integer or not math.isfinite(value):
+            return value
+        least, most = _whole_limits(self.type)
+        return min(max(round(value), least), most)  # of 64 bits, a float rounds the largest up
 
     def injection(
         self,
@@ -366,9 +369,15 @@ def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[flo
 
 def _limits(type_name: str) -> tuple[float, float]:
     """Return the least and the largest value of a type."""
-    if type_name == "bool":
-        return 0.0, 1.0
-    if "int" not in type_name:
+    if type_name != "bool" and "int" not in type_name:
         return -math.inf, math.inf
+    least, most = _whole_limits(type_name)
+    return float(least), float(most)
+
+
+def _whole_limits(type_name: str) -> tuple[int, int]:
+    """Return the same of a type of whole numbers."""
+    if type_name == "bool":
+        return 0, 1
     bits = int(type_name.partition("int")[2])
-    return (0.0, 2.0**bits - 1) if type_name[0] == "u" else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1)
+    return (0, 2**bits - 1) if type_name[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

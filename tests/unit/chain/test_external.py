@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.external import driving_log, external_fields, message_rate
+from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.errors import ConfigError
@@ -48,6 +48,16 @@ def test_values_stay_within_their_type(tmp_path: Path) -> None:
     (level,) = external_fields(bench(tmp_path, system).workspace)
     assert (level.type, level.nominal, level.range) == ("uint8", 254, (0, 255))
     assert (level.low, level.high) == (254 - 25.4, 255)
+
+
+@pytest.mark.parametrize(
+    ("kind", "least", "most"),
+    [("int64", -(2**63), 2**63 - 1), ("uint64", 0, 2**64 - 1), ("int8", -128, 127), ("bool", 0, 1)],
+)
+def test_what_is_told_of_a_whole_number_is_a_value_of_its_type(kind: str, least: int, most: int) -> None:
+    low, high = float(least), float(most)  # of 64 bits, the largest is rounded up
+    field = ExternalField("a:x", "a", "x", kind, 0.0, 1.0, low, high, (low, high), 1.0)
+    assert (field.told(low), field.told(high)) == (least, most)
 
 
 def test_lengths_of_arrays_are_fields(tmp_path: Path) -> None:
