@@ -184,7 +184,12 @@ class DrivenRuns:
         return list(strongest(found).values())
 
     def freezes(self, outcome: Outcome) -> bool:
-        """Return whether an internal field has far fewer values than in nominal runs, or one where it has several."""
+        """Return whether an internal field has far fewer values than in nominal runs, or one where it has several.
+
+        A run that has failed has not: what has crashed says nothing more, but it has not refused anything.
+        """
+        if outcome.violations:
+            return False
         for name, usual in self.usual.items():
             values = outcome.observed[name].values
             if len(values) < _LIVELY * usual.values or (usual.moves and len(set(values)) < 2):

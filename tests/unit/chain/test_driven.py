@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
-from tests.unit.chain.machine import MODE, SPEED, Bench, bench, commands, said
+from tests.unit.chain.machine import HANG, MODE, SPEED, Bench, bench, commands, said
 
 
 def outcome(**values: tuple[object, ...]) -> Outcome:
@@ -90,6 +91,13 @@ def test_fields_that_too_few_runs_tell_apart_are_not_said_to_freeze_anything(tmp
     found, unsettled, spent = system.freezing(fields, range(24))
     assert (found, unsettled) == ([heat], [])
     assert spent <= 8
+
+
+def test_a_run_that_has_failed_has_not_frozen(tmp_path: Path) -> None:
+    _, system = driven(tmp_path)
+    silent = outcome(**{SPEED: (3.0, 3.1), MODE: ()})
+    assert system.freezes(silent)
+    assert not system.freezes(replace(silent, verdict=Verdict.FAIL, violations=(HANG,)))
 
 
 @pytest.mark.parametrize(
