@@ -60,7 +60,7 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
         parallelism=system.runner.parallelism,
         progress=system.step.progress,
     )
-    samples = [*region.samples, *([] if fixed else system.seen([axis.name for axis in axes]))]
+    samples = [*region.samples, *system.seen([axis.name for axis in axes], fixed)]
     region = with_simple_limits(region, fields, samples)
     inside = [failed for place, failed in samples if region.box.contains(place)]
     share = proportion(sum(inside), len(inside))

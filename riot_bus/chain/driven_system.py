@@ -214,19 +214,23 @@ class DrivenSystem:
         fresh = controls[0] - known[0], controls[1] - known[1]
         return chance_of_difference(failed, _FRESH, *fresh) <= _FRESH_CHANCE
 
-    def seen(self, axes: Sequence[str]) -> list[RegionSample]:
-        """Return what came of some fields in runs that were for something else, the nominal ones included."""
+    def seen(self, axes: Sequence[str], fixed: Mapping[str, float]) -> list[RegionSample]:
+        """Return what came of some fields in runs that were for something else, the nominal ones included.
+
+        Args:
+            axes: These fields; a run that left one alone had its nominal value.
+            fixed: Values that other fields had in these runs.
+        """
         failed, total = self.controls()
-        nominal = tuple(self.fields[name].nominal for name in axes)
+        usual = {name: self.fields[name].told(self.fields[name].nominal) for name in (*axes, *fixed)}
         phases = ("search", "needed")  # the others are of the region, or one point again and again
-        asked = [
-            (tuple(filter(_is_number, map(point.values.get, axes))), point.failed)
-            for point in self.points
-            if point.phase in phases
-        ]
+        asked = [(point.values, point.failed) for point in self.points if point.phase in phases]
+        asked += [({}, number < failed) for number in range(total)]
+        told = self.told(fixed)
         return [
-            *(RegionSample(place, bad) for place, bad in asked if len(place) == len(axes)),
-            *(RegionSample(nominal, number < failed) for number in range(total)),
+            RegionSample(tuple(filter(_is_number, map(values.__getitem__, axes))), bad)
+            for values, bad in ((usual | values, bad) for values, bad in asked if values.keys() <= self.fields.keys())
+            if all(values[name] == value for name, value in told.items())
         ]
 
     def controls(self, least: int = AGAIN[0][1]) -> tuple[int, int]:

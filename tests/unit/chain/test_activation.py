@@ -9,12 +9,14 @@ from typing import Any
 import pytest
 
 from riot_bus.chain.activation import activation
+from riot_bus.chain.driven_system import DrivenSystem
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.scan import scan_logs
 from riot_bus.findings.records import (
     ActivationRecord,
     FindingRecord,
     PermeabilityRecord,
+    PointRecord,
     ProportionRecord,
     RuleRecord,
     RuleSample,
@@ -328,6 +330,25 @@ def geared(readings: Sequence[Message]) -> list[Message]:
         payload = json.dumps({"mode": "step", "speed": speed, "note": values["gear"]}).encode()
         found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
     return found
+
+
+def test_runs_outside_the_region_count_where_they_had_its_other_values(tmp_path: Path, slow: dict[str, Any]) -> None:
+    one = ready(tmp_path, slow)
+    system = DrivenSystem(one.run(), one.folder, (), names=["panel:knob", "panel:lever"])
+    values: list[dict[str, float]] = [
+        {"panel:knob": 10.0, "panel:lever": 1.0},
+        {"panel:lever": 1.0},
+        {"panel:knob": 10.0},
+        {"panel:knob": 10.0, "panel:lever": 0.0},
+        {"panel:knob [part 1]": 10.0, "panel:lever": 1.0},
+    ]
+    system.points = [PointRecord(values=each, distance=None, failed=True) for each in values]  # type: ignore[arg-type]
+    knob = system.fields["panel:knob"].nominal
+    seen = system.seen(["panel:knob"], {"panel:lever": 1.0})
+    assert [(each.place, each.failed) for each in seen] == [((10.0,), True), ((knob,), True)]
+    nominal = system.seen(["panel:knob"], {})
+    assert [each.place for each in nominal[:4]] == [(10.0,), (knob,), (10.0,), (10.0,)]
+    assert [(each.place, each.failed) for each in nominal[4:]] == [((knob,), False)] * 10
 
 
 STATED = '[external.values]\n"panel:gear" = ["first", "second", "reverse"]\n\n[external.ranges]'
