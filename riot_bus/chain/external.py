@@ -185,8 +185,10 @@ def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
         pace: How long the run lasts, and how fast it is.
 
     Raises:
-        ConfigError: There are no external components, and nothing external in the nominal log.
+        ConfigError: There are no external components, and nothing external in the nominal log, or they share the
+            system's segment.
     """
+    workspace.context.file.check_outside_apart()
     if any(component.external for component in workspace.context.file.components.values()):
         return ()
     messages = system_log(workspace, pace.duration)

@@ -285,6 +285,8 @@ def analyze(
     others = [find_step(name) for name in further or ()]
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
+        if workspace.context.file.external.topics:
+            workspace.context.file.check_outside_apart()  # else the chain would end with that after its longest steps
         if given is not None:
             done = analyze_within(workspace, name, given, further=others, options=options)
             folders = [one.folder for one in done]

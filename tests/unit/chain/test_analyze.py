@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from riot_bus.chain.absence import other_cause
 from riot_bus.chain.analyze import analyze, analyze_all
 from riot_bus.chain.demo import demo, find_example
+from riot_bus.cli.main import make_app
 from riot_bus.events import AnalysisFinished, FindingWritten, StepFinished, StepStarted, StepStopped
 from riot_bus.findings.records import Artefact, MinimalRecord
 from riot_bus.findings.steps import STEPS, ChainStep
@@ -71,6 +73,14 @@ def test_a_step_that_can_say_nothing_ends_the_chain_and_the_report_is_written(tm
     assert "The step `rules` ended early: " in page
     assert "no field of the minimal log is relevant" in page
     assert "has not been run" not in page
+
+
+def test_what_cannot_be_intercepted_is_told_before_anything_is_run(tmp_path: Path) -> None:
+    one = bench(tmp_path, SYSTEM.replace('segment = "shop"', 'segment = "inside"'))
+    options = ["--system", str(one.workspace.context.file.path), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(make_app("analyze"), ["analyze", *options])
+    assert isinstance(done.exception, ConfigError)
+    assert "share segment 'inside' with the system" in str(done.exception)
 
 
 def test_without_external_topics_the_chain_ends_with_the_rule(tmp_path: Path) -> None:

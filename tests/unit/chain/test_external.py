@@ -144,6 +144,12 @@ def test_a_log_drives_the_system_where_no_component_does_at_the_pace_of_the_run(
     assert driving_log(bench(tmp_path, LOGGED).workspace, RunPace(duration=3.0)) == ()
 
 
+def test_components_that_drive_the_system_need_a_segment_of_their_own(tmp_path: Path) -> None:
+    shared = bench(tmp_path, LOGGED.replace('segment = "shop"', 'segment = "inside"')).workspace
+    with pytest.raises(ConfigError, match="share segment 'inside' with the system"):
+        driving_log(shared, RunPace(duration=3.0))
+
+
 def test_one_message_has_no_rate() -> None:
     assert message_rate([5]) == 0.0
     assert message_rate([0, 10**9, 2 * 10**9]) == 1.0
