@@ -14,7 +14,8 @@ from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
 from riot_bus.chain.region_rule import FOLDER
 from riot_bus.chain.replay import Replay, replay
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, PermeabilityRecord
+from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord
 from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from riot_bus.backchain.region import FIT, Region, map_region
 from riot_bus.chain.region_rule import RegionRule, box_rule, learnt_rule, with_simple_limits
-from riot_bus.findings.records import PermeabilityRecord, ProportionRecord, RangeRecord, RegionRecord
+from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.records import ProportionRecord, RangeRecord, RegionRecord
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField
-from riot_bus.findings.records import Design, EdgeRecord
+from riot_bus.findings.permeability import Design, EdgeRecord
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.injection import Injection, Signal
 from riot_bus.vocabulary.trial import Series, TestCase

@@ -229,7 +229,9 @@ class DrivenSystem:
         told = self.told(fixed)
         return [
             RegionSample(tuple(filter(_is_number, map(values.__getitem__, axes))), bad)
-            for values, bad in ((usual | values, bad) for values, bad in asked if values.keys() <= self.fields.keys())
+            for values, bad in (
+                ({**usual, **values}, bad) for values, bad in asked if values.keys() <= self.fields.keys()
+            )
             if all(values[name] == value for name, value in told.items())
         ]
 

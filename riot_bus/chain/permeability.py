@@ -9,7 +9,8 @@ from riot_bus.chain.driven import DrivenRuns, Perturbed, Usual, analysed, edge_r
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.topic_graphs import declared_graph
-from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord, RuleRecord
+from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
-    from riot_bus.findings.records import Design
+    from riot_bus.findings.permeability import Design
 
 __all__ = ["permeability"]
 

@@ -32,13 +32,11 @@ __all__ = [
     "Artefact",
     "CampaignRecord",
     "CertificateRecord",
-    "EdgeRecord",
     "EffectsRecord",
     "FieldRecord",
     "FieldsRecord",
     "FindingRecord",
     "MinimalRecord",
-    "PermeabilityRecord",
     "PointRecord",
     "ProportionRecord",
     "RegionRecord",
@@ -647,59 +645,7 @@ class RuleRecord(Artefact):
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
-Design = Literal["within runs", "between runs", "beyond nominal"]
-"""How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
-
-
-class EdgeRecord(_Model):
-    """One external field and what it does to one internal field (RIOT II-C)."""
-
-    external: str
-    internal: str
-    permeable: bool
-    strength: float
-    low: float
-    high: float
-    lag_s: float
-    p_value: float
-    design: Design = "within runs"
-
-
 _PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
-
-
-class PermeabilityRecord(Artefact):
-    """Which external fields reach the relevant ones, and how strongly."""
-
-    FILE = "permeability.json"
-    STEP = "permeability"
-    edges: tuple[EdgeRecord, ...]
-    runs: int
-    pruned: tuple[str, ...] = ()
-    untested: dict[str, str] = Field(default={}, description="external fields of which nothing can be told, and why")
-    nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
-    tree: list[dict[str, Any]] = []
-    system: str = "the system"
-    played: bool = Field(default=False, description=_PLAYED)
-
-    @property
-    def summary(self) -> str:
-        """Which external fields reach a relevant one."""
-        fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
-        idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
-        played = ", the outside played from the nominal log" if self.played else ""
-        why = "; ".join(dict.fromkeys(self.untested.values()))
-        untold = f" ({counted(len(self.untested), 'field')} not tested: {why})" if self.untested else ""
-        return f"{fields} in {runs} of {self.system}{played} -> {', '.join(self.permeable) or 'none'}{idle}{untold}"
-
-    @property
-    def permeable(self) -> tuple[str, ...]:
-        """External fields that reach any relevant field, strongest first."""
-        best: dict[str, float] = {}
-        for edge in self.edges:
-            if edge.permeable:
-                best[edge.external] = max(best.get(edge.external, 0.0), edge.strength)
-        return tuple(sorted(best, key=lambda name: (-best[name], name)))
 
 
 class PointRecord(_Model):

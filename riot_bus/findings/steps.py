@@ -100,7 +100,7 @@ PERMEABILITY = ChainStep(
     "permeability",
     "external fields",
     "Find the external fields that reach the relevant ones, by perturbing the whole system.",
-    "riot_bus.findings.records:PermeabilityRecord",
+    "riot_bus.findings.permeability:PermeabilityRecord",
     "riot_bus.chain.permeability:permeability",
     (
         StepOption("runs", 8, "Long runs of the whole system; half as many more if an effect may be chance.", min=2),

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Literal
 
 from riot_bus.findings.backtrack import BacktrackRecord
+from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
     FieldsRecord,
     FindingRecord,
     MinimalRecord,
-    PermeabilityRecord,
     RecordT,
     RuleRecord,
 )

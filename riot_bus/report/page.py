@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from riot_bus.findings.records import EdgeRecord, FieldRecord, FieldsRecord, PointRecord
+from riot_bus.findings.permeability import EdgeRecord
+from riot_bus.findings.records import FieldRecord, FieldsRecord, PointRecord
 from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
 from riot_bus.report.diagram import links

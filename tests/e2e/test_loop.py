@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import ActivationRecord, FindingRecord, PermeabilityRecord, RuleRecord
+from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.records import ActivationRecord, FindingRecord, RuleRecord
 
 pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(1200)]
 

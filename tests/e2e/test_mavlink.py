@@ -7,14 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import (
-    ActivationRecord,
-    FieldsRecord,
-    FindingRecord,
-    MinimalRecord,
-    PermeabilityRecord,
-    RuleRecord,
-)
+from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from tests.mavlink_env import mavlink_python
 
 __all__ = ["mavlink_python"]

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, PermeabilityRecord, RuleRecord
+from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, RuleRecord
 
 pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(1800)]
 

@@ -12,14 +12,13 @@ from typing import Any
 
 from riot_bus.chain.workspace import StepRun, Workspace
 from riot_bus.events import RunEvent
+from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import (
     CertificateRecord,
-    EdgeRecord,
     FieldRecord,
     FieldsRecord,
     FindingRecord,
     MinimalRecord,
-    PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
 )

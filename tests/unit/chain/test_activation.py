@@ -12,10 +12,10 @@ from riot_bus.chain.activation import activation
 from riot_bus.chain.driven_system import DrivenSystem
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.scan import scan_logs
+from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     FindingRecord,
-    PermeabilityRecord,
     PointRecord,
     ProportionRecord,
     RuleRecord,

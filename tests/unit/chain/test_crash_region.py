@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from riot_bus.chain.crash_region import axes_of
 from riot_bus.chain.external import ExternalField
-from riot_bus.findings.records import EdgeRecord, PermeabilityRecord
+from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 
 
 def test_the_strongest_field_of_each_relevant_one_comes_first() -> None:

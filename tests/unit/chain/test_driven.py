@@ -8,7 +8,7 @@ import pytest
 
 from riot_bus.chain.driven import DrivenRuns, Usual, as_numbers, internal_of, strongest
 from riot_bus.chain.external import external_fields
-from riot_bus.findings.records import Design, EdgeRecord
+from riot_bus.findings.permeability import Design, EdgeRecord
 from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.message import Message

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.permeability import permeability
-from riot_bus.findings.records import PermeabilityRecord
+from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError

@@ -8,11 +8,9 @@ import pytest
 from riot_bus.findings.records import (
     ActivationRecord,
     CampaignRecord,
-    EdgeRecord,
     EffectsRecord,
     FieldsRecord,
     FindingRecord,
-    PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
 )
@@ -68,23 +66,6 @@ def test_a_replay_rate_needs_replays() -> None:
     activation = ActivationRecord(found={"x": 1.0}, runs=8, best_distance=-1.0)
     assert activation.replay_rate is None
     assert activation.model_copy(update={"replays": 4, "replays_failed": 3}).replay_rate == 0.75
-
-
-def test_fields_that_reach_any_relevant_one_are_told_once_strongest_first() -> None:
-    def edge(external: str, internal: str, strength: float, *, permeable: bool = True) -> EdgeRecord:
-        return EdgeRecord(
-            external=external,
-            internal=internal,
-            permeable=permeable,
-            strength=strength,
-            low=0.0,
-            high=1.0,
-            lag_s=0.1,
-            p_value=0.01,
-        )
-
-    edges = (edge("a", "x", 0.2), edge("b", "x", 0.5), edge("a", "y", 0.7), edge("c", "x", 0.9, permeable=False))
-    assert PermeabilityRecord(edges=edges, runs=4).permeable == ("a", "b")
 
 
 def test_findings_are_ranked_by_the_crash_scale_then_by_ease() -> None:

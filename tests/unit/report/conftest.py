@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
     CertificateRecord,
-    EdgeRecord,
     FieldRecord,
     FieldsRecord,
     FindingRecord,
     MinimalRecord,
-    PermeabilityRecord,
     PointRecord,
     ProportionRecord,
     RangeRecord,

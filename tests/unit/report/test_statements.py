@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     AbsentRecord,
     ActivationRecord,
     AlternativeRecord,
     FieldsRecord,
     MinimalRecord,
-    PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
     SimplifiedRecord,

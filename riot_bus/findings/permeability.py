@@ -1,0 +1,69 @@
+"""What is known of the way from external fields to the relevant ones, as data: `permeability.json` (RIOT II-C)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from riot_bus.findings.records import Artefact, _Model
+from riot_bus.vocabulary.counting import counted
+
+__all__ = ["Design", "EdgeRecord", "PermeabilityRecord"]
+
+_PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
+
+Design = Literal["within runs", "between runs", "beyond nominal"]
+"""How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
+
+
+class EdgeRecord(_Model):
+    """One external field and what it does to one internal field (RIOT II-C)."""
+
+    external: str
+    internal: str
+    permeable: bool
+    strength: float
+    low: float
+    high: float
+    lag_s: float
+    p_value: float
+    design: Design = "within runs"
+
+
+class PermeabilityRecord(Artefact):
+    """Which external fields reach the relevant ones, and how strongly."""
+
+    FILE = "permeability.json"
+    STEP = "permeability"
+    edges: tuple[EdgeRecord, ...]
+    runs: int
+    pruned: tuple[str, ...] = ()
+    untested: dict[str, str] = Field(default={}, description="external fields of which nothing can be told, and why")
+    nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
+    tree: list[dict[str, Any]] = Field(default=[])
+    system: str = "the system"
+    played: bool = Field(
+        default=False,
+        description="whether the outside was the nominal log, which does not answer to what the system does",
+    )
+
+    @property
+    def summary(self) -> str:
+        """Which external fields reach a relevant one."""
+        names = ", ".join(self.permeable) or "none"
+        fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
+        idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
+        played = ", the outside played from the nominal log" if self.played else ""
+        why = "; ".join(dict.fromkeys(self.untested.values()))
+        untold = f" ({counted(len(self.untested), 'field')} not tested: {why})" if self.untested else ""
+        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}"
+
+    @property
+    def permeable(self) -> tuple[str, ...]:
+        """External fields that reach any relevant field, strongest first."""
+        best: dict[str, float] = {}
+        for edge in self.edges:
+            if edge.permeable:
+                best[edge.external] = max(best.get(edge.external, 0.0), edge.strength)
+        return tuple(sorted(best, key=lambda name: (-best[name], name)))
