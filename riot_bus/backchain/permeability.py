@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,8 @@ class PermeabilityEdge:
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
         permeable: Whether the effect is significant.
         effect: What the strength is the share of.
+        detectable: Where there is no significant effect, the share of the variance from which on one at a single lag
+            would have shown at this step; None if none would.
     """
 
     external: str
@@ -88,6 +90,7 @@ class PermeabilityEdge:
     p_value: float
     permeable: bool
     effect: Effect = "level"
+    detectable: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,8 +273,25 @@ def _columns(runs: Sequence[Run], external: str, output: _Output, *, lags: int) 
     return LagColumns(grid, input_step, tuple(parts), start)
 
 
-def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Sequence[int]) -> Floats:
-    """Return the standardised evidence for each channel, observed first, then of each redraw (1 + draws x channels)."""
+class _Evidence(NamedTuple):
+    """Standardised evidence that something follows a field.
+
+    Attributes:
+        scores: By channel, observed first, then of each redraw (1 + draws x channels).
+        usual: Mean of the root by which the level at the best lag counts.
+        deviation: Standard deviation of that root.
+    """
+
+    scores: Floats
+    usual: float
+    deviation: float
+
+    def share(self, limit: float) -> float:
+        """Return the share of what is left of the level that one lag has to explain, for a score above a limit."""
+        return float(np.clip(self.usual + limit * self.deviation, 0.0, 1.0)) ** 3
+
+
+def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Sequence[int]) -> _Evidence:
     redrawn = columns.correlate_draws(left_over, draws=draws, seed=seed)
     squared = np.concatenate([columns.correlate(left_over), redrawn])
     lags = columns.lags
@@ -284,8 +304,7 @@ def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Seque
     roots = np.cbrt(np.stack(statistics, axis=1))
     deviation = roots.std(axis=0)
     scores = np.where(deviation > 1e-12, (roots - roots.mean(axis=0)) / np.maximum(deviation, 1e-12), 0.0)
-    best: Floats = scores.max(axis=1)
-    return best
+    return _Evidence(scores.max(axis=1), float(roots[:, 0, 0].mean()), float(deviation[0, 0]))
 
 
 def _effect(scores: Floats) -> Effect:
@@ -303,16 +322,24 @@ def _select(
     p_values: dict[str, float] = {}
     effects: dict[str, Effect] = {}
     selected: list[str] = []
+    detectable: dict[str, float] = {}
+    spare = int(alpha * (draws + 1)) - 1  # redraws that may show as much as what counts
     for _ in range(_ROUNDS):
         left = [name for name in names if name not in selected]
         if not left:
             break
         scores: dict[str, Floats] = {}
+        evidence: dict[str, _Evidence] = {}
         for name in left:
             found = _evidence(columns[name], left_over, draws=draws, seed=(seed, names.index(name)))
-            scores[name] = found.max(axis=1)
-            effects[name] = _effect(found[0])
+            scores[name] = found.scores.max(axis=1)
+            effects[name] = _effect(found.scores[0])
+            evidence[name] = found
         null = np.max([one[1:] for one in scores.values()], axis=0)
+        if spare >= 0:
+            left_share = float((left_over[:, 0] ** 2).sum() / max(1e-12, (raw[:, 0] ** 2).sum()))
+            limit = float(np.sort(null)[::-1][spare])
+            detectable = {name: min(1.0, left_share * one.share(limit)) for name, one in evidence.items()}
         p_values |= {name: (1 + int((null >= one[0]).sum())) / (draws + 1) for name, one in scores.items()}
         new = [name for name in left if p_values[name] <= alpha]
         if not new:
@@ -338,6 +365,7 @@ def _select(
                 p_values[share.name],
                 share.name in selected,
                 effect,
+                None if share.name in selected else detectable.get(share.name),
             )
             for share in shares
         ]

@@ -52,6 +52,30 @@ def test_finds_linear_even_and_spread_effects_with_lag_and_strength():
     assert all(edge.p_value > 0.05 for edge in result.edges if not edge.permeable)
 
 
+def test_the_share_that_would_have_shown_is_told_where_nothing_was_found():
+    count = 24
+
+    def edge(share, seed):
+        """One value a run of ten fields, the first of which has this share."""
+        rng, times = np.random.default_rng(seed), tuple(map(float, range(count)))
+        signals = {f"ext{at}": Signal(0.0, 1.0, 1, seed=seed * 101 + at) for at in range(10)}
+        drives = {
+            name: FieldDrive(Series(times, tuple(map(signal.value, range(count)))), signal)
+            for name, signal in signals.items()
+        }
+        values = np.sqrt(3 * share) * np.asarray(drives["ext0"].series.values)
+        values = values + np.sqrt(1 - share) * rng.normal(size=count)
+        result = analyse([Run(drives, {"unit:y": Series(times, tuple(values.tolist()))})], lags=1, alpha=0.01)
+        return next(one for one in result.edges if one.external == "ext0")
+
+    told = float(np.median([one.detectable for one in (edge(0.0, seed) for seed in range(12)) if not one.permeable]))
+    assert 0.3 < told < 0.6
+    found = [np.mean([edge(times * told, seed).permeable for seed in range(12)]) for times in (0.3, 1.6)]
+    assert found[0] <= 0.2
+    assert found[1] >= 0.8
+    assert edge(0.99, 0).detectable is None
+
+
 def test_benchmark_table_power_and_false_discoveries():
     def response(held, rng):
         noise = np.zeros(SAMPLES)
