@@ -323,7 +323,7 @@ def _select(
     effects: dict[str, Effect] = {}
     selected: list[str] = []
     detectable: dict[str, float] = {}
-    spare = int(alpha * (draws + 1)) - 1  # redraws that may show as much as what counts
+    spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may show as much as what counts
     for _ in range(_ROUNDS):
         left = [name for name in names if name not in selected]
         if not left:

@@ -5,22 +5,23 @@ from __future__ import annotations
 import zlib
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, Skipped, analyse
 from riot_bus.chain.external import ExternalField
 from riot_bus.findings.permeability import Design, EdgeRecord
+from riot_bus.inject.apply import inject_log
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
 from riot_bus.vocabulary.trial import Series, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -28,7 +29,18 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner
 
-__all__ = ["DrivenRuns", "Perturbed", "Usual", "analysed", "as_numbers", "edge_record", "internal_of", "strongest"]
+__all__ = [
+    "ConstantRuns",
+    "DrivenRuns",
+    "Perturbed",
+    "Usual",
+    "analysed",
+    "as_numbers",
+    "edge_record",
+    "internal_of",
+    "skip_reasons",
+    "strongest",
+]
 
 _HOLD = 5
 """Samples of the slowest internal field for which a value is kept."""
@@ -49,6 +61,13 @@ _LIVELY = 0.5
 
 _PROMISING = 0.05
 """Where an internal field is reached by nothing, a smaller chance than this is worth further runs."""
+
+_FEWEST = 8
+"""Runs with one value of a field each that tell something of it."""
+_ABSENT = "no message of its topic came in these runs"
+_UNCHANGED = "no message that came in these runs could be changed in it"
+_RARE = "messages of its topic came in too few of these runs"
+_STILL = "inner fields had far fewer values than in nominal runs where each external field had one value in a run"
 
 Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
 """Signals of the external fields in a run, and what came of it."""
@@ -72,6 +91,20 @@ class Usual(NamedTuple):
     moves: bool
 
 
+class ConstantRuns(NamedTuple):
+    """What runs tell in which each external field is constant.
+
+    Attributes:
+        edges: What is known of pairs of fields.
+        runs: How many runs there were.
+        untold: External fields of which they tell nothing, or not all, and why.
+    """
+
+    edges: list[EdgeRecord]
+    runs: int
+    untold: dict[str, str]
+
+
 @dataclass(frozen=True, slots=True)
 class DrivenRuns:
     """Runs of the whole system in which external fields are driven.
@@ -83,6 +116,9 @@ class DrivenRuns:
         internals: The internal fields.
         usual: What each of them does in a nominal run.
         speed: How fast the runs are, as a multiple of the system's own time.
+        signature: Failure that is looked into.
+        changed: Names of the fields that were set in a message in some run.
+        failures: Runs that have failed, by signature; any that has the one looked into counts for it alone.
     """
 
     step: StepRun
@@ -91,6 +127,9 @@ class DrivenRuns:
     internals: Sequence[str]
     usual: Mapping[str, Usual]
     speed: float = 1.0
+    signature: str = ""
+    changed: set[str] = field(default_factory=set)
+    failures: Counter[str] = field(default_factory=Counter)
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
         """Return runs in which all fields are driven, each by its own signal in each run.
@@ -113,14 +152,54 @@ class DrivenRuns:
                 self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), run)
                 for plan, run in zip(some, numbers[start:], strict=False)
             ]
-            found += zip(some, self.runner.run(cases), strict=True)
+            found += zip(some, self._carried_out(some, cases), strict=True)
             doing = f"{counted(max(map(len, groups)), 'external field')} perturbed at once"
             self.step.progress(numbers.start + len(found), numbers.stop, doing)
         return found
 
+    def _carried_out(self, plans: Sequence[Iterable[ExternalField]], cases: Sequence[TestCase]) -> list[Outcome]:
+        """Carry out cases, of which the fields are known that each sets, in the order of its injections."""
+        outcomes = list(self.runner.run(cases))
+        for plan, case, outcome in zip(plans, cases, outcomes, strict=True):
+            own = outcome.failed_as(self.signature)
+            self.failures.update({self.signature} if own else {each.signature for each in outcome.violations})
+            self.changed.update(self._changed([one for one in plan if not one.parameter], case, outcome))
+        return outcomes
+
+    def _changed(self, fields: Sequence[ExternalField], case: TestCase, outcome: Outcome) -> Iterator[str]:
+        """Yield the names of the fields that were set in a message."""
+        injections = [each for each in case.injections if each.topic != PARAMETERS]
+        counts = outcome.statistics.get("delivered")
+        if counts is None and case.messages:
+            pairs = [pair for pair in zip(fields, injections, strict=True) if pair[0].name not in self.changed]
+            fields, injections = [one for one, _ in pairs], [one for _, one in pairs]
+            registry, topics = self.step.workspace.context.registry, {one.topic for one in fields}
+            log = [message for message in case.messages if registry.topic(message.key) in topics]
+            reached: list[list[int]] = []
+            inject_log(log, injections, registry=registry, seed=case.seed, reached=reached)
+            counts = list(map(len, reached))
+        elif counts is None:  # what ran in an earlier version does not say
+            counts = [_times(outcome, one) for one in fields]
+        yield from (one.name for one, count in zip(fields, counts, strict=True) if count)
+
+    def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
+        """Return why runs tell nothing of a field: they did not set it; empty if they did.
+
+        Args:
+            one: The field.
+            outcomes: What came of the runs.
+            least: Runs that are enough.
+        """
+        if one.parameter:
+            return ""
+        came = sum(_times(outcome, one) > 0 for outcome in outcomes)
+        if one.name not in self.changed:
+            return _UNCHANGED if came else _ABSENT
+        return _RARE if came < least and not one.timing else ""
+
     def between(
         self, fields: Sequence[ExternalField], numbers: range, *, alpha: float, design: Design = "between runs"
-    ) -> tuple[list[EdgeRecord], int]:
+    ) -> ConstantRuns:
         """Return what fields do to the mean, the spread and the last of internal ones in runs where they are constant.
 
         Args:
@@ -128,17 +207,22 @@ class DrivenRuns:
             numbers: Of the runs; as many more follow if nothing reaches an internal field, but something nearly does.
             alpha: Accepted share of false discoveries for each internal field in each of the two looks.
             design: Beyond nominal, values are spread over all that may be tried, evenly on the scale of searches.
-
-        Returns:
-            The edges, and how many runs there were.
         """
         drawn = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
         outcomes = self._constant(drawn, 0, numbers)
-        edges = self._followed(drawn, outcomes, alpha=alpha, design=design)
+        edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         if _promising(edges):
             outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
-            edges = self._followed(drawn, outcomes, alpha=alpha, design=design)
-        return edges, len(outcomes)
+            edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
+        count = len(outcomes)
+        if sum(self.freezes(outcome, constant=True) for outcome in outcomes) > count // 2:
+            ((_, idle),) = self._driven([[]], numbers[:1])
+            count += 1
+            if not self.freezes(idle, constant=True):
+                edges = [edge for edge in edges if edge.permeable]
+                told = {edge.external for edge in edges}
+                untold |= {one.name: _STILL for one in fields if one.name not in told}
+        return ConstantRuns(edges, count, untold)
 
     def _constant(self, drawn: _Drawn, first: int, numbers: range) -> list[Outcome]:
         """Return runs in which each field has the next value that is drawn for it, from the given one on."""
@@ -154,19 +238,25 @@ class DrivenRuns:
         ]
         outcomes: list[Outcome] = []
         for start in range(0, len(cases), self.runner.parallelism):
-            outcomes += self.runner.run(cases[start : start + self.runner.parallelism])
+            some = cases[start : start + self.runner.parallelism]
+            outcomes += self._carried_out([drawn] * len(some), some)
             doing = f"{counted(len(drawn), 'external field')} constant in each run"
             self.step.progress(len(outcomes), len(cases), doing)
         return outcomes
 
     def _followed(
         self, drawn: _Drawn, outcomes: Sequence[Outcome], *, alpha: float, design: Design
-    ) -> list[EdgeRecord]:
-        """Return what internal fields have to do with the values that external ones had in each run."""
+    ) -> tuple[list[EdgeRecord], dict[str, str]]:
+        """Return what internal fields have to do with the values that external ones had in each run.
+
+        Also the external fields of which nothing can be told, and why.
+        """
         count = range(len(outcomes))
+        untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=_FEWEST))}
         inputs = {
             field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
             for field, (signal, _) in drawn.items()
+            if field.name not in untold
         }
         told = as_numbers(outcomes, self.internals)
         found: list[EdgeRecord] = []
@@ -181,18 +271,24 @@ class DrivenRuns:
                 [Run(inputs, outputs)], alpha=alpha / len(_SUMMARIES), seed=self.step.workspace.seed, lags=1
             )
             found += [edge_record(edge, design) for edge in result.edges]
-        return list(strongest(found).values())
+            untold = skip_reasons(result) | untold
+        told_of = {edge.external for edge in found}
+        return list(strongest(found).values()), {name: why for name, why in untold.items() if name not in told_of}
 
-    def freezes(self, outcome: Outcome) -> bool:
+    def freezes(self, outcome: Outcome, *, constant: bool = False) -> bool:
         """Return whether an internal field has far fewer values than in nominal runs, or one where it has several.
 
-        A run that has failed has not: what has crashed says nothing more, but it has not refused anything.
+        A run that has failed does not freeze: what has crashed says nothing more, but it has not refused anything.
+
+        Args:
+            outcome: What came of the run.
+            constant: Whether external fields were constant in it, so that internal ones may be.
         """
         if outcome.violations:
             return False
         for name, usual in self.usual.items():
             values = outcome.observed[name].values
-            if len(values) < _LIVELY * usual.values or (usual.moves and len(set(values)) < 2):
+            if len(values) < _LIVELY * usual.values or (usual.moves and not constant and len(set(values)) < 2):
                 return True
         return False
 
@@ -213,8 +309,8 @@ class DrivenRuns:
         if self.freezes(idle):
             return [], [], 1
         by_topic: dict[str, list[ExternalField]] = {}
-        for field in fields:
-            by_topic.setdefault(field.topic, []).append(field)
+        for one in fields:
+            by_topic.setdefault(one.topic, []).append(one)
         waiting, found, spent = deque(by_topic.values()), list[ExternalField](), 1
         while waiting and spent < len(numbers):
             count = min(self.runner.parallelism, len(waiting), len(numbers) - spent)
@@ -233,13 +329,14 @@ class DrivenRuns:
         outputs = as_numbers([outcome for _, outcome in some], self.internals)
         inputs: list[dict[str, FieldDrive]] = []
         for plan, outcome in some:
-            times = {field: outcome.observed[field.topic].times for field in plan}
+            times = {field: outcome.observed[field.topic].times for field in plan if field.name in self.changed}
             inputs.append(
                 {
                     field.name: FieldDrive(
                         Series(times[field], tuple(map(signal.value, range(len(times[field]))))), signal
                     )
                     for field, signal in plan.items()
+                    if field in times
                 }
             )
         return list(map(Run, inputs, outputs))
@@ -275,11 +372,26 @@ def analysed(runs: Sequence[Run], *, alpha: float, seed: int, lags: int = 12) ->
     for name in {name for run in runs for name in run.outputs}:
         groups.setdefault(internal_of(name), set()).add(name)
     edges: list[PermeabilityEdge] = []
+    skipped: list[Skipped] = []
     for _, names in sorted(groups.items()):
         some = [Run(run.inputs, {name: one for name, one in run.outputs.items() if name in names}) for run in runs]
         found = analyse(some, lags=lags, alpha=alpha / len(names), draws=_DRAWS * len(names), seed=seed)
         edges += found.edges
-    return PermeabilityResult(tuple(edges), alpha=alpha, runs=len(runs))
+        skipped += found.skipped
+    return PermeabilityResult(tuple(edges), tuple(skipped), alpha=alpha, runs=len(runs))
+
+
+def skip_reasons(result: PermeabilityResult) -> dict[str, str]:
+    """Return why external fields could not be tested for an internal one, by external field."""
+    reasons: dict[str, dict[str, None]] = {}
+    for each in result.skipped:
+        reasons.setdefault(each.external, {})[each.reason] = None
+    return {name: "; ".join(some) for name, some in reasons.items()}
+
+
+def _times(outcome: Outcome, one: ExternalField) -> int:
+    """Return how many messages of a field's topic came in a run."""
+    return len(outcome.observed[one.topic].times) if one.topic in outcome.observed else 0
 
 
 def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[dict[str, Series]]:
@@ -335,4 +447,5 @@ def edge_record(edge: PermeabilityEdge, design: Design) -> EdgeRecord:
         lag_s=edge.lag_s if design == "within runs" else 0.0,
         p_value=edge.p_value,
         design=design,
+        detectable=edge.detectable,
     )

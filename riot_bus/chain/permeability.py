@@ -5,7 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import may_latch
-from riot_bus.chain.driven import DrivenRuns, Perturbed, Usual, analysed, edge_record, internal_of, strongest
+from riot_bus.chain.driven import (
+    DrivenRuns,
+    Perturbed,
+    Usual,
+    analysed,
+    edge_record,
+    internal_of,
+    skip_reasons,
+    strongest,
+)
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.topic_graphs import declared_graph
@@ -33,6 +42,7 @@ _SEARCHED = 3
 _BETWEEN = 3
 """Runs in which fields are constant, as a multiple of the long ones: each tells one value."""
 _UNTOLD = "no internal field had values by which it could be told"
+_UNSEEN, _IDLE = "it had no value in any long run", "it was constant, or had too few values, in every run"
 _FREEZING = "inner fields hardly move when it is driven, as if it was refused, so others were driven without it"
 _UNSETTLED = (
     "inner fields hardly move when it is driven with others, and the runs did not suffice to tell which of them it is"
@@ -85,12 +95,17 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
     signalled = [field for field in driven if not field.constant]
-    observed = (*internals, *sorted({field.topic for field in signalled}))
+    observed = (*internals, *sorted({field.topic for field in driven if not field.parameter}))
     pace = file.system.perturbed_run
     driving = driving_log(workspace, pace)
     runner = step.system_runner(observe=observed, pace=pace)
-    system = DrivenRuns(step, runner, driving, internals, _usual(workspace, internals), pace.speed)
+    usual = _usual(workspace, internals)
+    system = DrivenRuns(step, runner, driving, internals, usual, pace.speed, finding.signature)
     done, apart, count = _driven_without_refused(system, signalled, runs)
+    outcomes = [outcome for _, outcome in done]
+    for field in signalled:
+        if field.name not in apart and (why := system.why_undriven(field, outcomes)):
+            apart[field.name] = why
     driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
     result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)
     if result.doubtful():
@@ -102,6 +117,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
     valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
+    untold, tested = skip_reasons(result), {pair: [edge.design] for pair, edge in edges.items()}
     told = {external for external, _ in edges}
     constant = [
         field
@@ -116,18 +132,22 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     )
     for design, some in designs:
         if some and (design == "between runs" or not _all_reached(edges, valued)):
-            found, spent = system.between(some, range(count, count + _BETWEEN * runs), alpha=_ALPHA, design=design)
-            count += spent
-            for edge in found:
+            answers = system.between(some, range(count, count + _BETWEEN * runs), alpha=_ALPHA, design=design)
+            count += answers.runs
+            untold |= answers.untold
+            for edge in answers.edges:
                 pair = edge.external, edge.internal
+                tested.setdefault(pair, []).append(design)
                 if pair not in edges or (edge.permeable and not edges[pair].permeable):
                     edges[pair] = edge
     told = {external for external, _ in edges}
+    edges = {pair: edge.model_copy(update={"tested": tuple(tested[pair])}) for pair, edge in edges.items()}
+    failed = system.failures.pop(finding.signature, 0)
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),
         runs=count,
         untested={
-            field.name: _ALONE if field.alone else apart.get(field.name, _UNTOLD)
+            field.name: _ALONE if field.alone else apart.get(field.name, untold.get(field.name, _UNTOLD))
             for field in reach
             if field.name not in told
         },
@@ -135,6 +155,13 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         nominal={field.name: (field.nominal, field.spread) for field in driven},
         tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
         system=finding.system,
+        unseen={
+            name: _IDLE if name in valued else _UNSEEN
+            for name in internals
+            if name not in {internal for _, internal in edges}
+        },
+        failed=failed,
+        others=dict(system.failures.most_common()),
         played=bool(driving),
     )
 

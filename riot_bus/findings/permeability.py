@@ -18,7 +18,7 @@ Design = Literal["within runs", "between runs", "beyond nominal"]
 
 
 class EdgeRecord(_Model):
-    """One external field and what it does to one internal field (RIOT II-C)."""
+    """One external field and what it does to one internal field (RIOT II-C); `design` is how that was seen."""
 
     external: str
     internal: str
@@ -29,6 +29,17 @@ class EdgeRecord(_Model):
     lag_s: float
     p_value: float
     design: Design = "within runs"
+    detectable: float | None = Field(default=None, description="share that an effect needs to show, where none did")
+    tested: tuple[Design, ...] = Field(default=(), description="all ways in which the pair was tested; none: not known")
+
+    @property
+    def limits(self) -> str:
+        """What is to be known where no effect was found: how strong one has to be, and what was not tried."""
+        parts = [] if self.detectable is None else [f"a share of {self.detectable:.2g} is needed to show"]
+        if self.tested and "beyond nominal" not in self.tested:
+            parts.append("nominal values only")
+            parts += ["never one value for a whole run"] if "between runs" not in self.tested else []
+        return ", ".join(parts)
 
 
 class PermeabilityRecord(Artefact):
@@ -43,6 +54,9 @@ class PermeabilityRecord(Artefact):
     nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
     tree: list[dict[str, Any]] = Field(default=[])
     system: str = "the system"
+    unseen: dict[str, str] = Field(default={}, description="internal fields that nothing is known to reach, and why")
+    failed: int = Field(default=0, description="runs that failed as the finding does")
+    others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
     played: bool = Field(
         default=False,
         description="whether the outside was the nominal log, which does not answer to what the system does",
@@ -57,7 +71,20 @@ class PermeabilityRecord(Artefact):
         played = ", the outside played from the nominal log" if self.played else ""
         why = "; ".join(dict.fromkeys(self.untested.values()))
         untold = f" ({counted(len(self.untested), 'field')} not tested: {why})" if self.untested else ""
-        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}"
+        near = f" ({counted(len(self.nominal_only), 'field')} without an effect had nominal values only)"
+        parts = [
+            f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}{near * bool(self.nominal_only)}"
+        ]
+        parts += [f"what reaches {name} is not known: {why}" for name, why in self.unseen.items()]
+        parts += [f"{counted(self.failed, 'run')} failed as the finding does"] if self.failed else []
+        parts += [f"{counted(count, 'run')} failed otherwise: {name}" for name, count in self.others.items()]
+        return "; ".join(parts)
+
+    @property
+    def nominal_only(self) -> tuple[str, ...]:
+        """External fields without any effect that were not tested beyond their nominal range."""
+        far = {edge.external for edge in self.edges if edge.permeable or "beyond nominal" in edge.tested}
+        return tuple(sorted({edge.external for edge in self.edges if edge.tested} - far))
 
     @property
     def permeable(self) -> tuple[str, ...]:

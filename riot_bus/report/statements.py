@@ -323,6 +323,8 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
         names = ", ".join(clean(name, limit=80) for name in list(view.permeability.untested)[:12])
         why = "; ".join(dict.fromkeys(clean(one, limit=200) for one in view.permeability.untested.values()))
         gaps.append(f"{plural(len(view.permeability.untested), 'external field')} not tested ({why}): {names}")
+    for name, why in list(view.permeability.unseen.items())[:12] if view.permeability else ():
+        gaps.append(f"What reaches {clean(name, limit=80)} from outside: {why}.")
     if (view.permeability and view.permeability.played) or (view.activation and view.activation.played):
         gaps.append(
             "How the outside answers: it was played from the nominal log, so what the system does had no effect on it."

@@ -6,7 +6,7 @@ import hashlib
 import json
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -237,7 +237,9 @@ class Machine:
     def drive(self, case: TestCase, observe: Sequence[str], record: Path | None) -> Outcome:
         given = case.messages or panel(case.seed)
         injections = [each for each in case.injections if each.topic != PARAMETERS]
-        readings, _ = inject_log(given, injections, registry=TypeRegistry(), seed=case.seed)
+        reached: list[list[int]] = []
+        readings, _ = inject_log(given, injections, registry=TypeRegistry(), seed=case.seed, reached=reached)
+        told = {} if case.messages else {"statistics": {"delivered": [len(each) for each in reached]}}
         self.parameters = {each.field: each.value for each in case.injections if each.topic == PARAMETERS}
         made = self.governor(readings)
         if record is not None:
@@ -246,14 +248,14 @@ class Machine:
                     writer.write(message)
         observed = {name: series(name, [*readings, *made], case.seed) for name in observe}
         failed = (self.system_fails(made) is not None) != self.system_wrong(case)
-        found = self.outcome(case, failed, observed=observed)
+        found = self.outcome(case, failed, observed=observed, **told)
         if found.verdict is not Verdict.FAIL or case.messages:
             return found
         path = self.folder / f"external-{len(self.executed)}.mcap"
         with LogWriter(path) as writer:
             for reading in readings:
                 writer.write(reading)
-        return Outcome(found.verdict, found.violations, observed=observed, log=str(path))
+        return replace(found, log=str(path))
 
     def outcome(self, case: TestCase, failed: bool, **more: Any) -> Outcome:
         self.executed.append(case)

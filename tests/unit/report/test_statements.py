@@ -129,6 +129,7 @@ def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
     for edges, claimed in (((), False), (PermeabilityRecord.load(finding).edges, True)):
         silent = tuple(edge.model_copy(update={"permeable": False}) for edge in edges)
         record = PermeabilityRecord.load(finding).model_copy(update={"edges": silent, "untested": untested})
+        record = record.model_copy(update={"unseen": {"/map_updates:z": "it had no value in any long run"}})
         record.save(finding)
         (finding / ActivationRecord.FILE).unlink(missing_ok=True)
         view = load(finding)
@@ -138,6 +139,7 @@ def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
         assert ("none of the external fields that were tested reaches it" in told) == claimed
         assert ("of no external field could be told whether it reaches it" in told) == (not claimed)
         assert any("1 external field not tested (no internal field had values" in gap for gap in not_tried(view))
+        assert "What reaches /map_updates:z from outside: it had no value in any long run." in not_tried(view)
 
 
 def test_what_replays_do_not_confirm_is_no_activation(finding: Path) -> None:
