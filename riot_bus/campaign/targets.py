@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Target", "family_of", "may_change", "samples_by_topic", "spread", "targets_of"]
+__all__ = ["ELEMENTS", "Target", "family_of", "may_change", "samples_by_topic", "spread", "targets_of"]
 
 _SAMPLES = 5
-_ELEMENTS = 4
+ELEMENTS = 4
+"""Elements of each array that are targets of their own."""
 _PLACES = 64
 """Elements of an array, or of arrays in arrays, that injections may get to: more make a campaign slow to prepare."""
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -74,7 +75,7 @@ def targets_of(
 
         for kind, payload in samples:
             try:
-                leaves = kind.leaves(payload, elements=_ELEMENTS)
+                leaves = kind.leaves(payload, elements=ELEMENTS)
             except PayloadError:
                 continue
             lengths: dict[str, int] = {}

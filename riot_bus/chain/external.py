@@ -9,8 +9,9 @@ from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.campaign.targets import Target, may_change, samples_by_topic, targets_of
+from riot_bus.campaign.targets import ELEMENTS, Target, family_of, may_change, samples_by_topic, targets_of
 from riot_bus.chain.logs import nominal_values
+from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
@@ -27,6 +28,7 @@ __all__ = [
     "driving_log",
     "external_fields",
     "external_messages",
+    "left_out",
     "message_rate",
     "parameter_name",
     "system_log",
@@ -44,6 +46,13 @@ No type's field is called so."""
 _PERIODS, _MOST_LOSS = 10, 0.95
 """Messages come late by so many times of their nominal distance at most, if riot.toml says nothing, and not all of them
 get lost: a failing run has to be played again from what came."""
+
+
+_NEVER = "a topic without a message in the nominal log"
+_NO_TYPE = "messages of a type that is not known"
+_FURTHER = f"of an array, only the first {ELEMENTS} elements are driven"
+_BYTES = "bytes are not driven"
+_NOT_FINITE = "never a finite number in the nominal log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +262,42 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
                 fields.append(_described(topic, target.path, target.type, numbers, rate, file))
     fields += [_parameter(name, each) for name, each in file.external.parameters.items()]
     return fields + [one for topic in file.external.timing for one in _timing(topic, times, file)]
+
+
+def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str, str]:
+    """Return what comes from outside and is none of the external fields, and why; not what riot.toml excludes.
+
+    Args:
+        workspace: The system.
+        fields: The external fields.
+
+    Raises:
+        ConfigError: riot.toml names no external topic.
+    """
+    file, registry = workspace.context.file, workspace.context.registry
+    messages, known = external_messages(workspace), {field.name for field in fields}
+    keys = {message.key for message in messages}
+    topics = file.external.topics
+    found = {topic: _NEVER for topic in topics if not any(registry.matches(topic, key) for key in keys)}
+    for topic, (_, samples) in samples_by_topic(messages, registry).items():
+        if not samples:
+            found[topic] = _NO_TYPE
+        for kind, payload in samples:
+            try:
+                leaves = kind.leaves(payload, elements=ELEMENTS + 1)
+            except PayloadError:
+                continue
+            for leaf in leaves:
+                name = f"{topic}:{leaf.path}"
+                if leaf.path.startswith("len(") or any(names_field(each, name) for each in file.external.exclude):
+                    continue
+                if f"[{ELEMENTS}]" in leaf.path:
+                    found[f"{topic}:{family_of(leaf.path)}"] = _FURTHER
+                elif why := why_brittle(leaf.path, kind):
+                    found[name] = f"a {why}, which is left alone"
+                elif name not in known:
+                    found[name] = _BYTES if leaf.type == "bytes" else _NOT_FINITE
+    return found
 
 
 def _lengths(messages: Sequence[Message], workspace: Workspace) -> dict[str, list[Target]]:

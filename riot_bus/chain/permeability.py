@@ -15,7 +15,7 @@ from riot_bus.chain.driven import (
     skip_reasons,
     strongest,
 )
-from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
+from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.topic_graphs import declared_graph
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
@@ -147,6 +147,11 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         edges=tuple(sorted(edges.values(), key=_rank)),
         runs=count,
         untested={
+            name: why
+            for name, why in left_out(workspace, fields).items()
+            if not prune or not {name, name.rpartition(":")[0]} & keys.keys() - reaching
+        }
+        | {
             field.name: _ALONE if field.alone else apart.get(field.name, untold.get(field.name, _UNTOLD))
             for field in reach
             if field.name not in told

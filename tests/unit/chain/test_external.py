@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
+from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.errors import ConfigError
@@ -117,6 +117,25 @@ def test_of_a_topic_that_did_not_come_nothing_can_be_late(tmp_path: Path) -> Non
 def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
     log(tmp_path, [{"knob": float("inf"), "lever": 0.5}] * 3)
     assert [field.path for field in external_fields(bench(tmp_path, LOGGED).workspace)] == ["lever"]
+
+
+def test_what_is_no_field_is_told_with_the_reason(tmp_path: Path) -> None:
+    system = LOGGED.replace('topics = ["panel"]', 'topics = ["panel", "button", "raw"]')
+    system = system.replace("[external.ranges]", 'exclude = ["panel:heat"]\n\n[external.ranges]')
+    row = {"knob": 1.0, "lever": float("inf"), "heat": 2.0, "seq": 3, "belt": [{"x": 1.0}] * 6, "name": "x"}
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for number in range(3):
+            writer.write(Message(10**18 + number, "panel", json.dumps(row).encode()))
+            writer.write(Message(10**18 + number, "raw", b"\x00\xff\x01", encoding="application/octet-stream"))
+    workspace = bench(tmp_path, system).workspace
+    fields = external_fields(workspace)
+    assert left_out(workspace, fields) == {
+        "button": "a topic without a message in the nominal log",
+        "raw": "messages of a type that is not known",
+        "panel:lever": "never a finite number in the nominal log",
+        "panel:seq": "a sequence number, which is left alone",
+        "panel:belt[*].x": "of an array, only the first 4 elements are driven",
+    }
 
 
 def test_a_log_without_external_topics_suggests_what_it_has(tmp_path: Path) -> None:

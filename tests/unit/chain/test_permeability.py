@@ -163,7 +163,7 @@ def with_goal(readings: Sequence[Message], at: int, **more: object) -> list[Mess
 @pytest.mark.parametrize("at", [10, 40])
 def test_of_a_field_whose_messages_do_not_come_in_the_runs_nothing_is_told(tmp_path: Path, at: int) -> None:
     with LogWriter(tmp_path / "nominal.mcap") as writer:
-        for message in with_goal(panel(0), at, belt=[1.0]):
+        for message in with_goal(panel(0), at, belt=[1.0] * 5):
             writer.write(message)
     one = bench(tmp_path, SHORT)
     write_minimal(one)
@@ -171,6 +171,7 @@ def test_of_a_field_whose_messages_do_not_come_in_the_runs_nothing_is_told(tmp_p
     record = permeability(one.run(), one.folder)
     names = {edge.external for edge in record.edges}
     assert {"panel:knob", "panel:lever", "panel:heat"} <= names
+    assert record.untested["panel:belt[*]"] == "of an array, only the first 4 elements are driven"
     if at == 10:  # within the second that each run lasts
         assert {"goal:x", "panel:belt[0]"} <= names
         return
