@@ -66,8 +66,14 @@ def activation(
     judged, why = step.workspace.judged_in_system(FindingRecord.load(folder), driving)
     if why:
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
-    names = permeable.permeable
-    system = DrivenSystem(step, folder, driving, judged, names=names, budget=max(budget, AGAIN[-1][0]))
+    system = DrivenSystem(step, folder, driving, judged, budget=max(budget, AGAIN[-1][0]))
+    names = system.only_reached(permeable.permeable)
+    beyond = [name for name in permeable.permeable if name not in names]
+    unset = (
+        f"{', '.join(beyond)}: no message came within {_seconds(step)} that could be changed in it" if beyond else ""
+    )
+    if not names:
+        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {unset}")
     odd, only_odd = system.odd_points(names)[:budget], system.only_odd()
     if only_odd and not odd:
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {_NONE_ODD}")
@@ -89,12 +95,14 @@ def activation(
     if result.found is None:
         result = result.followed_by(system.search_each(odd[: budget - result.runs]))
     found, played, region = None, Replay(), None
-    text = result.text + (f"; {_ONLY_ODD}" if only_odd else "")
+    left_out = f"; not tried: {unset}" if unset else ""
+    text = result.text + (f"; {_ONLY_ODD}" if only_odd else "") + left_out
     if result.found is not None:
         found = system.needed(system.simplest(result.found))
-        text = result.with_inputs(system.in_words(found))
+        text = result.with_inputs(system.in_words(found)) + left_out
         played = replay(system, *system.failing.get(frozenset(found.items()), (None, None)))
-        region = crash_region(system, axes_of(permeable, system.fields), found)
+        axes = [name for name in axes_of(permeable, system.fields) if name in names]
+        region = crash_region(system, axes, found)
     controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
         found=None if found is None else system.told(found),
@@ -113,8 +121,14 @@ def activation(
         controls_failed=controls_failed,
         chance=system.chance,
         others=dict(system.others.most_common()),
+        controls_others=dict(system.controls_others.most_common()),
+        replays_others=dict(system.replays_others.most_common()),
         played=bool(driving),
     )
+
+
+def _seconds(step: StepRun) -> str:
+    return f"the {step.workspace.context.file.system.trial_run.duration:g} s of a run"
 
 
 def _study_name(system: DrivenSystem, names: Sequence[str]) -> str:

@@ -21,11 +21,12 @@ from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
 from riot_bus.vocabulary.trial import Series, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable
 
     from numpy.typing import NDArray
 
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner
 
@@ -36,6 +37,7 @@ __all__ = [
     "Usual",
     "analysed",
     "as_numbers",
+    "changed_in_log",
     "edge_record",
     "internal_of",
     "skip_reasons",
@@ -163,24 +165,13 @@ class DrivenRuns:
         for plan, case, outcome in zip(plans, cases, outcomes, strict=True):
             own = outcome.failed_as(self.signature)
             self.failures.update({self.signature} if own else {each.signature for each in outcome.violations})
-            self.changed.update(self._changed([one for one in plan if not one.parameter], case, outcome))
+            fields = [one for one in plan if not one.parameter]
+            if case.messages and "delivered" not in outcome.statistics:
+                self.changed.update(changed_in_log(fields, case, self.step.workspace.context.registry, self.changed))
+            else:  # what ran in an earlier version does not say what was changed
+                counts = outcome.statistics.get("delivered") or [_times(outcome, one) for one in fields]
+                self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
         return outcomes
-
-    def _changed(self, fields: Sequence[ExternalField], case: TestCase, outcome: Outcome) -> Iterator[str]:
-        """Yield the names of the fields that were set in a message."""
-        injections = [each for each in case.injections if each.topic != PARAMETERS]
-        counts = outcome.statistics.get("delivered")
-        if counts is None and case.messages:
-            pairs = [pair for pair in zip(fields, injections, strict=True) if pair[0].name not in self.changed]
-            fields, injections = [one for one, _ in pairs], [one for _, one in pairs]
-            registry, topics = self.step.workspace.context.registry, {one.topic for one in fields}
-            log = [message for message in case.messages if registry.topic(message.key) in topics]
-            reached: list[list[int]] = []
-            inject_log(log, injections, registry=registry, seed=case.seed, reached=reached)
-            counts = list(map(len, reached))
-        elif counts is None:  # what ran in an earlier version does not say
-            counts = [_times(outcome, one) for one in fields]
-        yield from (one.name for one, count in zip(fields, counts, strict=True) if count)
 
     def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
         """Return why runs tell nothing of a field: they did not set it; empty if they did.
@@ -359,6 +350,26 @@ class DrivenRuns:
 
     def _seed(self, field: ExternalField, run: int) -> int:
         return zlib.crc32(f"{self.step.workspace.seed}:{run}:{field.name}".encode())
+
+
+def changed_in_log(
+    fields: Sequence[ExternalField], case: TestCase, registry: TypeRegistry, known: Collection[str] = ()
+) -> set[str]:
+    """Return the names of the fields that a case sets in some message of the log that it plays.
+
+    Args:
+        fields: The fields, in the order of its injections; parameters of commands are left out.
+        case: The case.
+        registry: Knows topics and types.
+        known: Names of fields that are not asked for.
+    """
+    injections = [each for each in case.injections if each.topic != PARAMETERS]
+    pairs = [(one, each) for one, each in zip(fields, injections, strict=True) if one.name not in known]
+    topics = {one.topic for one, _ in pairs}
+    log = [message for message in case.messages if registry.topic(message.key) in topics]
+    reached: list[list[int]] = []
+    inject_log(log, [each for _, each in pairs], registry=registry, seed=case.seed, reached=reached)
+    return {one.name for (one, _), places in zip(pairs, reached, strict=True) if places}
 
 
 def _promising(edges: Sequence[EdgeRecord]) -> bool:

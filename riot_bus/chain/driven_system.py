@@ -13,6 +13,7 @@ import numpy as np
 from riot_bus.backchain.activation import Activation, Evaluation
 from riot_bus.backchain.box import RegionSample
 from riot_bus.backchain.varied import VariedInputs
+from riot_bus.chain.driven import changed_in_log
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.prediction import alike, column_of
@@ -48,6 +49,8 @@ _CONTROL_SEEDS = 1 << 20
 """Runs with nominal inputs have seeds that no other run of the step has."""
 _SIMPLER = 8
 """Points that are tried with constant values where values that vary in time were found."""
+_LATE = 1e-3
+"""Seconds by which a message is late if that is only to show that it came."""
 _ODD = (math.nan, math.inf, -math.inf)
 
 
@@ -123,8 +126,39 @@ class DrivenSystem:
         self.points: list[PointRecord] = []
         self.failing: dict[frozenset[tuple[str, float]], tuple[TestCase, str | None]] = {}
         self.chance, self.others = 0, Counter[str]()
+        self.controls_others, self.replays_others = Counter[str](), Counter[str]()
         self._controls = 0, 0
         self._left = budget
+
+    def only_reached(self, names: Sequence[str]) -> list[str]:
+        """Return those fields that can be set in a message within a run; the others do not vary in time either.
+
+        What components publish is seen in a run with each field at an end of its nominal range, or two.
+        """
+        fields = [self.fields[name] for name in names if not self.fields[name].parameter]
+        reached: set[str] = set()
+        for value in ("low", "high"):
+            # what may be late or lost needs that messages come at all
+            injections = tuple(
+                Injection(each.topic, fault="delay", delay=_LATE)
+                if each.timing
+                else each.injection(getattr(each, value))
+                for each in fields
+            )
+            case = TestCase(self.driving, injections, self.step.workspace.seed)
+            if self.driving:
+                reached |= changed_in_log(fields, case, self.step.workspace.context.registry)
+            else:
+                (outcome,) = self.runner.run([case])
+                counts = outcome.statistics.get("delivered")
+                if outcome.violations or counts is None:  # it has ended early, or an earlier version does not say
+                    return list(names)
+                reached |= {each.name for each, count in zip(fields, counts, strict=True) if count}
+            if len(reached) == len(fields):
+                break
+        kept = [name for name in names if self.fields[name].parameter or name in reached]
+        self.varied = _varied([self.fields[name] for name in kept], self.driving, self.step.workspace.context.file)
+        return kept
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
         """Run the system at each point.
@@ -243,6 +277,7 @@ class DrivenSystem:
             cases = [TestCase(self.driving, seed=first + number) for number in range(total, least)]
             outcomes = self.runner.run(cases)
             self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
+            self.controls_others.update(self.otherwise(outcomes))
         return self._controls
 
     def needed(self, found: Mapping[str, float]) -> dict[str, float]:
@@ -314,9 +349,14 @@ class DrivenSystem:
         speed = self.step.workspace.context.file.system.trial_run.speed
         return field.injection(drive.value, speed=speed, start=drive.start, end=drive.end, message=drive.message)
 
+    def otherwise(self, outcomes: Sequence[Outcome]) -> list[str]:
+        """Return the signatures of runs that failed, but not as the finding does, each once for each run."""
+        some = (outcome for outcome in outcomes if not outcome.failed_as(self.finding.signature))
+        return [signature for outcome in some for signature in {each.signature for each in outcome.violations}]
+
     def _judge(self, outcome: Outcome) -> Evaluation:
         failed = outcome.failed_as(self.finding.signature)
-        self.others.update({each.signature for each in outcome.violations} if not failed else ())
+        self.others.update(self.otherwise([outcome]))
         near = least_distance(self.rule, outcome.observed, self.record.scale, self.record.topics)
         return Evaluation(near, failed)
 

@@ -74,7 +74,9 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
         TestCase(external, parameters, seed=system.step.workspace.seed + number, paced=True)
         for number in range(_REPLAYS)
     ]
-    failed = sum(outcome.failed_as(system.finding.signature) for outcome in system.runner.run(cases))
+    outcomes = system.runner.run(cases)
+    system.replays_others.update(system.otherwise(outcomes))
+    failed = sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
     if failed < _RELIABLE * _REPLAYS:
         return Replay(len(external), _REPLAYS, failed)
     runner = FreshCases(system.runner, after=1)  # the first trial of the whole is one of the replays

@@ -711,6 +711,8 @@ class ActivationRecord(Artefact):
         default=0, description="failing points that were not shown to fail more often than nominal inputs"
     )
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
+    controls_others: dict[str, int] = Field(default={}, description="the same of runs with nominal inputs")
+    replays_others: dict[str, int] = Field(default={}, description="the same of replays")
     played: bool = Field(default=False, description=_PLAYED)
 
     @property
@@ -729,8 +731,10 @@ class ActivationRecord(Artefact):
         if self.chance:
             points = counted(self.chance, "other point" if self.found else "point")
             parts.append(f"at {points} it came, but was not shown to come more often there than with nominal inputs")
-        for signature, count in self.others.items():
-            parts.append(f"{counted(count, 'run')} failed otherwise: {signature}")
+        again = (self.controls_others, "run", " with nominal inputs"), (self.replays_others, "replay", "")
+        for others, what, where in ((self.others, "run", ""), *again):
+            for signature, count in others.items():
+                parts.append(f"{counted(count, what)}{where} failed otherwise: {signature}")
         if self.played:
             parts.append("the outside was played from the nominal log")
         if self.region is not None:

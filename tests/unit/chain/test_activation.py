@@ -37,6 +37,7 @@ from tests.tiers import scaled
 from tests.unit.chain.machine import (
     COUNT,
     LOGGED,
+    OTHER,
     SPEED,
     SYSTEM,
     Bench,
@@ -379,6 +380,61 @@ def test_texts_that_riot_toml_states_are_driven_and_named(tmp_path: Path, slow: 
     assert ", with panel:gear = reverse: " in record.region.text
 
 
+ONCE = LOGGED.replace('name = "machine"', 'name = "machine"\ntrial_run = { duration = 1 }').replace(
+    '["panel"]', '["panel", "goal"]'
+)
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_field_whose_messages_do_not_come_in_a_run_is_not_searched_and_that_is_said(
+    tmp_path: Path, slow: dict[str, Any], alone: bool
+) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for message in [*panel(0), Message(10**18 + 2 * 10**9, "goal", b'{"x": 1.0}')]:
+            writer.write(message)
+    strengths = [("goal:x", 0.8), *([] if alone else [("panel:knob", 0.9)])]
+    one = ready(tmp_path, slow, *strengths, system=ONCE)
+    record = activation(one.run(), one.folder, budget=40)
+    unset = "goal:x: no message came within the 1 s of a run that could be changed in it"
+    if alone:
+        assert (record.found, record.runs, record.text) == (None, 0, f"not tested: {unset}")
+        assert one.machine.executed == []
+        return
+    assert record.found is not None
+    assert set(record.found) == {"panel:knob"}
+    assert record.text.endswith(f"; not tried: {unset}")
+    assert not any("goal:x" in point.values for point in record.points)
+
+
+def test_a_field_that_components_never_publish_is_not_searched(tmp_path: Path, slow: dict[str, Any]) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for message in [*panel(0), Message(10**18 + 2 * 10**9, "goal", b'{"x": 1.0}')]:
+            writer.write(message)
+    system = SYSTEM.replace('name = "machine"', 'name = "machine"\nnominal = "nominal.mcap"')
+    one = ready(
+        tmp_path, slow, ("goal:x", 0.8), system=system.replace('topics = ["panel"]', 'topics = ["panel", "goal"]')
+    )
+    record = activation(one.run(), one.folder, budget=40)
+    assert (record.found, record.runs) == (None, 0)
+    assert record.text.startswith("not tested: goal:x: no message came within the ")
+
+
+def test_other_failures_of_nominal_runs_and_of_replays_are_told(tmp_path: Path, slow: dict[str, Any]) -> None:
+    def other(case: Any) -> bool:
+        return not case.injections
+
+    def wrong(case: Any) -> bool:
+        return not case.injections and not case.paced  # nominal inputs, but no replay
+
+    write_nominal(tmp_path)
+    one = ready(tmp_path, slow, ("panel:knob", 0.9), system=LOGGED, system_wrong=wrong, other=other)
+    record = activation(one.run(), one.folder, budget=60)
+    assert (record.controls, record.controls_failed, record.controls_others) == (10, 0, {OTHER.signature: 10})
+    assert (record.replays, record.replays_failed, record.replays_others) == (10, 0, {OTHER.signature: 10})
+    assert f"10 runs with nominal inputs failed otherwise: {OTHER.signature}" in record.summary
+    assert f"10 replays failed otherwise: {OTHER.signature}" in record.summary
+
+
 def test_without_a_permeable_field_the_outside_cannot_be_searched(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:heat", 0.1))
     with pytest.raises(InconclusiveError, match="no external field was found to reach the relevant ones"):
@@ -417,7 +473,8 @@ def test_the_unit_is_judged_where_its_monitor_asks_for_nominal_runs(tmp_path: Pa
     FindingRecord.load(one.folder).model_copy(update={"monitor": "crash"}).save(one.folder)
     activation(one.run(), one.folder, budget=4)
     assert one.machine.judged == ["drive"]
-    assert len(one.machine.executed) == 1 + 4 + 4  # the nominal run; answers of the one are none of the other
+    # the nominal run; a look whether the field can be set; answers of the one are none of the other
+    assert len(one.machine.executed) == 1 + 5 + 5
 
 
 TUNED = """
