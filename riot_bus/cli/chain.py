@@ -37,8 +37,18 @@ __all__ = ["open_workspace", "register", "show"]
 DEFAULT_SYSTEM = Path("riot.toml")
 DEFAULT_OUT = Path("riot-out")
 FAULTS, INCONCLUSIVE = 1, 5
+_TRIALS = 100
 
-Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: injected trials of the unit.")]
+Trials = Annotated[
+    int | None,
+    typer.Option(
+        "--trials",
+        "-n",
+        min=1,
+        help="Budget: injected trials of the unit. [default: 100, no limit if another end is given]",
+        show_default=False,
+    ),
+]
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
 Covered = Annotated[bool, typer.Option("--covered", help="End when each value and fault was tried once.")]
 
@@ -213,7 +223,7 @@ def run_tests(
     system: System = DEFAULT_SYSTEM,
     unit: UnitName = None,
     out: Out = DEFAULT_OUT,
-    trials: Trials = 100,
+    trials: Trials = None,
     seconds: Seconds = None,
     covered: Covered = False,
     whole_system: Annotated[
@@ -231,6 +241,8 @@ def run_tests(
 
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
+        if trials is None and seconds is None and not covered:
+            trials = _TRIALS
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
     record = CampaignRecord.load(out)
@@ -246,7 +258,7 @@ def analyze(
     system: System = DEFAULT_SYSTEM,
     unit: UnitName = None,
     out: Out = DEFAULT_OUT,
-    trials: Trials = 100,
+    trials: Trials = None,
     seconds: Seconds = None,
     within: Annotated[
         str | None,
@@ -291,9 +303,10 @@ def analyze(
             done = analyze_within(workspace, name, given, further=others, options=options)
             folders = [one.folder for one in done]
         else:
+            most = _TRIALS if trials is None and seconds is None else trials
             known = tested(workspace, name)
             folders = (
-                test_unit(workspace, name, trials=trials, seconds=seconds, covered=False) if known is None else known
+                test_unit(workspace, name, trials=most, seconds=seconds, covered=False) if known is None else known
             )
             done = analyze_all(workspace, folders, further=others, options=options)
     rules = [load(one.folder).rule for one in done]

@@ -1,0 +1,61 @@
+"""What bounds a campaign that is asked for on the command line."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from riot_bus.chain import robustness
+from riot_bus.cli import chain
+from riot_bus.cli.main import make_app
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class StoppedError(Exception):
+    """Ends a command as soon as it is known what it asks for."""
+
+
+class Place:
+    """A workspace with one unit."""
+
+    def unit(self, name: str | None) -> tuple[str, None]:
+        return name or "unit", None
+
+
+@pytest.mark.parametrize(
+    ("words", "trials"),
+    [
+        ("test", 100),
+        ("test --covered", None),
+        ("test --seconds 60", None),
+        ("test --covered --trials 7", 7),
+        ("test --seconds 60 --trials 7", 7),
+        ("analyze", 100),
+        ("analyze --seconds 60", None),
+        ("analyze --trials 7", 7),
+    ],
+)
+def test_trials_are_bounded_where_nothing_else_ends_a_campaign(
+    words: str, trials: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int | None] = []
+
+    @contextmanager
+    def opened(*_: object, **__: object) -> Iterator[Place]:
+        yield Place()
+
+    def test_unit(*_: object, trials: int | None, **__: Any) -> None:
+        asked.append(trials)
+        raise StoppedError
+
+    monkeypatch.setattr(chain, "open_workspace", opened)
+    monkeypatch.setattr(robustness, "test_unit", test_unit)
+    monkeypatch.setattr(robustness, "tested", lambda *_: None)
+    result = CliRunner().invoke(make_app(words.split()[0]), words.split())
+    assert isinstance(result.exception, StoppedError)
+    assert asked == [trials]
