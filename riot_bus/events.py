@@ -58,12 +58,14 @@ class StepProgress(RunEvent):
         done: Trials (or what else is counted) so far.
         total: How many there will be; None if that is not known.
         note: What goes on, for people.
+        left: Seconds until it ends in any case; None if no time was given.
     """
 
     step: str
     done: int
     total: int | None
     note: str
+    left: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.campaign.variations import Placed, Variation
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Progress, Runner
+    from riot_bus.vocabulary.trial import Outcome, Runner
 
 __all__ = ["CampaignResult", "run_campaign"]
 
@@ -85,6 +85,23 @@ class CampaignResult:
     stopped: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class _Repeating:
+    """A runner that tells when it has carried out trials."""
+
+    runner: Runner
+    tell: Callable[[str], None]
+
+    @property
+    def parallelism(self) -> int:
+        return self.runner.parallelism
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        outcomes = self.runner.run(cases)
+        self.tell(", repeating a failure")
+        return outcomes
+
+
 @dataclass(slots=True)
 class _Campaign:
     runner: Runner
@@ -106,6 +123,12 @@ class _Campaign:
     started: str = ""
     effects: Effects = field(default_factory=Effects)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
+    tell: Callable[[str], None] = lambda _: None
+
+    @property
+    def repeating(self) -> Runner:
+        """What carries out further trials of cases that failed."""
+        return _Repeating(self.runner, self.tell)
 
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
@@ -151,7 +174,7 @@ class _Campaign:
         failure.tried.add(failure.trial)
         signature = failure.violation.signature
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
-        failure.case, failure.rate = repeat_in_order(failure.case, signature, self.runner)
+        failure.case, failure.rate = repeat_in_order(failure.case, signature, self.repeating)
         if not failure.rate.total:
             self.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
 
@@ -161,13 +184,13 @@ class _Campaign:
             self._replace(failure, *failure.simpler)
             failure.simpler = None
         for case in plainer(failure):
-            (outcome,) = self.runner.run([case])
+            (outcome,) = self.repeating.run([case])
             if outcome.failed_as(failure.violation.signature) and self._replace(failure, case, failure.trial, outcome):
                 break
 
     def _replace(self, failure: Failure, case: TestCase, trial: int, outcome: Outcome) -> bool:
         """Let another case stand for a failure if it fails as often; return whether it does."""
-        case, rate = repeat_in_order(case, failure.violation.signature, self.runner)
+        case, rate = repeat_in_order(case, failure.violation.signature, self.repeating)
         as_often = failure.rate is None or rate.rate >= failure.rate.rate
         if as_often:
             failure.take(case, trial, outcome)
@@ -240,7 +263,7 @@ def run_campaign(
     ordered: bool = False,
     seconds: float | None = None,
     covered: bool = False,
-    progress: Progress | None = None,
+    progress: Callable[[int, int | None, str, float | None], object] | None = None,
     found: Callable[[Failure], object] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
     explorer: Runner | None = None,
@@ -260,7 +283,8 @@ def run_campaign(
         ordered: Whether trials keep the order of the log across topics.
         seconds: At most so much time; None for no limit.
         covered: Whether to end when all that `covering` has to try was tried.
-        progress: Told after each batch.
+        progress: Called after each batch, also those that repeat failures, with the injected trials so far, how many
+            there will be (None if not known), what goes on, and the seconds that are left (None for no limit).
         found: Called with each failure as soon as it is confirmed.
         stop: Asked before each batch of injected trials; True ends the campaign.
         explorer: Executes injected trials in its own way, such as many with one process; None for `runner`.
@@ -273,6 +297,16 @@ def run_campaign(
     nominal = work.check_nominal(log, seed)
     done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
     hopeless, stopped = work.failing == nominal, False
+
+    def tell(doing: str = "") -> None:
+        if progress:
+            distinct = sum(failure.confirmed for failure in work.failures.values())
+            told = f", {covering.covered} of {covering.total} tried" if covering else ""
+            left = None if seconds is None else max(0.0, started + seconds - time.monotonic())
+            total = None if covered and covering else trials  # that comes to its end before
+            progress(done, total, f"{work.failing} failing, {distinct} distinct{told}{doing}", left)
+
+    work.tell = tell
     while not hopeless and done < most and (seconds is None or time.monotonic() - started < seconds):
         if stopped := stop():
             break
@@ -289,15 +323,12 @@ def run_campaign(
         outcomes = work.explore(cases)
         if covering and not done:
             covering.novelties.know(work.usual)
+        done = batch.stop
         work.judge(cases, outcomes)
         for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
             if chooser and chosen:
                 chooser.take(chosen, outcome, nominal_outputs=work.nominal_outputs)
-        done = batch.stop
-        if progress:
-            distinct = sum(failure.confirmed for failure in work.failures.values())
-            told = f", {covering.covered} of {covering.total} tried" if covering else ""
-            progress(done, trials, f"{work.failing} failing, {distinct} distinct{told}")
+        tell()
     confirmed = {key: each for key, each in work.failures.items() if each.confirmed}
     for failure in confirmed.values():
         work.simplify(failure)

@@ -57,9 +57,9 @@ class StepRun:
         """Time since the step began."""
         return round(time.monotonic() - self.started, 2)
 
-    def progress(self, done: int, total: int | None, note: str) -> None:
-        """Tell how far the step has got: trials so far, trials in all (None if not known), and what goes on."""
-        self.workspace.tell(StepProgress(self.name, done, total, note))
+    def progress(self, done: int, total: int | None, note: str, left: float | None = None) -> None:
+        """Tell how far the step has got; see `StepProgress`."""
+        self.workspace.tell(StepProgress(self.name, done, total, note, left))
 
     def told(self, outcome: Outcome) -> None:
         """Tell of a trial's outcome."""

@@ -45,6 +45,7 @@ class ConsoleNarrator:
         self._console = console
         self._now = now
         self._last = now(), 0
+        self._rate: float | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
 
@@ -59,12 +60,14 @@ class ConsoleNarrator:
         match event:
             case StepStarted():
                 self._stop()
-                self._last = self._now(), 0
+                self._last, self._rate = (self._now(), 0), None
                 self._start(event.step)
             case StepProgress() if self._bar is not None and self._task is not None:
-                self._bar.update(self._task, completed=event.done, total=event.total, note=event.note)
-            case StepProgress() if not self._console.is_terminal:
-                self._tell(event)
+                self._measure(event)
+                self._bar.update(self._task, completed=event.done, total=event.total, note=self._pace(event))
+            case StepProgress() if not self._console.is_terminal and self._measure(event):
+                far = f"{event.done} of {event.total}" if event.total else str(event.done)
+                self._say(event.step, far + (", " if event.note else "") + self._pace(event))
             case StepFinished():
                 first, *more = event.text.split("\n")
                 self._say(event.step, "\n".join([f"{first} [{event.seconds:.1f} s]", *more]))
@@ -104,20 +107,24 @@ class ConsoleNarrator:
             self._task = self._bar.add_task(step, total=None, note="")
             self._bar.start()
 
-    def _tell(self, event: StepProgress) -> None:
-        """Say how far a step is, how fast it goes, and how long it takes at that rate, if that was not just said."""
+    def _measure(self, event: StepProgress) -> bool:
+        """Take in how far a step is; return whether its rate was measured anew, as every ten seconds."""
         now, (then, done) = self._now(), self._last
         if event.done < done:  # the step has begun to count anew
-            self._last = then, done = now, event.done
+            self._last, self._rate = (now, event.done), None
+            return False
         if now - then < _EVERY:
-            return
-        self._last = now, event.done
-        rate = (event.done - done) / (now - then)
-        text = f"{event.done} of {event.total}" if event.total else str(event.done)
-        text += f", {event.note}; {rate:.2g}/s" if event.note else f"; {rate:.2g}/s"
-        if event.total and rate > 0:
-            text += f", about {(event.total - event.done) / rate:.0f} s to go"
-        self._say(event.step, text)
+            return False
+        self._last, self._rate = (now, event.done), (event.done - done) / (now - then)
+        return True
+
+    def _pace(self, event: StepProgress) -> str:
+        """Return what goes on, how fast, and how long it takes at that rate, if there is no other end before."""
+        ends = [] if event.left is None else [event.left]
+        if event.total and self._rate:
+            ends.append((event.total - event.done) / self._rate)
+        text = event.note if self._rate is None else f"{event.note}; {self._rate:.2g}/s"
+        return f"{text}, about {min(ends):.0f} s to go" if ends and min(ends) >= 1 else text
 
     def _say(self, step: str, text: str) -> None:
         self._stop()

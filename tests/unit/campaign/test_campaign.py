@@ -279,7 +279,7 @@ def test_a_failure_whose_repeats_cannot_be_judged_is_told() -> None:
 
 
 def test_progress_counts_trials_and_failures() -> None:
-    told: list[tuple[int, int, str]] = []
+    told: list[tuple[int, int | None, str, float | None]] = []
     run_campaign(
         LOG,
         schedule(),
@@ -288,9 +288,32 @@ def test_progress_counts_trials_and_failures() -> None:
         trials=20,
         progress=lambda *words: told.append(words),
     )
-    assert [done for done, _, _ in told] == [8, 16, 20]
-    assert {total for _, total, _ in told} == {20}
-    assert told[-1][2] == "20 failing, 1 distinct"
+    rounds = [words for words in told if not words[2].endswith(", repeating a failure")]
+    assert [done for done, *_ in rounds] == [8, 16, 20]
+    assert {(total, left) for _, total, _, left in told} == {(20, None)}
+    assert rounds[-1][2] == "20 failing, 1 distinct"
+
+
+def test_progress_is_told_while_failures_are_repeated_and_of_the_time_that_is_left() -> None:
+    told: list[tuple[int, int | None, str, float | None]] = []
+    covering = Covering(schedule().items(), positions_of(LOG, TypeRegistry()), seed=0)
+    run_campaign(
+        LOG,
+        schedule(),
+        Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)),
+        seed=0,
+        trials=10_000,
+        covering=covering,
+        covered=True,
+        seconds=600.0,
+        progress=lambda *words: told.append(words),
+    )
+    assert any(words[2].endswith(" tried, repeating a failure") for words in told)
+    assert {total for _, total, _, _ in told} == {None}  # all is tried before 10,000 trials
+    left = [each for *_, each in told if each is not None]
+    assert len(left) == len(told)
+    assert left == sorted(left, reverse=True)
+    assert 0 < left[-1] <= left[0] <= 600
 
 
 def test_each_thing_is_tried_before_others_are_drawn_again() -> None:

@@ -51,6 +51,30 @@ def test_without_a_terminal_a_line_each_ten_seconds_tells_how_fast_it_goes() -> 
     ]
 
 
+def test_a_time_that_was_given_ends_a_step_before_its_rate_does() -> None:
+    stream, times = io.StringIO(), iter([0.0, 0.0, 10.0, 20.0, 30.0, 40.0])
+    with ConsoleNarrator(Console(file=stream, width=40), now=lambda: next(times)) as narrator:
+        narrator(StepStarted("test"))
+        for done, total, left in ((10, 100, 50.0), (20, 40, 900.0), (20, None, 30.0), (20, None, 0.0)):
+            narrator(StepProgress("test", done, total, "1 failing", left))
+    assert stream.getvalue().splitlines() == [
+        "        test  10 of 100, 1 failing; 1/s, about 50 s to go",
+        "        test  20 of 40, 1 failing; 1/s, about 20 s to go",
+        "        test  20, 1 failing; 0/s, about 30 s to go",
+        "        test  20, 1 failing; 0/s",
+    ]
+
+
+def test_terminals_are_told_how_fast_it_goes_too() -> None:
+    stream, times = io.StringIO(), iter([0.0, 0.0, 10.0, 12.0])
+    console = Console(file=stream, force_terminal=True, width=100, no_color=True)
+    with ConsoleNarrator(console, now=lambda: next(times)) as narrator:
+        narrator(StepStarted("test"))
+        narrator(StepProgress("test", 20, 100, "1 failing"))
+        narrator(StepProgress("test", 30, 100, "1 failing"))
+    assert "30 1 failing; 2/s, about 35 s to go" in stream.getvalue()
+
+
 def test_what_is_left_of_a_given_time_and_until_when() -> None:
     stream = io.StringIO()
     with ConsoleNarrator(Console(file=stream, width=80)) as narrator:
