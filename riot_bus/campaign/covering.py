@@ -234,7 +234,7 @@ class Covering:
         """Mark the messages of a thing if all are there and free; return whether they are."""
         spans = [(first, first + placed.item.span) for first in placed.firsts]
         free = taken.setdefault(placed.item.topic, [])
-        fits = all(span[0] >= 0 and span[1] <= len(self._positions[placed.item.topic]) for span in spans)
+        fits = all(placed.item.fits(first, len(self._positions[placed.item.topic])) for first in placed.firsts)
         if not fits or any(span[0] < behind and first < span[1] for span in spans for first, behind in free):
             return False
         for span in spans:
@@ -243,11 +243,13 @@ class Covering:
 
     def _place(self, item: Variation, taken: list[tuple[int, int]]) -> tuple[int, ...] | None:
         """Return the first of free messages for a thing, as often as it happens, and mark them; None if too few are."""
-        last = len(self._positions[item.topic]) - item.span
+        count = len(self._positions[item.topic])
         found: list[int] = []
-        for first in [item.first] if item.first is not None else self._firsts(item, last):
+        for first in [item.first] if item.first is not None else self._firsts(item, count - item.span):
             span = (first, first + item.span)
             at = bisect_left(taken, span)
+            if not item.fits(first, count):
+                continue
             if (at == 0 or taken[at - 1][1] <= first) and (at == len(taken) or taken[at][0] >= span[1]):
                 taken.insert(at, span)
                 found.append(first)
@@ -264,7 +266,8 @@ class Covering:
             window = self._random.choice(situation.windows)
             if numbers := numbers_within(window, self._positions[item.topic]):
                 yield from (self._random.choice(numbers) for _ in range(_TRIES))
-        yield from (self._random.randint(0, last) for _ in range(_TRIES * item.times))
+        numbers = item.moves.numbers if item.moves and item.span == 1 else range(last + 1)
+        yield from (self._random.choice(numbers) for _ in range(_TRIES * item.times))
 
     def _reached(self, group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
         """Return what has changed a message whose turn came: a field may be missing, or have that value.
@@ -292,7 +295,7 @@ class Covering:
     def _remember(self, passed: Iterable[Variation]) -> None:
         """Take in what is worth varying further."""
         for item in passed:
-            if item.span == 1 and item.first is None:
+            if item.span == 1 and item.first is None and all(each.topic == item.topic for each in item.injections):
                 self._free.setdefault(item.topic, []).append(item)
                 self.stretches.add(item)
                 if item.injections[0].field is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import may_change, samples_by_topic
@@ -25,7 +26,8 @@ __all__ = ["malformations"]
 _LATER_ELEMENT = re.compile(r"\[[1-9]\d*\]")
 _LONG = 1000
 """A length that buffers are rarely made for, of elements that may be kilobytes each."""
-_KEEP = (0.0, 0.5)
+_KEEP = (0.5, 0.0)
+"""Of one byte nothing is left in both cases."""
 
 
 def malformations(
@@ -33,8 +35,8 @@ def malformations(
 ) -> list[Variation]:
     """Return what may be wrong with the form of a log's messages, as things to try once.
 
-    Arrays are empty, one shorter, one longer and long. Where no definition says which fields there are, each is
-    missing, null and of another type, and payloads are cut off. All stamps of a message are those of the topic's first
+    Payloads are cut off. Arrays are empty, one shorter, one longer and long. Where no definition says which fields
+    there are, each is missing, null and of another type. All stamps of a message are those of the topic's first
     message, or of its last one. Of an array's elements the first stands for all.
 
     Args:
@@ -45,6 +47,10 @@ def malformations(
     """
     leave, include = tuple(leave), tuple(include)
     found = []
+    longest = Counter[str]()
+    for message in messages:
+        topic = registry.topic(message.key)
+        longest[topic] = max(longest[topic], len(message.payload))
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, tuple[MessageType, Leaf]] = {}
         stamps: list[dict[str, Scalar]] = [{}, {}]
@@ -63,9 +69,9 @@ def malformations(
         for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
             found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
-        if any(isinstance(kind, OmitsFields) for kind, _ in samples) and not _listed(leave, topic, ""):
-            faults = [Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in _KEEP]
-            found += [Variation(topic, (each,), f"{topic} truncate") for each in faults]
+        most = 0 if _listed(leave, topic, "") else longest[topic]
+        sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in _KEEP}
+        found += [Variation(topic, (each,), f"{topic} truncate") for size, each in sizes.items() if size < most]
     return found
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.moves import moves_of
 from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.campaign.variations import Variation
 from riot_bus.vocabulary.errors import ConfigError
@@ -30,8 +31,8 @@ _POLICIES = (1, 2, 3)
 _FIELDS = (1, 1, 2, 3)
 _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
-_SOME, _BURST, _LATE = 0.25, 20, 10.0
-"""Share of a topic's messages that is missing at the begin; copies of a burst; gaps by which a late message is late."""
+_SOME, _BURST = 0.25, 20
+"""Share of a topic's messages that is missing at the begin; copies of a burst."""
 _MOST_BYTES = 1 << 26
 """What long values may make messages longer by in a trial, all together."""
 
@@ -156,7 +157,7 @@ def message_faults(
     """Return what may happen to whole messages of a log, as things to try once on each topic.
 
     Single ones and a few in a row are dropped, those at the begin are missing; one comes twice, or in a burst; one
-    comes after the next, or much later.
+    comes later or earlier (`moves_of`).
 
     Args:
         messages: The log.
@@ -165,12 +166,12 @@ def message_faults(
     """
     patterns = tuple(leave)
     found = []
-    for topic, positions in positions_of(messages, registry).items():
-        if any(names_field(pattern, f"{topic}:") for pattern in patterns):
+    times, places = [message.time for message in messages], positions_of(messages, registry)
+    still = {topic for topic in places if any(names_field(pattern, f"{topic}:") for pattern in patterns)}
+    for topic, positions in places.items():
+        if topic in still:
             continue
-        times = [messages[position].time for position in positions]
-        gap = max(1e-3, (times[-1] - times[0]) / 1e9 / max(1, len(times) - 1))
-        some = max(1, round(_SOME * len(times)))
+        some = max(1, round(_SOME * len(positions)))
         found += [
             Variation(topic, (Injection(topic, fault="drop"),), f"{topic} drop", span, first)
             for span, first in ((1, None), (3, None), (some, 0), (1, 0))
@@ -179,10 +180,7 @@ def message_faults(
             Variation(topic, (Injection(topic, fault="duplicate", copies=copies),), f"{topic} duplicate")
             for copies in (1, _BURST)
         ]
-        found += [
-            Variation(topic, (Injection(topic, fault="delay", delay=gaps * gap),), f"{topic} delay")
-            for gaps in (1.5, _LATE)
-        ]
+        found += moves_of(topic, times, places, still=still)
     return found
 
 

@@ -92,7 +92,8 @@ class Stretches:
             most = min(most, item.most or most, most // max(each.copies for each in item.injections))
             if self._failed[item.about] < _ENOUGH and most >= _LEAST:
                 way = self._random.choice((self._row, self._row, self._while, self._share))
-                return way(replace(item, again=True), most) or self._row(replace(item, again=True), most)
+                item = replace(item, again=True, moves=None)
+                return way(item, most) or self._row(item, most)
         return None
 
     def _item(self, topic: str) -> Variation:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from riot_bus.campaign.moves import Moves
     from riot_bus.vocabulary.injection import Injection
 
 __all__ = ["Placed", "Variation", "sets_value"]
@@ -25,6 +26,7 @@ class Variation:
         times: How often it happens in a trial.
         most: Messages that it may change in a trial, so that what it makes larger fits into memory; None for any.
         elements: Paths of elements that may have the value in place of this one.
+        moves: What is done to a single message instead, by its number.
     """
 
     topic: str
@@ -36,6 +38,12 @@ class Variation:
     times: int = 1
     most: int | None = None
     elements: tuple[str, ...] = ()
+    moves: Moves | None = field(default=None, compare=False)
+
+    def fits(self, first: int, messages: int) -> bool:
+        """Return whether it can be done from the message of this number on, in a topic of so many."""
+        single = self.moves if self.span == 1 else None
+        return first >= 0 and first + self.span <= messages and (single is None or first in single.numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +56,9 @@ class Placed:
     @property
     def injections(self) -> list[Injection]:
         """What is done to these messages; a window of time says itself which they are."""
-        span = self.item.span
+        span, moves = self.item.span, self.item.moves
+        if moves is not None and span == 1:
+            return [each for at in self.firsts for each in moves.injections(at)]
         return [
             each if each.start or each.end is not None else replace(each, first=at, last=at + span - 1)
             for at in self.firsts

@@ -65,3 +65,16 @@ def test_what_is_left_alone_stays_as_it_is() -> None:
     assert "seq" in {
         each.field for item in malformations(messages, TypeRegistry(), include=["a:seq"]) for each in item.injections
     }
+
+
+def test_payloads_of_all_topics_are_cut_off_whatever_their_type() -> None:
+    payloads = {"raw": b"\x00\x01\x02\x03", "byte": b"\x00", "empty": b""}
+    messages = [Message(10**9 + n, key, payload) for n in range(3) for key, payload in payloads.items()]
+    kept: dict[str, list[int]] = {}
+    for item in malformations(messages, TypeRegistry()):
+        (injection,) = item.injections
+        assert injection.fault == "truncate"
+        delivered, _ = inject_log(messages[:3], item.injections, registry=TypeRegistry())
+        kept.setdefault(item.topic, []).extend(len(each.payload) for each in delivered if each.key == item.topic)
+    assert kept == {"raw": [2, 0], "byte": [0]}
+    assert malformations(messages, TypeRegistry(), leave=["raw:*", "byte:*"]) == []

@@ -1,0 +1,101 @@
+"""Single messages that come later or earlier than in the log: behind a certain other one, by the log's own times."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.variations import Variation
+from riot_bus.vocabulary.injection import Injection
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Mapping, Sequence
+
+__all__ = ["Moves", "moves_of"]
+
+_LATE = 10
+"""Messages of its topic that a late message comes behind."""
+_OTHERS = 16
+"""Topics that an early message comes before, those with few messages first: of the others the next one follows soon."""
+_MARGIN_NS = 50_000_000
+"""Time at most by which a message comes behind another one, so that a live system sees that order, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """One way in which the messages of a topic may come elsewhere.
+
+    Attributes:
+        topic: The topic.
+        way: How many messages of its topic each comes behind; 0 for the first one of another topic; -1 if it comes
+            before the last message that each other topic had until then.
+        times: Times of all messages of the log, nanoseconds, ascending.
+        positions: For each topic the positions of its messages in the log, ascending.
+        numbers: Numbers within the topic of those messages that can come so.
+        others: Topics whose messages may be delayed so that one of this topic is early.
+    """
+
+    topic: str
+    way: int
+    times: Sequence[int]
+    positions: Mapping[str, Sequence[int]]
+    numbers: range
+    others: Sequence[str] = ()
+
+    def injections(self, number: int) -> tuple[Injection, ...]:
+        """Return what makes the topic's message of this number come so; nothing if it cannot."""
+        if number not in self.numbers:
+            return ()
+        own = self.positions[self.topic]
+        if self.way < 0:
+            before = {topic: bisect_left(self.positions[topic], own[number]) - 1 for topic in self.others}
+            found = [(topic, last) for topic, last in before.items() if last >= 0][:_OTHERS]
+            return tuple(self._delayed(topic, last, own[number]) for topic, last in found)
+        behind = own[number + self.way] if self.way else self._next_other(number)
+        return (self._delayed(self.topic, number, behind),)
+
+    def _next_other(self, number: int) -> int:
+        """Return the position of the first message of another topic behind one that has such."""
+        own, position = self.positions[self.topic], self.positions[self.topic][number]
+        while number < len(own) and own[number] == position:
+            number, position = number + 1, position + 1
+        return position
+
+    def _delayed(self, topic: str, number: int, behind: int) -> Injection:
+        """Return what makes a message come right behind the one at a position of the log."""
+        time = self.times[behind]
+        room = self.times[behind + 1] - time if behind + 1 < len(self.times) else 2 * _MARGIN_NS
+        due = time + max(1, min(_MARGIN_NS, room // 2))
+        delay = max(1, due - self.times[self.positions[topic][number]])
+        return Injection(topic, fault="delay", delay=delay / 1e9, first=number, last=number)
+
+
+def moves_of(
+    topic: str, times: Sequence[int], positions: Mapping[str, Sequence[int]], *, still: Container[str] = ()
+) -> list[Variation]:
+    """Return how a message of a topic may come elsewhere, as things to try once; what none of them can is left out.
+
+    One comes behind the next of its topic, behind a later one, behind the first one of another topic, or before the
+    last one of each other topic.
+
+    Args:
+        topic: The topic.
+        times: Times of all messages of the log, nanoseconds, ascending.
+        positions: For each topic the positions of its messages in the log, ascending.
+        still: Topics whose messages are not delayed.
+    """
+    own, rest = positions[topic], [name for name in positions if name != topic]
+    others = sorted((name for name in rest if name not in still), key=lambda name: len(positions[name]))
+    first = min((positions[name][0] for name in others), default=len(times))
+    last = max((positions[name][-1] for name in rest), default=-1)
+    late = min(_LATE, len(own) - 1)
+    ways = {way: range(len(own) - way) for way in (1, late)} if late else {}
+    ways |= {0: range(bisect_left(own, last)), -1: range(bisect_left(own, first), len(own))}
+    found = []
+    for way, numbers in ways.items():
+        if numbers:
+            moves = Moves(topic, way, times, positions, numbers, others)
+            usual = moves.injections(numbers[len(numbers) // 2])
+            found.append(Variation(topic, usual, f"{topic} {'early' if way < 0 else 'delay'}", moves=moves))
+    return found
