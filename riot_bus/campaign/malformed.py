@@ -10,6 +10,7 @@ from riot_bus.campaign.targets import may_change, samples_by_topic
 from riot_bus.campaign.variations import Variation
 from riot_bus.types.brittle import STAMPS, why_brittle
 from riot_bus.types.capabilities import OmitsFields
+from riot_bus.types.model import member_path, parse_path
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection
@@ -26,6 +27,8 @@ __all__ = ["malformations"]
 _LATER_ELEMENT = re.compile(r"\[[1-9]\d*\]")
 _LONG = 1000
 """A length that buffers are rarely made for, of elements that may be kilobytes each."""
+_NULL = (("null", True),)
+_LIST, _MAP = (("empty", "list"),), (("empty", "map"),)
 _KEEP = (0.5, 0.0)
 """Of one byte nothing is left in both cases."""
 
@@ -36,8 +39,8 @@ def malformations(
     """Return what may be wrong with the form of a log's messages, as things to try once.
 
     Payloads are cut off. Arrays are empty, one shorter, one longer and long. Where no definition says which fields
-    there are, each is missing, null and of another type. All stamps of a message are those of the topic's first
-    message, or of its last one. Of an array's elements the first stands for all.
+    there are, each is missing, null and of another type, lists and maps with all that is in them, too. All stamps of a
+    message are those of the topic's first message, or of its last one. Of an array's elements the first stands for all.
 
     Args:
         messages: The log.
@@ -53,19 +56,30 @@ def malformations(
         longest[topic] = max(longest[topic], len(message.payload))
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, tuple[MessageType, Leaf]] = {}
+        inside: dict[str, tuple[OmitsFields, bytes, list[str]]] = {}
         stamps: list[dict[str, Scalar]] = [{}, {}]
         for number, (kind, payload) in enumerate(samples):
             try:
                 leaves = kind.leaves(payload, elements=1)
             except PayloadError:
                 continue
-            fields = {leaf.path: (kind, leaf) for leaf in leaves} | fields
+            for leaf in leaves:
+                if leaf.path not in fields and isinstance(kind, OmitsFields):
+                    for outer in _outer(leaf.path):
+                        inside.setdefault(outer, (kind, payload, []))[2].append(leaf.path)
+                fields.setdefault(leaf.path, (kind, leaf))
             if number in (0, len(samples) - 1):
                 now = {leaf.path: leaf.value for leaf in leaves if why_brittle(leaf.path, kind) in STAMPS}
                 stamps[number > 0] = {path: value for path, value in now.items() if not _listed(leave, topic, path)}
         for path, (kind, leaf) in fields.items():
             if may_change(topic, path, leave, include, kind=kind) and not _LATER_ELEMENT.search(path):
                 found += [Variation(topic, (each,), f"{topic} {path}") for each in _of_field(topic, kind, leaf)]
+        for outer, (omitting, payload, paths) in inside.items():
+            left = any(_listed(leave, topic, path) for path in (outer, *paths)) or _LATER_ELEMENT.search(outer)
+            if not left and any(may_change(topic, path, leave, include) for path in paths):
+                array = f"len({outer})" in fields
+                faults = _of_container(topic, omitting, payload, outer, array=array)
+                found += [Variation(topic, (each,), f"{topic} {outer}") for each in faults]
         for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
             found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
@@ -83,8 +97,29 @@ def _of_field(topic: str, kind: MessageType, leaf: Leaf) -> Iterator[Injection]:
     elif isinstance(kind, OmitsFields):
         if not leaf.path.endswith("]") or leaf.path.endswith('"]'):
             yield Injection(topic, leaf.path, fault="omit")
-        yield Injection(topic, leaf.path, fault="omit", options=(("null", True),))
+        for options in (_NULL, _LIST, _MAP):
+            yield Injection(topic, leaf.path, fault="omit", options=options)
         yield Injection(topic, leaf.path, 1 if leaf.type in ("string", "bytes") else "1")
+
+
+def _of_container(topic: str, kind: OmitsFields, payload: bytes, path: str, *, array: bool) -> Iterator[Injection]:
+    """Yield what may be wrong with a list or a map of a payload as a whole."""
+    try:
+        kind.omit(payload, path)
+    except PayloadError:  # an element of a list cannot be left out
+        pass
+    else:
+        yield Injection(topic, path, fault="omit")
+    for options in (_NULL, _MAP) if array else (_NULL, _LIST, _MAP):
+        yield Injection(topic, path, fault="omit", options=options)
+
+
+def _outer(path: str) -> Iterator[str]:
+    """Yield the paths of the lists and maps that a field is in; of a list's length, the list is the last."""
+    field, name = parse_path(path), ""
+    for step in field.steps if field.length else field.steps[:-1]:
+        name = f"{name}[{step}]" if isinstance(step, int) else member_path(name, step)
+        yield name
 
 
 def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:

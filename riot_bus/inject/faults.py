@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from pydantic import Field
 
@@ -23,6 +23,7 @@ from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
+    from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.message import Scalar
 
 __all__ = [
@@ -132,21 +133,29 @@ class OmitFault:
     """Leave a field out, where no definition says which fields there are (JSON, MessagePack, CBOR).
 
     Attributes:
-        field: Path of the field.
+        field: Path of the field, which may be a list or a map with all that is in it.
         null: Whether null stands in its place instead.
+        empty: What stands in its place without anything in it, `list` or `map`; nothing if empty.
     """
 
     field: str
     null: bool = False
+    empty: Literal["", "list", "map"] = ""
 
     def apply(self, event: Event) -> None:
         """Leave it out."""
-        before = event.read(self.field)
         kind: object = event.type
+        if kind is None:
+            event.read(self.field)  # raises the right error
         if not isinstance(kind, OmitsFields):
             raise PayloadError("messages of this type have all their fields", where=self.field)
-        payload = kind.omit(event.payload, self.field, null=self.null)
-        event.patched(payload, Change(event.interceptor, "null" if self.null else "omit", self.field, before))
+        instead: StandIn | None = "null" if self.null else self.empty or None
+        payload = kind.omit(event.payload, self.field, instead=instead)
+        try:
+            before = event.read(self.field)
+        except PayloadError:  # it is a list or a map
+            before = None
+        event.patched(payload, Change(event.interceptor, instead or "omit", self.field, before))
 
 
 @dataclass(frozen=True, slots=True)

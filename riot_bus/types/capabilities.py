@@ -49,6 +49,7 @@ __all__ = [
     "Role",
     "SimClock",
     "Stamp",
+    "StandIn",
     "SuggestedValue",
     "SuggestsValues",
     "TakesFiles",
@@ -549,12 +550,16 @@ def allows_non_finite(kind: MessageType | None, path: str) -> bool:
     return kind is not None and isinstance(kind, AllowsNonFinite) and kind.allows_non_finite(path)
 
 
+StandIn = Literal["null", "list", "map"]
+"""What may stand in place of a field: null, a list or a map without anything in it."""
+
+
 @runtime_checkable
 class OmitsFields(Protocol):
     """No definition says which fields a payload has: each may be missing, null, or of another type (by `patch`)."""
 
-    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
-        """Return the payload without a scalar field of a map, or with null in its place.
+    def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
+        """Return the payload without a field of a map (a scalar, a list or a map), or with something in its place.
 
         Raises:
             PayloadError: There is no such field.

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.types.document import DocumentType, Item
 from riot_bus.types.model import wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["CborType"]
@@ -51,7 +54,7 @@ class CborType(DocumentType):
     name = "cbor"
     encoding = "cbor"
     title = "CBOR"
-    nil = b"\xf6"
+    stand_ins: ClassVar[Mapping[StandIn, bytes]] = {"null": b"\xf6", "list": b"\x80", "map": b"\xa0"}
 
     def head(self, payload: bytes, at: int) -> Item:
         """Return the item that begins here, without its tags."""

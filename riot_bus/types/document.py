@@ -7,7 +7,7 @@ no scalar value are no fields. Of duplicate keys the last one counts; a payload 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from riot_bus.types.model import (
     REBUILD,
@@ -25,6 +25,7 @@ from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["DocumentType", "Item"]
@@ -47,13 +48,13 @@ class DocumentType(ABC):
 
     Attributes:
         title: What people call the encoding.
-        nil: An item that is nothing.
+        stand_ins: Items that stand in place of others.
     """
 
     name = ""
     encoding = ""
     title = ""
-    nil = b""
+    stand_ins: ClassVar[Mapping[StandIn, bytes]] = {}
     schema: Schema | None = None
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
@@ -110,13 +111,13 @@ class DocumentType(ABC):
                 scalars[path] = value
         return self.patch(payload, scalars) if scalars else payload
 
-    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
-        """Return the payload without a scalar field of a map, or with nil in its place."""
+    def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
+        """Return the payload without a field of a map, or with something else in its place."""
         item = self._find(payload, path)
-        if self.value(payload, item) is None:
-            raise PayloadError(f"{item.kind} is no scalar field", where=path)
-        if null:
-            return payload[: item.start] + self.nil + payload[item.end :]
+        if parse_path(path).length:
+            raise PayloadError("a length cannot be left out", where=path)
+        if instead:
+            return payload[: item.start] + self.stand_ins[instead] + payload[self.skip(payload, item.start) :]
         *outer, step = parse_path(path).steps
         parent = self._at(payload, tuple(outer), path)
         if parent.kind != "map":

@@ -29,6 +29,7 @@ from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["JsonType"]
@@ -37,6 +38,8 @@ _MAX_BYTES = 1 << 24
 _MAX_DEPTH = 64
 _INT64 = range(-(1 << 63), 1 << 63)
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[{}\[\],:]|[^\s{}\[\],:"]+')
+
+_STAND_INS = {"null": "null", "list": "[]", "map": "{}"}
 
 Span = tuple[int, int]
 Spans = Span | dict[str, "Spans"] | list["Spans"]
@@ -99,20 +102,25 @@ class JsonType:
                 scalars[path] = value
         return self.patch(payload, scalars) if scalars else payload
 
-    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
-        """Return the payload without a scalar member of an object, or with `null` in its place."""
+    def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
+        """Return the payload without a member of an object, or with something else in its place."""
         text, document = _parse(payload)
         field = parse_path(path)
-        _scalar(_walk(document, field, path), path)
-        start, end = _walk(_spans(text), field, path)
-        if null:
-            return (text[:start] + "null" + text[end:]).encode()
+        _walk(document, field, path)
+        if field.length:
+            raise PayloadError("a length cannot be left out", where=path)
+        containers: dict[int, Span] = {}
+        spans = _spans(text, containers=containers)
+        node = _walk(spans, field, path)
+        start, end = node if isinstance(node, tuple) else containers[id(node)]
+        if instead:
+            return (text[:start] + _STAND_INS[instead] + text[end:]).encode()
         tokens = [match.span() for match in _TOKEN.finditer(text)]
-        at = bisect_left(tokens, (start, end))
+        at, behind = bisect_left(tokens, (start, 0)), bisect_left(tokens, (end, 0))
         if text[slice(*tokens[at - 1])] != ":":
             raise PayloadError("only members of an object can be left out", where=path)
-        if text[slice(*tokens[at + 1])] == ",":
-            start, end = tokens[at - 2][0], tokens[at + 2][0]
+        if text[slice(*tokens[behind])] == ",":
+            start, end = tokens[at - 2][0], tokens[behind + 1][0]
         else:
             last = text[slice(*tokens[at - 3])] == ","
             start = tokens[at - 3 if last else at - 2][0]
@@ -188,10 +196,13 @@ def _token(old: Scalar, new: Scalar, path: str) -> str:
     return json.dumps(new)
 
 
-def _spans(text: str, elements: dict[int, list[Span]] | None = None) -> Spans:
+def _spans(
+    text: str, elements: dict[int, list[Span]] | None = None, containers: dict[int, Span] | None = None
+) -> Spans:
     """Return the document with each scalar replaced by where it stands; `text` is known to be JSON.
 
-    Where `elements` is given, it is filled with where the elements of each array stand, by the array's `id`.
+    Where `elements` is given, it is filled with where the elements of each array stand, by the array's `id`, and
+    `containers` with where arrays and objects stand.
     """
     root: list[Spans] = []
     if elements is not None:
@@ -203,7 +214,9 @@ def _spans(text: str, elements: dict[int, list[Span]] | None = None) -> Spans:
         if part in ",:":
             continue
         if part in "]}":
-            stack.pop()
+            ended = id(stack.pop())
+            if containers is not None:
+                containers[ended] = containers[ended][0], match.end()
             if isinstance(stack[-1], list) and elements is not None:
                 inside = elements[id(stack[-1])]
                 inside[-1] = inside[-1][0], match.end()
@@ -222,6 +235,8 @@ def _spans(text: str, elements: dict[int, list[Span]] | None = None) -> Spans:
                 elements[id(top)].append(match.span())
         if not isinstance(node, tuple):
             stack.append(node)
+            if containers is not None:
+                containers[id(node)] = match.span()
             if elements is not None:
                 elements[id(node)] = []  # a container that a duplicate key has replaced may have had the same id
     return root[0]

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.types.document import DocumentType, Item
 from riot_bus.types.model import wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["MsgpackType", "is_container"]
@@ -49,7 +52,7 @@ class MsgpackType(DocumentType):
     name = "msgpack"
     encoding = "msgpack"
     title = "MessagePack"
-    nil = b"\xc0"
+    stand_ins: ClassVar[Mapping[StandIn, bytes]] = {"null": b"\xc0", "list": b"\x90", "map": b"\x80"}
 
     def head(self, payload: bytes, at: int) -> Item:
         """Return the item that begins here."""

@@ -46,7 +46,13 @@ def test_each_is_carried_out(encoding: str) -> None:
     for path in ("x", "name"):
         assert {key: value for key, value in nominal.items() if key != path} in seen
         assert nominal | {path: None} in seen
-    assert nominal | {"in": {}} in seen
+    for path in ("in", "list"):
+        assert {key: value for key, value in nominal.items() if key != path} in seen
+        assert nominal | {path: None} in seen
+        assert nominal | {path: {}} in seen
+    assert nominal | {"in": []} in seen
+    for change in ({"x": []}, {"x": {}}, {"in": {"y": {}}}, {"list": [[], 2]}):
+        assert nominal | change in seen
     for change in ({"x": "1"}, {"name": 1}, {"list": []}, {"list": [None, 2]}):
         assert nominal | change in seen
     assert nominal | {"list": [1, 2, 2]} in seen
@@ -60,11 +66,28 @@ def test_what_is_left_alone_stays_as_it_is() -> None:
     messages = log("application/json")
     left = malformations(messages, TypeRegistry(), leave=["a:x", "a:list*", "a:stamp"])
     fields = {each.field for item in left for each in item.injections}
-    assert fields == {"name", "in.y", None}
+    assert fields == {"name", "in", "in.y", None}
     assert malformations(messages, TypeRegistry(), leave=["a:*"]) == []
     assert "seq" in {
         each.field for item in malformations(messages, TypeRegistry(), include=["a:seq"]) for each in item.injections
     }
+
+
+def test_lists_and_maps_are_left_alone_with_what_is_in_them() -> None:
+    document = {"pose": {"at": [{"x": 1, "keep": 2}], "odd key": {"y": 1}}, "header": {"stamp": 5.0}}
+    messages = [Message(10**9 + n, "a", json.dumps(document).encode()) for n in range(3)]
+
+    def changed(**options: list[str]) -> set[str]:
+        items = malformations(messages, TypeRegistry(), **options)
+        faults = [one for item in items for one in item.injections if one.fault == "omit" and not one.options]
+        return {str(one.field) for one in faults}
+
+    inner = {"pose.at[0].x", "pose.at[0].keep", 'pose["odd key"].y'}
+    assert changed() == inner | {"pose", "pose.at", 'pose["odd key"]'}  # a header is all stamps
+    assert changed(leave=["a:pose.at[*].keep"]) == {"pose.at[0].x", 'pose["odd key"]', 'pose["odd key"].y'}
+    assert changed(leave=["a:pose"]) == inner | {"pose.at", 'pose["odd key"]'}
+    nulled = {one.field for item in malformations(messages, TypeRegistry()) for one in item.injections if one.options}
+    assert "pose.at[0]" in nulled
 
 
 def test_payloads_of_all_topics_are_cut_off_whatever_their_type() -> None:
