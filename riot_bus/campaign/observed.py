@@ -65,6 +65,9 @@ def _values(target: Target, rows: Iterable[Mapping[str, tuple[str, Scalar]]]) ->
         low, high = min(numbers, default=0), max(numbers, default=0)
         yield from (SuggestedValue(value, "a limit in the log") for value in (low, high) if low < high)
         yield from (SuggestedValue(value, "just beyond what the log has") for value in (low - 1, high + 1))
+        between = [number for number in numbers if low < number < high]
+        earlier = dict.fromkeys(between[place] for place in (0, len(between) // 2, -1) if between)
+        yield from (SuggestedValue(value, "another message has it") for value in earlier)
     strange = [each for each in others if each not in own and (not isinstance(each, str | bytes) or len(each) < _LONG)]
     step = max(1, len(strange) // _OTHERS)
     yield from (SuggestedValue(value, "another field of the message has it") for value in strange[::step][:_OTHERS])

@@ -19,9 +19,15 @@ def values(*documents: dict[str, Any]) -> dict[str, set[Any]]:
 
 def test_limits_and_one_beyond() -> None:
     found = values({"i": 3}, {"i": 7}, {"i": 5})
-    assert found == {"i": {2, 3, 7, 8}}
+    assert found == {"i": {2, 3, 5, 7, 8}}
     assert values({"i": 3}, {"i": 3}) == {"i": {2, 4}}
     assert values({"x": 0.5, "b": True}, {"x": -0.5, "b": False}) == {"x": {-1.5, -0.5, 0.5, 1.5}, "b": set()}
+
+
+def test_some_numbers_of_other_messages() -> None:
+    assert values(*({"i": i} for i in (4, 0, 9, 8, 4, 6, 5)))["i"] == {-1, 0, 9, 10, 4, 6, 5}
+    many = [0, 1000, *range(1, 150)]
+    assert values(*({"i": i} for i in many))["i"] == {-1, 0, 1000, 1001, 1, 75, 149}
 
 
 def test_texts_of_other_messages_and_of_other_fields() -> None:
