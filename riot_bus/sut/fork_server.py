@@ -94,7 +94,7 @@ def serve(lines: BinaryIO, link: socket.socket) -> dict[str, Any] | None:
         request = json.loads(line)
         if request["module"] is None:
             with suppress(OSError, ValueError, SyntaxError):  # the process will say so itself
-                program(os.path.abspath(os.path.join(request["cwd"], request["words"][0])))
+                program(os.path.join(request["cwd"], request["words"][0]))
         read, write = os.pipe()
         between = os.fork()
         if between == 0:
@@ -158,7 +158,7 @@ def run(module: str | None, words: list[str]) -> None:
         runpy._run_module_as_main(module)  # type: ignore[attr-defined]
         return
     sys.argv[:] = words
-    path = os.path.abspath(words[0])
+    path = os.path.join(os.getcwd(), words[0])  # with `./`, as the interpreter has it
     sys.path[:0] = [] if safe else [os.path.dirname(os.path.realpath(path))]
     code = program(path)
     main.__dict__.update(__file__=path, __loader__=importlib.machinery.SourceFileLoader("__main__", path))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
+import stat
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -17,6 +19,10 @@ _OPTION = re.compile(r"-([bBdEiIOPqRsSuv]+|[WX].+)$")
 _WITH_WORD = ("-W", "-X")
 _READ_AT_START = ("PYTHON", "LD_")
 _OF_A_TRIAL = "RIOT_TRIAL_"
+_WORD = re.compile(r"\w+")
+_BEGINNING = 2048
+"""Bytes of a script that are looked at: what pip and setuptools write for an installed program is shorter."""
+_NO_PYTHON = "its command is no Python script or module"
 
 
 class Fork(NamedTuple):
@@ -41,20 +47,23 @@ class Fork(NamedTuple):
 
 def fork_of(
     argv: Sequence[str], *, env: Mapping[str, str], varying: Set[str], cwd: Path, modules: Sequence[str]
-) -> Fork | None:
-    """Return how a component is forked; None if its command is not that of a Python script or module.
+) -> Fork | str:
+    """Return how a component is forked, or why it is not; nothing of that is known before its imports are.
 
     Args:
-        argv: Its command.
+        argv: Its command: a Python interpreter with a script or module, or a script that names its interpreter.
         env: Its environment.
         varying: Variables that differ from trial to trial.
         cwd: Its working folder.
         modules: Modules that it imports, as an earlier trial has shown; nothing is forked without.
     """
-    if not modules or not argv or not _PYTHON.match(os.path.basename(argv[0])):
-        return None
-    if any(name.startswith(_READ_AT_START) for name in varying):
-        return None
+    if not modules or not argv:
+        return ""
+    argv = _interpreted(argv, env, cwd)
+    if not _PYTHON.match(os.path.basename(argv[0])):
+        return _NO_PYTHON
+    if early := [name for name in varying if name.startswith(_READ_AT_START)]:
+        return f"{', '.join(sorted(early))} differs from trial to trial"
     env = {name: value for name, value in env.items() if name not in varying and not name.startswith(_OF_A_TRIAL)}
     at = 1
     while at < len(argv) and (_OPTION.match(argv[at]) or argv[at] in _WITH_WORD):
@@ -62,7 +71,37 @@ def fork_of(
     interpreter, rest = argv[:at], argv[at:]
     if len(rest) > 1 and rest[0] == "-m":
         return Fork(interpreter, env, modules, str(cwd), rest[1], rest[2:])
-    if rest and rest[0].endswith(".py"):
-        script = os.path.realpath(cwd / rest[0])
-        return Fork(interpreter, env, modules, os.path.dirname(script), None, rest)
-    return None
+    if not rest:
+        return _NO_PYTHON
+    script = os.path.realpath(cwd / rest[0])
+    if not rest[0].endswith(".py"):
+        text = _beginning(script)
+        if not text or b"\0" in text:  # a folder, an archive, or compiled
+            return _NO_PYTHON
+        if len(text) < _BEGINNING:  # what an installed program names is its own, and imported by each process anew
+            named = set(_WORD.findall(text.decode(errors="replace").replace("-", "_")))
+            modules = [name for name in modules if name.partition(".")[0] not in named]
+    return Fork(interpreter, env, modules, os.path.dirname(script), None, rest)
+
+
+def _interpreted(argv: Sequence[str], env: Mapping[str, str], cwd: Path) -> Sequence[str]:
+    """Return what the kernel executes for a script that names its interpreter, the command itself for anything else."""
+    path = argv[0] if os.sep in argv[0] else shutil.which(argv[0], path=env.get("PATH")) or argv[0]
+    line, end, _ = _beginning(cwd / path).partition(b"\n")
+    if not (line.startswith(b"#!") and end and os.access(cwd / path, os.X_OK)):
+        return argv
+    words = line[2:].decode(errors="surrogateescape").strip().split(maxsplit=1)
+    if len(words) > 1 and os.path.basename(words[0]) == "env":
+        words = words[1].removeprefix("-S").split() if words[1].startswith("-S") else words[1:]
+    return [*words, path, *argv[1:]] if words else argv
+
+
+def _beginning(path: str | Path) -> bytes:
+    """Return the first bytes of a regular file, nothing of anything else."""
+    try:
+        if stat.S_ISREG(os.stat(path).st_mode):
+            with open(path, "rb") as stream:
+                return stream.read(_BEGINNING)
+    except OSError:
+        pass
+    return b""

@@ -17,12 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.sut.forking import Fork
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from riot_bus.sut.forking import Fork
 
 __all__ = ["TORN_DOWN_WITHIN_S", "ComponentProcess", "Launcher"]
 
@@ -41,7 +40,7 @@ class ComponentProcess:
     """One started component.
 
     Attributes:
-        started: "forked" or "executed", with the reason where it was to be forked.
+        started: "forked" or "executed", with the reason where a Python program was not forked.
         status: Exit status, negative for a signal, None while it runs.
         stack: File and function of each native frame on which a signal has ended it, the innermost first.
         excess: Of what it had more than it may, for which it was killed, and how much.
@@ -127,7 +126,7 @@ class Launcher:
         cwd: Path,
         directory: Path | None,
         fixed: bool = False,
-        fork: Fork | None = None,
+        fork: Fork | str | None = None,
         limits: Mapping[str, float] | None = None,
         held: bool = False,
         teardown: Sequence[str] = (),
@@ -143,7 +142,7 @@ class Launcher:
             cwd: Its working folder.
             directory: Folder for its output; None to leave it where this process writes to, if that is not `quiet`.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
-            fork: How it is forked; None to execute its command.
+            fork: How it is forked, or why not; None to execute its command.
             limits: What it may have of the machine (see `resource_limits.Guard`); None for anything.
             held: Whether its standard input stays open until it ends, or riot does; else there is none.
             teardown: Command that is run when it has ended, or riot has, however that came. Its output goes to
@@ -158,7 +157,8 @@ class Launcher:
             Path(os.devnull) if directory is None else directory / f"{name}.{end}" for end in ("out", "err")
         )
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
-        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": fork._asdict() if fork else None}
+        forked = fork._asdict() if isinstance(fork, Fork) else None
+        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": forked}
         request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
         request |= {"held": held, "teardown": list(teardown), "undoes": undoes, "torn_down_within": TORN_DOWN_WITHIN_S}
@@ -171,7 +171,8 @@ class Launcher:
                     f"component {name!r} does not start: {reply['error']}",
                     hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
                 )
-            started = f"executed, since {reply['cannot']}" if reply["cannot"] else "forked" if fork else "executed"
+            cannot = reply["cannot"] or (fork if isinstance(fork, str) else "")
+            started = f"executed, since {cannot}" if cannot else "forked" if fork else "executed"
             process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, started, relayed=relayed)
             process.torn_down = not teardown
             self._processes[process.pid] = process

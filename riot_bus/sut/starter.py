@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.sut.context import Context
+    from riot_bus.sut.forking import Fork
     from riot_bus.sut.launcher import ComponentProcess, Launcher
     from riot_bus.sut.python_report import PythonReport
     from riot_bus.sut.starts import Start
@@ -120,11 +121,12 @@ class ComponentStarter:
             there=there,
             folder=self._directory,
         )
-        fork = None
-        executed = before or component.only or not component.is_process
-        if fixed and not executed and self._file.isolation_of(name) != "fresh":
+        modules = self._imports.get(self._program(name), ())
+        fresh = 'isolation = "fresh"' if self._file.isolation_of(name) == "fresh" else ""
+        asked = fresh if fixed else 'surroundings = "as they are"'
+        fork: Fork | str | None = f"riot.toml has {asked}" if asked and modules else None
+        if not (asked or before or component.only) and component.is_process:
             varying = {key for key, value in filled.env.items() if component.env[key] != value}
-            modules = self._imports.get(self._program(name), ())
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
         bridge = self._bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):

@@ -190,7 +190,9 @@ class Supervisor:
             server = self._servers[key] = ForkServer(wanted, fixed=request["fixed"])
         for name in ("stdout", "stderr"):
             open(request[name], "ab").close()  # they are there as soon as it is
-        told = {name: request[name] for name in ("argv", "env", "cwd", "stdout", "stderr")}
+        told = {name: request[name] for name in ("env", "cwd", "stdout", "stderr")}
+        main = [] if wanted["module"] is None else ["-m", wanted["module"]]
+        told["argv"] = [*wanted["interpreter"], *main, *wanted["words"]]
         return server.start(**told, module=wanted["module"], words=wanted["words"]), server.cannot
 
     def reap(self) -> None:

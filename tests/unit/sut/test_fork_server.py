@@ -104,6 +104,21 @@ def test_it_is_as_if_it_had_been_executed(launcher: Launcher, folder: Path, comm
     assert (printed.replace("executed2", "executed"), errors, status) == executed
 
 
+def test_a_script_that_names_its_interpreter_is_as_if_it_had_been_executed(launcher: Launcher, folder: Path) -> None:
+    script = folder / "node"
+    script.write_text(f"#!{sys.executable} -u\n{PROGRAM}")
+    script.chmod(0o755)
+    done = []
+    for modules in ((), IMPORTS):
+        env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        fork = fork_of(["./node", "pass"], env=env, varying=frozenset(), cwd=folder, modules=modules)
+        process = launcher.start("node", ["./node", "pass"], env=env, cwd=folder, directory=folder, fork=fork)
+        done.append((process.started, *ended(launcher, process)))
+        process.stdout.unlink()
+    assert [each[0] for each in done] == ["executed", "forked"]
+    assert done[0][1:] == done[1][1:]
+
+
 def test_it_has_imported_what_is_installed_and_nothing_of_its_own(launcher: Launcher, folder: Path) -> None:
     code = f"import sys; print([name in sys.modules for name in {IMPORTS[1:-1]}])"
     (folder / "looks.py").write_text(f"{code}\nimport numpy; print(numpy.random.random())")
