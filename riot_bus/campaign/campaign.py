@@ -54,7 +54,7 @@ class CampaignResult:
         exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
             told to stop).
         notes: What monitors said of themselves: they raised, or saw nothing.
-        started: How the last trial started the unit.
+        starts: How trials started the unit, and how many did so, that of the last one at the end.
         tried: Things that were tried, and whether they failed alone.
         undecided: Things that failed together, and that the budget did not tell apart.
         coverable: How many there are to try.
@@ -73,7 +73,7 @@ class CampaignResult:
     exhausted: bool
     unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
-    started: str = ""
+    starts: Mapping[str, int] = field(default_factory=dict)
     tried: Sequence[tuple[Variation, bool]] = ()
     undecided: Sequence[Variation] = ()
     coverable: int = 0
@@ -120,7 +120,7 @@ class _Campaign:
     asked: dict[str, TestCase] = field(default_factory=dict)
     after_others: dict[str, AfterOthers] = field(default_factory=dict)
     unseen: dict[str, dict[int, str]] = field(default_factory=dict)
-    started: str = ""
+    starts: dict[str, int] = field(default_factory=dict)
     effects: Effects = field(default_factory=Effects)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
     tell: Callable[[str], None] = lambda _: None
@@ -146,7 +146,8 @@ class _Campaign:
             if not outcome.judged:
                 self.unjudged.append((case, outcome.detail))
                 continue
-            self.started = str(outcome.statistics.get("started", ""))
+            if started := str(outcome.statistics.get("started", "")):
+                self.starts[started] = self.starts.pop(started, 0) + 1
             if outcome.detail:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
             self.unordered += bool(outcome.statistics.get("unordered")) and outcome.verdict is Verdict.PASS
@@ -346,7 +347,7 @@ def run_campaign(
         finished,
         rest,
         notes,
-        started=work.started,
+        starts=work.starts,
         tried=covering.tried if covering else (),
         undecided=covering.undecided if covering else (),
         coverable=covering.total if covering else 0,

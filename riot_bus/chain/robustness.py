@@ -192,7 +192,7 @@ def test_unit(
             unjudged=_unjudged(result.unjudged),
             notes=dict(result.notes),
             ordered=baseline.ordered,
-            started=result.started,
+            started=["", *result.starts][-1],
             covered=len(result.tried),
             coverable=result.coverable,
             effects=_effects(result, types),
@@ -209,7 +209,7 @@ def test_unit(
         found = map(_told, [*result.failures.values(), *traced])
         after = [_after(each) for each in untraced]
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
-        lines = [*found, *after, *doubts]
+        lines = [*found, *after, *doubts, *_started(result)]
         step.end("\n".join([_summary(subject, result, record.stopped), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
@@ -314,6 +314,12 @@ def _summary(subject: _Subject, result: CampaignResult, why: str) -> str:
 def _told(failure: Failure) -> str:
     rate = f" ({failure.rate.hits} of {counted(failure.rate.total, 'fresh trial')})" if failure.rate else ""
     return f"found {clean(failure.violation.signature, limit=160)}{rate}"
+
+
+def _started(result: CampaignResult) -> list[str]:
+    """Return a line about how trials started the unit; nothing if none has told."""
+    told = (f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
+    return [f"how the unit was started: {'; '.join(told)}"] if result.starts else []
 
 
 class _Inside:

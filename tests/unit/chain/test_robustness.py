@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,22 @@ def test_failures_become_findings_with_the_log_as_it_was_delivered(tmp_path: Pat
     with LogReader(folder / "failure.mcap") as reader:
         assert {entry.sequence for entry in reader.provenance()} == set(log.originals)
     assert (folder / "reproduce.sh").is_file()
+
+
+def test_how_the_unit_was_started_is_told(tmp_path: Path) -> None:
+    one = bench(tmp_path, fails=never_hangs)
+    play, why = one.machine.play, "executed, since its imports start 2 threads"
+    ways = iter(["executed"])
+
+    def started(case: TestCase) -> Outcome:
+        outcome = play(case)
+        return replace(outcome, statistics={**outcome.statistics, "started": next(ways, why)})
+
+    one.machine.play = started  # type: ignore[method-assign]
+    assert campaign(one) == []
+    line = one.told(StepFinished)[-1].text.splitlines()[-1]
+    assert line == f"how the unit was started: executed in 1 trial; {why} in 33 trials"
+    assert CampaignRecord.load(one.workspace.out).started == why
 
 
 def test_what_happens_is_told(tmp_path: Path) -> None:
