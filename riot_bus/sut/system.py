@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -47,6 +48,21 @@ PARAMETER = re.compile(r"\{param:([^{}]*)\}")
 FILE = re.compile(r"\{file:([^{}]+)\}")
 FREE_PORT = re.compile(r"\{free_port(?::\w{1,40})?\}", re.ASCII)
 """Placeholders of a port: with a name, there is one for each."""
+_PLACEHOLDER = re.compile(r"(?<!\{)\{([a-z_]+)(:[^{}]*)?\}(?!\})", re.ASCII)
+_PLACEHOLDERS = (
+    "python",
+    "endpoint",
+    "segment",
+    "trial_dir",
+    "seed",
+    "duration",
+    "speed",
+    "slot",
+    "domain",
+    "free_port",
+)
+_NEAR = 0.8
+"""Likeness of a misspelt placeholder: `{speeed}` and `{enpoint}`, but not `{feed}` or `{port}`."""
 
 
 class _Table(BaseModel):
@@ -392,7 +408,7 @@ class SystemFile(_Table):
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
-            self._check_parameters(component, f"components.{name}")
+            self._check_placeholders(component, f"components.{name}")
             for resource, count in component.resources.items():
                 if resource not in self.resources:
                     raise _unknown(f"components.{name}.resources", resource, self.resources)
@@ -424,15 +440,18 @@ class SystemFile(_Table):
                 raise ValueError(
                     f"unit.{name}.command|what runs already has no command|leave out `command`, or `attach`"
                 )
-            self._check_parameters(self.component_alone(name), f"unit.{name}")
+            self._check_placeholders(self.component_alone(name), f"unit.{name}")
         return self
 
-    def _check_parameters(self, component: Component, place: str) -> None:
+    def _check_placeholders(self, component: Component, place: str) -> None:
         by_key = {"command": component.command, "env": component.env.values(), "cwd": (component.cwd,)}
         for key, texts in {**by_key, "setup": component.setup, "teardown": component.teardown}.items():
-            for parameter in (each for text in texts for each in PARAMETER.findall(text)):
-                if parameter not in self.external.parameters:
-                    raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
+            for text in texts:
+                for parameter in PARAMETER.findall(text):
+                    if parameter not in self.external.parameters:
+                        raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
+                if found := _misspelt(text):
+                    raise ValueError(f"{place}.{key}|{found[0]}|{found[1]}")
 
     def texts_of(self, component: Component) -> list[str]:
         """Return all texts that may have placeholders: those of a component, and of the files that it gets copies of.
@@ -529,6 +548,18 @@ class SystemFile(_Table):
         if name not in self.unit:
             raise ConfigError(f"no unit {name!r}", where=str(self.path), hint=did_you_mean(name, self.unit))
         return name
+
+
+def _misspelt(text: str) -> tuple[str, str] | None:
+    """Return what is wrong with a text's placeholders, and a hint; other words in braces are the program's own."""
+    for found in _PLACEHOLDER.finditer(text):
+        word, more = found.groups()
+        if word == "free_port" and more is not None and not FREE_PORT.fullmatch(found[0]):
+            return f"{found[0]!r} is no placeholder", "the name has letters, digits and _, 40 at most"
+        near = [] if word in _PLACEHOLDERS else get_close_matches(word, _PLACEHOLDERS, n=1, cutoff=_NEAR)
+        if near:
+            return f"{found[0]!r} is no placeholder", f"did you mean {{{near[0]}}}? If not, write it {{{found[0]}}}"
+    return None
 
 
 def _unknown(place: str, word: str, known: Any) -> ValueError:

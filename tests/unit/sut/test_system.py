@@ -94,6 +94,15 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", '[[monitors]]\nkind = "rate"\ntopic = "x"\ngap = -1', 12, ("gap", "greater than 0", "-1")),
         ("[unit.one]", '[[monitors]]\nkind = "finite"\nfield = "x"', 9, ("names no field",)),
         ('command = ["true"]', 'command = ["true", "{param:gain}"]', 6, ("'{param:gain}' is not described",)),
+        (
+            'command = ["true"]',
+            'command = ["true", "-e{enpoint}"]',
+            6,
+            ("'{enpoint}' is no", "{endpoint}?", "{{enpoint}}"),
+        ),
+        ('segment = "a"', 'setup = ["x", "{trialdir}/a"]', 7, ("'{trialdir}' is no", "{trial_dir}?")),
+        ("[unit.one]", '[unit.one]\nenv = { A = "{durration}" }', 10, ("'{durration}' is no", "{duration}?")),
+        ('segment = "a"', 'cwd = "{free_port:a-b}"', 7, ("'{free_port:a-b}' is no", "letters, digits and _")),
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1.0 }", 10, ("range = [LEAST, MOST]",)),
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1, range = [3, 2] }", 10, ("no range of 1",)),
         ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("none of the values",)),
@@ -194,6 +203,23 @@ def test_files_with_placeholders_are_there_and_describe_their_parameters(tmp_pat
     assert set(before) == {"riot.toml", "b", "c/a.json5"}
     (tmp_path / "b").write_text("other")
     assert {name for name, digest in open_system(path).parts().items() if digest != before[name]} == {"b"}
+
+
+def test_braces_of_programs_are_left_alone(tmp_path: Path) -> None:
+    texts = (
+        '{"seed": 1, "speed": {}}',
+        "{{enpoint}}",
+        "{port}",
+        "{feed}",
+        "{name:>5}",
+        "a{,b}",
+        "{endpoint}",
+        "{Seed}",
+        "{}",
+    )
+    words = ", ".join(f"'{text}'" for text in texts)
+    path = write(tmp_path, GOOD.replace('command = ["true"]', f"command = ['true', {words}]"))
+    assert open_system(path).file.components["one"].command[1:] == texts
 
 
 def test_limits_are_amounts_with_units_or_off(tmp_path: Path) -> None:
