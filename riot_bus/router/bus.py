@@ -490,13 +490,16 @@ class Bus:
 
         return end
 
-    def subscribe(self, segment: str, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
-        """Observe what is on a segment, what we publish there included.
+    def subscribe(
+        self, segment: str, keyexpr: str, callback: Callable[[Message], None], *, own: bool = True
+    ) -> Subscription:
+        """Observe what is on a segment.
 
         Args:
             segment: Name of the segment.
             keyexpr: Key expression.
             callback: Called on one thread for all observers; if it is too slow, messages are counted as lost.
+            own: Whether what we publish there is observed, too.
 
         Returns:
             Something with `undeclare()`.
@@ -513,7 +516,8 @@ class Bus:
                 self._dispatcher.deliver(callback, convert(sample))
 
         pin(session, text)
-        return session.declare_subscriber(text, take)
+        locality = library_of(session).Locality
+        return session.declare_subscriber(text, take, allowed_origin=locality.ANY if own else locality.REMOTE)
 
     def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
         """Answer the calls of a service that components of a segment make, with what was recorded, until the end.

@@ -432,7 +432,7 @@ class TrialSetup:
             watch(expression, take)
 
     def watch_all_outputs(self, *, segment: str, inputs: Iterable[str]) -> None:
-        """Collect whatever is published on a segment, but for some topics."""
+        """Collect whatever components publish on a segment, but for some topics."""
         registry, inputs = self.context.registry, tuple(inputs)
         known: dict[str, bool] = {}
 
@@ -442,7 +442,7 @@ class TrialSetup:
             if known[message.key]:
                 self.outputs.append(message)
 
-        self.bus.subscribe(segment, "**", take)
+        self.bus.subscribe(segment, "**", take, own=False)
 
     def put(self, segment: str, message: Message) -> None:
         """Publish an input; it waits if receivers are slow."""

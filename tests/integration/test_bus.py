@@ -485,6 +485,20 @@ def test_client_speaks_in_messages() -> None:
         assert seen[1].kind == "delete"
 
 
+def test_an_observer_of_others_does_not_get_what_we_publish_ourselves() -> None:
+    with Bus({"only": []}) as bus, open_client(bus.endpoint("only")) as component:
+        every: list[bytes] = []
+        others: list[bytes] = []
+        bus.subscribe("only", "a/**", lambda message: every.append(message.payload))
+        bus.subscribe("only", "a/**", lambda message: others.append(message.payload), own=False)
+        component.subscribe("a/x", lambda message: component.put(message.with_(key="a/y", payload=b"answer")))
+        assert bus.wait_subscribed("only", ["a/x"], timeout=60) == []
+        bus.put("only", Message(0, "a/x", b"ours", qos=Qos(congestion="block")))
+        assert wait_until(lambda: len(every) == 2 and others, 60)
+        assert bus.drain(60)
+        assert (sorted(every), others) == ([b"answer", b"ours"], [b"answer"])
+
+
 def test_a_slow_interceptor_holds_up_senders_and_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lane, "_BACKLOG", 64)
     monkeypatch.setattr(lane, "_TURN_S", 0.0)  # so each message that is looked at ends the lane's turn, as slow ones do
