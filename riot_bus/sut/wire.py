@@ -111,7 +111,9 @@ class TrialBatch:
         own = [] if known else [_plain(message) for message in log]
         self.shared = _pack({"kind": type(trial).__name__, "trial": _plain(trial), "log": own})
         self.digest = hashlib.sha256(self.shared).digest()
-        self._numbers = {message: number for number, message in enumerate(known or log)}
+        self._log = tuple(known or log)
+        self._numbers = {message: number for number, message in enumerate(self._log)}
+        self._last: tuple[tuple[Message, ...] | None, Sequence[Any] | None] = None, None
 
     def request(self, case: TestCase, *, directory: Path, whole: bool, imports: Mapping[str, Sequence[str]]) -> bytes:
         """Return what asks a worker to execute a case.
@@ -122,8 +124,7 @@ class TrialBatch:
             whole: Whether what is shared goes with it.
             imports: Modules that Python components import, by program, as far as the worker does not know them.
         """
-        numbers = self._numbers
-        messages = [numbers[each] if each in numbers else _plain(each) for each in case.messages]
+        messages = self._told(case.messages)
         return _pack(
             {
                 "digest": self.digest,
@@ -133,6 +134,16 @@ class TrialBatch:
                 "imports": imports,
             }
         )
+
+    def _told(self, messages: tuple[Message, ...]) -> Sequence[Any] | None:
+        """Return messages as a request has them, None for the whole log; those of the last case are looked up once."""
+        if messages is not self._last[0]:
+            numbers = self._numbers
+            told = None
+            if messages != self._log:
+                told = [numbers[each] if each in numbers else _plain(each) for each in messages]
+            self._last = messages, told
+        return self._last[1]
 
 
 def _log_of(trial: Trial) -> tuple[Message, ...]:
@@ -149,7 +160,7 @@ class TrialRequest:
     imports: Mapping[str, Sequence[str]]
 
     @classmethod
-    def read(cls, data: bytes, known: dict[bytes, tuple[Trial, Sequence[Message]]]) -> TrialRequest:
+    def read(cls, data: bytes, known: dict[bytes, tuple[Trial, tuple[Message, ...]]]) -> TrialRequest:
         """Read a request.
 
         Args:
@@ -168,7 +179,7 @@ class TrialRequest:
         trial, log = known[found["digest"]]
         messages = found["case"].pop("messages")
         case: TestCase = _adapter(TestCase).validate_python(found["case"])
-        case = replace(case, messages=tuple(_messages(messages, log)))
+        case = replace(case, messages=log if messages is None else tuple(_messages(messages, log)))
         return cls(trial, case, Path(found["directory"]).absolute(), found["imports"])
 
 

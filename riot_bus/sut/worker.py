@@ -54,7 +54,7 @@ class TrialWorker:
 
     def __init__(self, system: Path, launcher: Launcher) -> None:
         self._system, self._launcher = system, launcher
-        self._known: dict[bytes, tuple[Trial, Sequence[Message]]] = {}
+        self._known: dict[bytes, tuple[Trial, tuple[Message, ...]]] = {}
         self._imports: dict[str, Sequence[str]] = {}
         self._kept: list[AbstractContextManager[object]] = []
 

@@ -90,9 +90,7 @@ class TestCase:
 
     def digest(self) -> str:
         """Return a hash of everything that decides the outcome; equal cases have equal digests."""
-        digest = hashlib.sha256()
-        for message in self.messages:
-            digest.update(message.digest())
+        digest = _hash_of(self.messages)
         rest: dict[str, object] = {"seed": self.seed, "injections": [each.row() for each in self.injections]}
         if self.again:
             rest["again"] = self.again
@@ -102,6 +100,21 @@ class TestCase:
             rest["gaps"] = [after.time - before.time for before, after in pairwise(self.messages)]
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
         return digest.hexdigest()[:32]
+
+
+_hashed: list[tuple[tuple[Message, ...], hashlib._Hash]] = [((), hashlib.sha256())]
+"""The messages that were hashed last: nearly all cases of a campaign have the same."""
+
+
+def _hash_of(messages: tuple[Message, ...]) -> hashlib._Hash:
+    """Return a hash that has taken in messages."""
+    known, state = _hashed[0]
+    if known is not messages:
+        state = hashlib.sha256()
+        for message in messages:
+            state.update(message.digest())
+        _hashed[0] = messages, state
+    return state.copy()
 
 
 @dataclass(frozen=True, slots=True)

@@ -157,6 +157,25 @@ def test_messages_of_the_log_go_over_once() -> None:
     assert len(batch.request(TestCase(log[10:]), directory=Path("/x"), whole=False, imports={})) < 1000
 
 
+def test_messages_of_the_last_case_are_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tuple(Message(number, "a", bytes(9)) for number in range(50))
+    trial = UnitTrial("u", replace(BASELINE, log=log))
+    batch, known = TrialBatch(trial, ()), dict[bytes, tuple[Trial, tuple[Message, ...]]]()
+    part = (*log[10:], Message(7, "b", b""))
+
+    def requested(messages: tuple[Message, ...]) -> tuple[int, TestCase]:
+        data = batch.request(TestCase(messages), directory=Path("/x"), whole=not known, imports={})
+        return len(data), TrialRequest.read(data, known).case
+
+    for messages in (log, (*log[:1], *log[1:]), part):
+        assert requested(messages)[1] == TestCase(messages)
+    monkeypatch.setattr(Message, "__hash__", lambda self: pytest.fail("it was looked up"))
+    assert requested(part)[1] == TestCase(part)
+    size, case = requested((*log[:1], *log[1:]))
+    assert size < 250
+    assert case.messages is requested(log)[1].messages  # so whoever works on them can know them again
+
+
 def test_the_oldest_log_is_forgotten() -> None:
     known: dict[bytes, int] = {}
     for number in range(20):

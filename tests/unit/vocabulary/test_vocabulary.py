@@ -74,9 +74,26 @@ def test_digest_follows_whatever_decides_the_outcome() -> None:
 def test_digests_of_stored_trials_stay_and_options_of_faults_count() -> None:
     plain = (Injection("a", "x", 1.0), Injection("a", fault="drop"))
     assert TestCase((), plain, 3).digest() == "0977dd7218231dfb36cacf327ff70941"  # campaigns of earlier versions resume
+    log = (Message(1, "a", b"x", attachment=b"y"), Message(5, "b", b"", "delete", "text/plain"))
+    for _ in range(2):
+        assert TestCase(log, (), 3).digest() == "4221f71f972e4c33a64b2aca954beaf0"
+        assert TestCase(log, (), 3, paced=True).digest() == "12befe1e01e28dcc7f442f8f969e28d5"
+        assert TestCase((), plain, 3).digest() == "0977dd7218231dfb36cacf327ff70941"
     assert "options" not in plain[0].row()
     cases = [TestCase((), (Injection("a", fault="f", options=(("n", number),)),)) for number in range(3)]
     assert len({case.digest() for case in cases}) == 3
+
+
+def test_the_log_of_many_cases_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    hashed: list[Message] = []
+    digest = Message.digest
+    monkeypatch.setattr(Message, "digest", lambda self: hashed.append(self) or digest(self))
+    log = (Message(1, "a", b"x"), Message(2, "a", b"y"))
+    cases = [TestCase(log, seed=seed) for seed in range(3)]
+    digests = [case.digest() for case in cases]
+    assert (len(set(digests)), len(hashed)) == (3, 2)
+    copies = [TestCase(log[:1] + log[1:], seed=seed) for seed in range(3)]
+    assert [case.digest() for case in copies] == digests
 
 
 def test_failing_as() -> None:
