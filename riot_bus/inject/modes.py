@@ -5,9 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.types.brittle import why_brittle
+from riot_bus.types.by_payload import ByPayload
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message, Scalar
 
@@ -17,21 +21,23 @@ MOST_MODES = 6
 """Values that a mode has at most: more are rather a count or a measurement."""
 _LONG = 64
 """Texts of modes are shorter."""
+_MOST_KNOWN = 1 << 12
 
 
-def modes_of(message: Message, registry: TypeRegistry) -> list[tuple[str, Scalar]]:
+def modes_of(message: Message, registry: TypeRegistry) -> Sequence[tuple[str, Scalar]]:
     """Return the truth values, integers and short texts of a message, with their paths.
 
     Stamps, numbers of messages and the like, and elements of arrays are left out.
     """
-    if message.kind != "put":
-        return []
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    return _modes(message, registry) if message.kind == "put" else ()
+
+
+def _modes_in(kind: MessageType | None, payload: bytes) -> Sequence[tuple[str, Scalar]]:
     try:
-        leaves = () if kind is None else kind.leaves(message.payload, elements=1)
+        leaves = () if kind is None else kind.leaves(payload, elements=1)
     except PayloadError:
-        return []
-    return [
+        return ()
+    return tuple(
         (leaf.path, leaf.value)
         for leaf in leaves
         if (leaf.type in ("bool", "string") or "int" in leaf.type)
@@ -39,4 +45,7 @@ def modes_of(message: Message, registry: TypeRegistry) -> list[tuple[str, Scalar
         and "(" not in leaf.path
         and (not isinstance(leaf.value, str) or len(leaf.value) < _LONG)
         and not why_brittle(leaf.path, kind)
-    ]
+    )
+
+
+_modes = ByPayload(_modes_in, most=_MOST_KNOWN)

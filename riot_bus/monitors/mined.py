@@ -12,17 +12,17 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import asdict, dataclass
-from hashlib import blake2b
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.statistics.rates import exact_interval
+from riot_bus.types.by_payload import ByPayload
 from riot_bus.types.capabilities import allows_non_finite
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.types.model import MessageType
@@ -46,33 +46,6 @@ _CLOCK_NS = 10**9
 _STALE_NS = 10 * 10**9
 """A loaded machine holds an output up for a second or two, not for ten."""
 _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
-
-
-_T = TypeVar("_T")
-
-
-class _ByPayload(Generic[_T]):
-    """Keeps what was worked out of payloads: the messages of one trial are nearly those of another.
-
-    By the type's identity, as types of others need not be hashable, and the payload's checksum.
-
-    Args:
-        make: Works it out.
-        most: Payloads of which it is kept.
-    """
-
-    def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
-        self._make, self._most = make, most
-        self._known: dict[tuple[int, bytes], tuple[MessageType | None, _T]] = {}
-
-    def __call__(self, message: Message, registry: TypeRegistry) -> _T:
-        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        key = id(kind), blake2b(message.payload, digest_size=16).digest()
-        if key not in self._known:
-            if len(self._known) >= self._most:
-                self._known.clear()
-            self._known[key] = kind, self._make(kind, message.payload)  # the type is kept, and so its identity
-        return self._known[key][1]
 
 
 class _Answer(NamedTuple):
@@ -332,7 +305,7 @@ def _numbers_of(
     return numbers, odd, frozenset(_INDEX.sub("[*]", path) for path in numbers if allows_non_finite(kind, path))
 
 
-_numbers = _ByPayload(_numbers_of, most=_MOST_KNOWN)
+_numbers = ByPayload(_numbers_of, most=_MOST_KNOWN)
 
 
 def _norm(numbers: Mapping[str, float], parent: str) -> float | None:
@@ -358,7 +331,7 @@ def _holds_large(kind: MessageType | None, payload: bytes) -> bool:
     return not leaves or any(_is_large(leaf.value) for leaf in leaves)
 
 
-_is_exceptional = _ByPayload(_holds_large, most=_MOST_JUDGED)
+_is_exceptional = ByPayload(_holds_large, most=_MOST_JUDGED)
 
 
 def _is_large(value: Any) -> bool:

@@ -27,5 +27,5 @@ def test_truth_values_integers_and_short_texts_count(document: dict[str, Any], p
 
 
 def test_what_cannot_be_taken_apart_has_none() -> None:
-    assert modes_of(Message(0, "a", b"{", encoding="application/json"), TypeRegistry()) == []
-    assert modes_of(Message(0, "a", b"", kind="delete"), TypeRegistry()) == []
+    assert modes_of(Message(0, "a", b"{", encoding="application/json"), TypeRegistry()) == ()
+    assert modes_of(Message(0, "a", b"", kind="delete"), TypeRegistry()) == ()

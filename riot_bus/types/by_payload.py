@@ -1,0 +1,44 @@
+"""Work on payloads that is done once for each of them."""
+
+from __future__ import annotations
+
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.types.model import MessageType
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["ByPayload"]
+
+_T = TypeVar("_T")
+
+
+class ByPayload(Generic[_T]):
+    """Keeps what was worked out of payloads: the messages of one trial are nearly those of another.
+
+    By the type's identity, as types of others need not be hashable, and the payload's checksum.
+
+    Args:
+        make: Works it out.
+        most: Payloads of which it is kept.
+    """
+
+    def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
+        self._make, self._most = make, most
+        self._known: dict[tuple[int, bytes], tuple[MessageType | None, _T]] = {}
+
+    def __call__(self, message: Message, registry: TypeRegistry) -> _T:
+        """Return what was worked out of a message's payload."""
+        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        key = id(kind), blake2b(message.payload, digest_size=16).digest()
+        known = self._known.get(key)
+        if known is None:
+            known = kind, self._make(kind, message.payload)  # the type is kept, and so its identity
+            if len(self._known) >= self._most:
+                self._known.clear()
+            self._known[key] = known
+        return known[1]
