@@ -56,6 +56,9 @@ def inject_log(
     for index, message in enumerate(messages):
         if ahead is not None:
             ahead.append(len(out))
+        if not queue and pipeline.passes(message):
+            out.append(message)
+            continue
         result = pipeline.feed(message)
         queue.push(*result.emissions)
         out.extend(_delivered(queue.pop_due(message.time)))

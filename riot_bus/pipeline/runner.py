@@ -180,6 +180,19 @@ class Pipeline:
         event = self.run(route, message.time, message=message, segment=message.segment, targets=targets)
         return self.result(event, route)
 
+    def passes(self, message: Message) -> bool:
+        """Count a message as delivered if no interceptor wants its key; return whether that is so, else feed it."""
+        route = self._routes.get(message.key) or self.route(message.key)
+        if route.stages:
+            return False
+        if not self._running:
+            self.start()
+        if self._origin is None:
+            self._origin = message.time
+        route.counts.seen += 1
+        route.counts.delivered += 1
+        return True
+
     def run(
         self,
         route: Route,

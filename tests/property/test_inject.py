@@ -1,16 +1,19 @@
 import json
 import random
 
-from hypothesis import given, settings
+import pytest
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.plan import plan_to_toml, read_plan
+from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.predicate import parse_predicate
+from tests.tiers import scaled
 
 signals = st.builds(Signal, st.floats(-5, 5), st.floats(0, 5), st.integers(1, 4), st.integers(0, 9))
 injections = st.lists(
@@ -76,6 +79,51 @@ def test_untouched_messages_are_the_same_objects(one, two, plan, seed):
     hit = {index for index, _, _ in touched}
     delivered = {id(message) for message in out}
     assert all(id(message) in delivered for index, message in enumerate(messages) if index not in hit)
+
+
+class OneTopic(TypeRegistry):
+    """Keys have one topic, whose messages are counted together."""
+
+    def topic(self, key):
+        return "topic"
+
+
+windows = st.builds(
+    Injection,
+    st.just("a"),
+    fault=st.sampled_from(["delay", "drop"]),
+    delay=st.sampled_from([1e-9, 9e-9]),
+    start=st.sampled_from([0.0, 3e-9]),
+    first=st.integers(0, 5),
+)
+logs = st.lists(
+    st.builds(
+        lambda time, key, n: Message(time, key, json.dumps({"x": 0.5, "n": n}).encode()),
+        st.integers(0, 9),
+        st.sampled_from("abc"),
+        st.integers(0, 6),
+    ),
+    max_size=20,
+)
+
+
+LOG = [Message(time, key, b'{"x": 0.5, "n": 1}') for time, key in enumerate("cccaaa")]
+
+
+@settings(deadline=None, max_examples=scaled(400))
+@example(LOG, [], [Injection("a", fault="drop", first=4)], 0, OneTopic)
+@example(LOG, [], [Injection("a", fault="delay", delay=1e-9, start=4e-9)], 0, TypeRegistry)
+@given(logs, injections, st.lists(windows, max_size=2), st.integers(0, 9), st.sampled_from([TypeRegistry, OneTopic]))
+def test_messages_that_no_injection_wants_are_as_if_they_were_looked_at(log, plan, more, seed, registry):
+    def injected():
+        reached, ahead = [], []
+        found = inject_log(log, plan + more, registry=registry(), seed=seed, reached=reached, ahead=ahead)
+        return found, reached, ahead
+
+    fast = injected()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Pipeline, "passes", lambda self, message: False)
+        assert injected() == fast
 
 
 @settings(deadline=None)

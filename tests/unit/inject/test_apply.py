@@ -4,6 +4,7 @@ from dataclasses import replace
 import pytest
 
 from riot_bus.inject import apply
+from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.injection import Curve, Injection, Signal
@@ -40,6 +41,15 @@ def test_which_messages_each_injection_changed() -> None:
     reached: list[list[int]] = []
     apply.inject_log(log, injections, registry=TypeRegistry(), reached=reached)
     assert reached == [[0, 1, 3], [], [], [], [3]]
+
+
+def test_messages_of_keys_without_injections_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    fed: list[Message] = []
+    feed = Pipeline.feed
+    monkeypatch.setattr(Pipeline, "feed", lambda self, message: fed.append(message) or feed(self, message))
+    log = [Message(number, "ab"[number % 2], b"{}") for number in range(10)]
+    out, _ = apply.inject_log(log, [Injection("a", fault="drop", last=1)], registry=TypeRegistry())
+    assert (list(out), fed) == ([log[1], *log[3:]], log[::2])
 
 
 def test_how_much_comes_out_before_the_turn_of_each_message() -> None:
