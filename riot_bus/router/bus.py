@@ -156,10 +156,10 @@ class Bus:
             self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
             self._watch = self._watched()
             stack.callback(self._watch.stop)
-            self.gate.start()
             stack.callback(self.gate.close)
+            if len(self._segments) > 1 or self._claims.expressions or self._selected or self.gate.pipeline.stages:
+                self._start_threads()
             self.gate.change(Pipeline.start)
-            self._crossing.start()
             if len(self._segments) > 1:
                 self._advanced = self._crossing.advanced = PublisherProxies(
                     self.sessions,
@@ -175,6 +175,11 @@ class Bus:
             self._intercept(self._claims.expressions, self._selected, again=False)
             self._stack = stack.pop_all()
         return self
+
+    def _start_threads(self) -> None:
+        """Start what sees to the pipeline: a single segment on which nothing is intercepted does without."""
+        self.gate.start()
+        self._crossing.start()
 
     def close(self) -> None:
         """Let pass what is under way, then close everything; safe to call twice."""
@@ -246,6 +251,7 @@ class Bus:
             services: All key expressions of services that are; None for the present ones.
         """
         with self._changing:
+            self._start_threads()
             selected = self._selected if services is None else canonical(services)
             self._intercept(canonical(keyexprs), selected, again=True)
 
@@ -273,6 +279,7 @@ class Bus:
         """
         with self._changing:
             self._check_ways(stages_of(interceptors))
+            self._start_threads()
             self.gate.replace(interceptors)
             self._forget()
 

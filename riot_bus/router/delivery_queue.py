@@ -79,8 +79,9 @@ class DeliveryQueue:
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
 
     def start(self) -> None:
-        """Start the thread for delayed messages."""
-        self._thread.start()
+        """Start the thread for delayed messages, unless that was done."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def close(self) -> None:
         """End the thread; what is still held is counted as lost. Safe to call twice."""

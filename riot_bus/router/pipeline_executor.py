@@ -59,9 +59,10 @@ class PipelineExecutor:
         self._watch: threading.Thread | None = None
 
     def start(self) -> None:
-        """Watch for interceptors that block."""
-        self._watch = threading.Thread(target=self._watching, name="riot-gate", daemon=True)
-        self._watch.start()
+        """Watch for interceptors that block, unless that is done."""
+        if self._watch is None:
+            self._watch = threading.Thread(target=self._watching, name="riot-gate", daemon=True)
+            self._watch.start()
 
     def close(self) -> None:
         """Stop watching; safe to call twice."""

@@ -602,6 +602,26 @@ def descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+def test_a_segment_on_which_nothing_is_intercepted_needs_no_threads_for_the_pipeline() -> None:
+    def started() -> set[str]:
+        return {"riot-gate", "riot-delayed"} & {thread.name for thread in threading.enumerate()}
+
+    with Bus({"only": []}) as bus, open_client(bus.endpoint("only")) as component:
+        got: list[bytes] = []
+        component.subscribe("cut/x", lambda message: got.append(message.payload))
+        assert bus.wait_subscribed("only", ["cut/x"], timeout=60) == []
+        assert started() == set()
+        bus.set_intercept(["cut/**"])
+        bus.set_interceptors([Script()])
+        assert started() == {"riot-gate", "riot-delayed"}
+        bus.put("only", Message(0, "cut/x", b"late", qos=Qos(congestion="block")))
+        assert bus.drain(60)
+        assert wait_until(lambda: bool(got), 60)
+    assert started() == set()
+    with Bus({"only": []}, pipeline=pipeline(Script())):
+        assert started() == {"riot-gate", "riot-delayed"}
+
+
 def test_opening_and_closing_leaves_nothing_behind() -> None:
     def cycle() -> None:
         with Bus(SEGMENTS, intercept=["cut/**"]) as bus:
