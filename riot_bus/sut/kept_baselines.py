@@ -1,4 +1,4 @@
-"""What units do in nominal trials, kept in the output folder: the next command does not measure it anew."""
+"""What units do in nominal trials, and their hangs, kept in the output folder: no later command measures it anew."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import json
 import logging
 import os
 import re
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from pydantic import TypeAdapter, ValidationError
+
 from riot_bus.sut.baseline import probe_of
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.wire import pack_baseline, read_baseline
 
 if TYPE_CHECKING:
@@ -22,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KeptBaselines"]
 
+_HANGS: TypeAdapter[tuple[str, KnownHangs]] = TypeAdapter(tuple[str, KnownHangs])
 _LOG = logging.getLogger(__name__)
 _MEASURED = 3
 """Which way of measuring them is kept: raised when that changes, so that those of before are measured anew."""
@@ -55,11 +60,22 @@ class KeptBaselines:
             return replace(found, log=tuple(log), probe=probe_of(log))
         measured = measure()
         if measured.trials:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            partial = path.with_suffix(".partial")
-            partial.write_bytes(pack_baseline(key, replace(measured, log=(), probe=())))
-            os.replace(partial, path)
+            _write(path, pack_baseline(key, replace(measured, log=(), probe=())))
         return measured
+
+    def hangs(self, unit: str, log: Sequence[Message]) -> KnownHangs:
+        """Return what earlier trials of a unit alone have shown of its hangs, bound to the same as its baseline."""
+        with suppress(OSError, ValidationError):
+            bound, found = _HANGS.validate_json(self._path(unit, "alone").with_suffix(".hangs").read_bytes())
+            if bound == self._key(unit, "alone", log):
+                return found
+        return KnownHangs()
+
+    def keep_hangs(self, unit: str, log: Sequence[Message], known: KnownHangs) -> None:
+        """Keep what is known of a unit's hangs by now for `hangs`, if that can be written."""
+        data = _HANGS.dump_json((self._key(unit, "alone", log), known))
+        with suppress(OSError):
+            _write(self._path(unit, "alone").with_suffix(".hangs"), data)
 
     def _read(self, path: Path, key: str) -> Baseline | None:
         try:
@@ -88,3 +104,10 @@ class KeptBaselines:
         for message in log:
             digest.update(message.digest())
         return digest.hexdigest()
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_bytes(data)
+    os.replace(partial, path)

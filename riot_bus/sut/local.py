@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, Pipe, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.persistent import KEPT
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.wire import TrialBatch, read_answer, remember
@@ -225,6 +226,7 @@ class _PoolWorker:
     task: _Task | None = None
     known: dict[bytes, None] = field(default_factory=dict)
     imports: set[str] = field(default_factory=set)
+    hangs: dict[str, KnownHangs] = field(default_factory=dict)
 
 
 class Pool:
@@ -238,14 +240,24 @@ class Pool:
         jobs: Trials at once, if nothing else is said with them.
         keep: Folder under which the files of failing trials are kept.
         workers: Where they are executed instead of by processes of this machine; `jobs` is then up to that.
+        hangs: What is known of hangs, by component; trials change it.
     """
 
-    def __init__(self, system: Path, jobs: int, *, keep: Path, workers: WorkerSource | None = None) -> None:
+    def __init__(
+        self,
+        system: Path,
+        jobs: int,
+        *,
+        keep: Path,
+        workers: WorkerSource | None = None,
+        hangs: dict[str, KnownHangs] | None = None,
+    ) -> None:
         self.keep = keep.resolve()  # components have working folders of their own
         self._source = workers or LocalWorkers(system, jobs, self.keep)
         self._waiting: deque[_Task] = deque()
         self._workers: list[_PoolWorker] = []
         self._imports: dict[str, Sequence[str]] = {}
+        self._hangs = {} if hangs is None else hangs
         self._batches: deque[TrialBatch] = deque(maxlen=_MOST_BATCHES)
         self._lock = threading.Lock()
         self._closed = False
@@ -359,8 +371,13 @@ class Pool:
         imports = {name: each for name, each in self._imports.items() if name not in worker.imports}
         whole = task.batch.digest not in worker.known
         directory = task.make_directory(self.keep)
+        worker.hangs = self._hangs.copy()
         request = task.batch.request(
-            task.case, directory=worker.process.folder or directory, whole=whole, imports=imports
+            task.case,
+            directory=worker.process.folder or directory,
+            whole=whole,
+            imports=imports,
+            hangs=worker.hangs,
         )
         worker.task = task
         worker.process.ask(request, task.batch.trial, task.case)
@@ -385,6 +402,9 @@ class Pool:
             answer = worker.process.read(data, task.directory)
             self._imports.update(answer.imports)
             worker.imports |= answer.imports.keys()
+            for name, found in answer.hangs.items():
+                known, told = (each.get(name, KnownHangs()) for each in (self._hangs, worker.hangs))
+                self._hangs[name] = known.changed(told, found)
             self._start_waiting()
             self._finish(task, answer.outcome)
         except Exception as error:  # as the trial, or a full disk, has raised it

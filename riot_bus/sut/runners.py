@@ -17,7 +17,7 @@ from riot_bus.sut.nominal import measure_baseline
 from riot_bus.sut.nominal_system import measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.sut.unit_trial import UnitTrial, component_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
+    from riot_bus.sut.hangs import KnownHangs
     from riot_bus.sut.local import WorkerSource
     from riot_bus.sut.system import RunPace
     from riot_bus.sut.wire import Trial
@@ -145,6 +146,8 @@ class LocalRunners:
         self._context, self._keep, self._fresh, self._workers = context, keep, fresh, workers
         self._processors, self._spread = jobs or os.cpu_count() or 1, not (jobs or fresh or workers)
         self._started: Pool | None = None
+        self._hangs: dict[str, KnownHangs] = {}
+        self._kept_hangs: dict[str, KnownHangs] = {}
         self._baselines: dict[str, Baseline] = {}
         self._in_system: dict[tuple[str, str], Baseline] = {}
         self._measuring = threading.Lock()
@@ -154,7 +157,9 @@ class LocalRunners:
         """The processes that run trials, started when first needed."""
         if self._started is None:
             workers = self._workers and self._workers()
-            self._started = Pool(self._context.file.path, self._processors, keep=self._keep, workers=workers)
+            self._started = Pool(
+                self._context.file.path, self._processors, keep=self._keep, workers=workers, hangs=self._hangs
+            )
         return self._started
 
     @cached_property
@@ -184,6 +189,9 @@ class LocalRunners:
                 self._baselines[unit] = self._measured(
                     unit, "alone", messages, lambda: measure_baseline(self._context, unit, self._pool, messages)
                 )
+                if not self._fresh:
+                    self._kept_hangs[unit] = self._kept.hangs(unit, messages)
+                    self._hangs.setdefault(component_of(self._context.file, unit), self._kept_hangs[unit])
             return self._baselines[unit]
 
     def in_system(
@@ -256,6 +264,10 @@ class LocalRunners:
         return LocalRunner(lambda: trial, self._pool, slots, into=record, batch=batch)
 
     def close(self) -> None:
-        """Kill what still runs."""
+        """Kill what still runs, and keep what is known of hangs for later commands."""
         if self._started is not None:
             self._started.close()
+        for unit, before in self._kept_hangs.items():
+            known = self._hangs[component_of(self._context.file, unit)]
+            if known != before:
+                self._kept.keep_hangs(unit, self._baselines[unit].log, known)

@@ -12,6 +12,7 @@ import msgpack  # type: ignore[import-untyped]
 from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.sut.baseline import Baseline, NominalTrial
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.python_report import ThreadStack
 from riot_bus.sut.system import RunPace
@@ -51,11 +52,24 @@ _LARGE_INT = 1
 """Extension type of numbers that 64 bits do not hold."""
 _NAMES: dict[str, Any] = {
     each.__name__: each
-    for each in (Curve, Formula, Injection, Mapping, Message, RunPace, Sequence, Signal, TestCase, ThreadStack)
+    for each in (
+        Curve,
+        Formula,
+        Injection,
+        KnownHangs,
+        Mapping,
+        Message,
+        RunPace,
+        Sequence,
+        Signal,
+        TestCase,
+        ThreadStack,
+    )
 } | {"Scalar": Scalar}
 """What the annotations of the classes name that cross."""
 
 
+_NO_HANGS: Mapping[str, KnownHangs] = {}
 _ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
 
 
@@ -115,7 +129,15 @@ class TrialBatch:
         self._numbers = {message: number for number, message in enumerate(self._log)}
         self._last: tuple[tuple[Message, ...] | None, Sequence[Any] | None] = None, None
 
-    def request(self, case: TestCase, *, directory: Path, whole: bool, imports: Mapping[str, Sequence[str]]) -> bytes:
+    def request(
+        self,
+        case: TestCase,
+        *,
+        directory: Path,
+        whole: bool,
+        imports: Mapping[str, Sequence[str]],
+        hangs: Mapping[str, KnownHangs] = _NO_HANGS,
+    ) -> bytes:
         """Return what asks a worker to execute a case.
 
         Args:
@@ -123,6 +145,7 @@ class TrialBatch:
             directory: Folder in which it may leave files; a relative one is below the worker's working folder.
             whole: Whether what is shared goes with it.
             imports: Modules that Python components import, by program, as far as the worker does not know them.
+            hangs: What is known of hangs, by component.
         """
         messages = self._told(case.messages)
         return _pack(
@@ -132,6 +155,7 @@ class TrialBatch:
                 "case": _plain(replace(case, messages=())) | {"messages": messages},
                 "directory": directory,
                 "imports": imports,
+                "hangs": {name: _plain(known) for name, known in hangs.items()},
             }
         )
 
@@ -158,6 +182,7 @@ class TrialRequest:
     case: TestCase
     directory: Path
     imports: Mapping[str, Sequence[str]]
+    hangs: Mapping[str, KnownHangs]
 
     @classmethod
     def read(cls, data: bytes, known: dict[bytes, tuple[Trial, tuple[Message, ...]]]) -> TrialRequest:
@@ -180,7 +205,8 @@ class TrialRequest:
         messages = found["case"].pop("messages")
         case: TestCase = _adapter(TestCase).validate_python(found["case"])
         case = replace(case, messages=log if messages is None else tuple(_messages(messages, log)))
-        return cls(trial, case, Path(found["directory"]).absolute(), found["imports"])
+        hangs = {name: _adapter(KnownHangs).validate_python(each) for name, each in found["hangs"].items()}
+        return cls(trial, case, Path(found["directory"]).absolute(), found["imports"], hangs)
 
 
 def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:
@@ -202,10 +228,12 @@ class TrialAnswer:
     Attributes:
         outcome: How the trial ended.
         imports: Modules that Python components import, by program, as far as they were not asked with.
+        hangs: What is known of hangs, by component, where that is not what they were asked with.
     """
 
     outcome: Outcome
     imports: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    hangs: Mapping[str, KnownHangs] = field(default_factory=dict)
 
 
 def pack_answer(answer: TrialAnswer) -> bytes:

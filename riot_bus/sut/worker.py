@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.sut.context import Context, open_system
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.persistent import PersistentTrial, end_kept
 from riot_bus.sut.stage import TrialPlace
@@ -73,7 +74,9 @@ class TrialWorker:
         try:
             request = TrialRequest.read(data, self._known)
             self._imports.update(request.imports)
-            before = set(self._imports)
+            before, hangs = set(self._imports), self._context.hangs
+            for name, told in request.hangs.items():
+                hangs[name].know(told)
             place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
             if not isinstance(request.trial, PersistentTrial | SystemTrial):  # they see to it themselves
                 end_kept(place)
@@ -82,7 +85,9 @@ class TrialWorker:
             busy = (self._cpu() - used) / (time.monotonic() - began)
             outcome = replace(outcome, statistics={**outcome.statistics, "busy": round(busy, 3)})
             learnt = {name: modules for name, modules in self._imports.items() if name not in before}
-            return pack_answer(TrialAnswer(outcome, learnt))
+            known = {name: each.tell() for name, each in hangs.items()}
+            found = {name: each for name, each in known.items() if each != request.hangs.get(name, KnownHangs())}
+            return pack_answer(TrialAnswer(outcome, learnt, found))
         except Exception as error:  # whatever it is, the process that asked has to know
             return pack_failure(error, traceback.format_exc())
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from riot_bus.sut.hangs import Hangs, hang_stacks
+from riot_bus.sut.hangs import Hangs, KnownHangs, hang_stacks
 from riot_bus.sut.python_report import ThreadStack
 
 SPIN = frozenset({("spin", "main")})
@@ -43,6 +43,28 @@ def test_known_hangs_are_waited_for_within_a_tenth_of_the_time_and_forgotten_if_
     hangs.ended(200.0, busy=2.0, taken_for=SPIN)
     assert hangs.may_wait(10.0)
     assert not hangs.is_known(SPIN, busy=9.0, timeout=10.0)
+
+
+def test_what_one_process_knows_another_one_is_told() -> None:
+    other = Hangs()
+    other.ended(5.0, busy=0.1)
+    other.know(known(longest=0.8).tell())
+    assert other.is_known(SPIN, busy=2.5, timeout=10.0)
+    assert not other.is_known(SPIN, busy=2.3, timeout=10.0), "another one was so slow, and went on"
+    assert other.tell() == KnownHangs(((), (("spin", "main"),)), 0.8)
+    other.know(KnownHangs((), 0.5))
+    assert not other
+    assert other.tell() == KnownHangs((), 0.8)
+
+
+def test_what_several_processes_find_out_is_put_together() -> None:
+    one, two, three = (((name,),) for name in ("one", "two", "three"))
+    told = KnownHangs((one, two), 1.0)
+    added = told.changed(told, KnownHangs((one, two, three), 0.5))
+    assert added == KnownHangs((one, three, two), 1.0)
+    assert added.changed(told, KnownHangs((two,), 3.0)) == KnownHangs((three, two), 3.0), (
+        "one ended, three is news to it"
+    )
 
 
 def test_a_place_has_the_stacks_of_threads_that_stand_elsewhere_than_at_rest() -> None:

@@ -9,6 +9,7 @@ import pytest
 from riot_bus.monitors.mined import Mined, MinedRule
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, Growth, probe_of
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.vocabulary.message import Message
 
@@ -109,3 +110,33 @@ def test_what_did_not_pass_is_measured_by_the_next_command_too(tmp_path: Path) -
     units.get(), units.get()
     assert units.count == 2
     assert list(tmp_path.iterdir()) == []
+
+
+HANGS = KnownHangs(((), (("spin", "main"), ("wait", "work"))), 0.75)
+
+
+def test_hangs_are_kept_beside_the_baseline_and_bound_to_the_same(tmp_path: Path) -> None:
+    units, kept = Units(tmp_path / "baselines"), KeptBaselines(tmp_path / "baselines", "f")
+    assert kept.hangs("u", LOG) == KnownHangs()
+    units.get()
+    kept.keep_hangs("u", LOG, HANGS)
+    assert kept.hangs("u", LOG) == HANGS
+    assert units.get() == MEASURED
+    assert units.count == 1
+    others = [
+        kept.hangs("v", LOG),
+        kept.hangs("u", LOG[:-1]),
+        KeptBaselines(tmp_path / "baselines", "g").hangs("u", LOG),
+    ]
+    assert others == [KnownHangs()] * 3
+    kept.keep_hangs("u", LOG, KnownHangs())
+    assert kept.hangs("u", LOG) == KnownHangs()
+
+
+@pytest.mark.parametrize("wrong", [b"", b"{}", b"\xff", b'["f", {"places": 1}]', b"[" * 100_000])
+def test_a_file_that_holds_no_hangs_is_as_if_there_was_none(tmp_path: Path, wrong: bytes) -> None:
+    kept = KeptBaselines(tmp_path, "f")
+    kept.keep_hangs("u", LOG, HANGS)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(wrong)
+    assert kept.hangs("u", LOG) == KnownHangs()

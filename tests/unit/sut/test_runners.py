@@ -1,9 +1,16 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from riot_bus.sut import runners
+from riot_bus.sut.baseline import Baseline
+from riot_bus.sut.context import open_system
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.local import LocalRunner
-from riot_bus.sut.runners import slots_for
+from riot_bus.sut.runners import LocalRunners, slots_for
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 
@@ -38,3 +45,26 @@ def test_as_many_run_at_once_as_those_before_have_left_room_for() -> None:
     runner.run([TestCase()])
     assert pool.most == [0, 4, 0]
     assert LocalRunner(lambda: None, pool, lambda _: 2).parallelism == 2
+
+
+def test_hangs_are_known_to_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "riot.toml"
+    path.write_text('[components.part]\ncommand = ["true"]\ninputs = ["a"]\n[unit.u]\ncomponent = "part"\n')
+    log = (Message(0, "a", b"1"),)
+    monkeypatch.setattr(runners, "measure_baseline", lambda *_: Baseline(trials=3, log=log))
+    context, known = open_system(path), KnownHangs(((("spin", "main"),),), 0.5)
+
+    def at_begin_and_end(*, fresh: bool = False, finds: KnownHangs | None = None) -> KnownHangs | None:
+        factory = LocalRunners(context, jobs=1, keep=tmp_path / "trials", fresh=fresh)
+        factory.baseline("u", lambda: log)
+        begin = factory._hangs.get("part")
+        if finds is not None:
+            factory._hangs["part"] = finds
+        factory.close()
+        return begin
+
+    assert at_begin_and_end(finds=known) == KnownHangs()
+    assert at_begin_and_end() == known
+    assert at_begin_and_end(fresh=True, finds=KnownHangs()) is None
+    assert at_begin_and_end(finds=KnownHangs((), 2.0)) == known
+    assert at_begin_and_end() == KnownHangs((), 2.0)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from riot_bus.monitors.mined import Mined, MinedRule
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial
+from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.python_report import ThreadStack
 from riot_bus.sut.system import RunPace
 from riot_bus.sut.system_trial import SystemTrial
@@ -148,6 +149,14 @@ def test_a_trial_crosses_as_it_is(trial: Trial) -> None:
     found = sent(trial, TestCase(LOG), LOG)
     assert found.trial == trial
     assert found.case.messages == LOG
+
+
+def test_what_is_known_of_hangs_crosses_both_ways() -> None:
+    hangs = {"u": KnownHangs((((), ("spin", "main")), ()), 0.75), "v": KnownHangs()}
+    data = TrialBatch(IdleTrial("u"), ()).request(TestCase(), directory=Path("/x"), whole=True, imports={}, hangs=hangs)
+    assert TrialRequest.read(data, {}).hangs == hangs
+    answer = TrialAnswer(Outcome(Verdict.PASS), {}, hangs)
+    assert read_answer(pack_answer(answer)) == answer
 
 
 def test_messages_of_the_log_go_over_once() -> None:
