@@ -103,6 +103,7 @@ class Launcher:
         self._processes: dict[int, ComponentProcess] = {}
         self._replies: list[dict[str, object]] = []
         self._exited: list[dict[str, Any]] = []
+        self._servers: dict[tuple[object, ...], int] = {}
         self._supervisor = subprocess.Popen(
             [sys.executable, "-S", "-E", str(_SUPERVISOR), *([str(scratch)] if scratch is not None else [])],
             stdin=theirs.fileno(),
@@ -157,14 +158,13 @@ class Launcher:
             Path(os.devnull) if directory is None else directory / f"{name}.{end}" for end in ("out", "err")
         )
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
-        forked = fork._asdict() if isinstance(fork, Fork) else None
-        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": forked}
+        request |= {"stdout": str(stdout), "stderr": str(stderr)}
         request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
         request |= {"held": held, "teardown": list(teardown), "undoes": undoes, "torn_down_within": TORN_DOWN_WITHIN_S}
         request["teardown_output"] = os.devnull if directory is None else str(directory / f"{name}.teardown")
         with self._lock:
-            self._send(request)
+            self._send(request | {"fork": self._told(fork) if isinstance(fork, Fork) else None})
             reply = self._reply()
             if reply["event"] == "refused":
                 raise EnvironmentFaultError(
@@ -178,6 +178,15 @@ class Launcher:
             self._processes[process.pid] = process
             self._settle_exits()
         return process
+
+    def _told(self, fork: Fork) -> dict[str, object]:
+        """Return a fork as the supervisor is told of it: what its server needs goes over once, then by a number."""
+        key = (tuple(fork.interpreter), tuple(fork.modules), fork.own, tuple(sorted(fork.env.items())))
+        known = key in self._servers
+        number = self._servers.setdefault(key, len(self._servers))
+        wanted = {name: getattr(fork, name) for name in ("interpreter", "env", "modules", "own")}
+        told: dict[str, object] = {"module": fork.module, "words": fork.words, "server": number}
+        return told if known else told | {"wanted": wanted}
 
     def alive(self, process: ComponentProcess) -> bool:
         """Return whether the component still runs."""

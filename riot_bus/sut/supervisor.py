@@ -127,7 +127,8 @@ class Supervisor:
     def __init__(self, link: socket.socket) -> None:
         self._link = link
         self._running: set[int] = set()
-        self._servers: dict[str, ForkServer] = {}
+        self._wanted: dict[int, dict[str, Any]] = {}
+        self._servers: dict[int, ForkServer] = {}
         self._tracer = Tracer()
         self._guards: dict[int, Guard] = {}
         self._excess: dict[int, tuple[str, float]] = {}
@@ -183,17 +184,19 @@ class Supervisor:
 
     def fork(self, request: dict[str, Any]) -> tuple[int, str]:
         """Fork a component from a server; return its number, or 0 and why that cannot be done."""
-        wanted = request["fork"]
-        key = json.dumps([wanted[name] for name in ("interpreter", "env", "modules", "own")])
-        server = self._servers.get(key)
+        fork = request["fork"]
+        number = fork["server"]
+        if "wanted" in fork:
+            self._wanted[number] = fork["wanted"]
+        server = self._servers.get(number)
         if server is None:
-            server = self._servers[key] = ForkServer(wanted, fixed=request["fixed"])
+            server = self._servers[number] = ForkServer(self._wanted[number], fixed=request["fixed"])
         for name in ("stdout", "stderr"):
             open(request[name], "ab").close()  # they are there as soon as it is
         told = {name: request[name] for name in ("env", "cwd", "stdout", "stderr")}
-        main = [] if wanted["module"] is None else ["-m", wanted["module"]]
-        told["argv"] = [*wanted["interpreter"], *main, *wanted["words"]]
-        return server.start(**told, module=wanted["module"], words=wanted["words"]), server.cannot
+        main = [] if fork["module"] is None else ["-m", fork["module"]]
+        told["argv"] = [*self._wanted[number]["interpreter"], *main, *fork["words"]]
+        return server.start(**told, module=fork["module"], words=fork["words"]), server.cannot
 
     def reap(self) -> None:
         """Report what has happened to processes: components' ends, with exit status (negative: signal) and stack."""

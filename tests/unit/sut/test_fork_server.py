@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -117,6 +119,26 @@ def test_a_script_that_names_its_interpreter_is_as_if_it_had_been_executed(launc
         process.stdout.unlink()
     assert [each[0] for each in done] == ["executed", "forked"]
     assert done[0][1:] == done[1][1:]
+
+
+def test_what_a_server_needs_goes_to_the_supervisor_once(
+    launcher: Launcher, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[dict[str, Any]] = []
+    send = launcher._send
+
+    def note(request: dict[str, Any]) -> None:
+        sent.append(request)
+        send(request)
+
+    monkeypatch.setattr(launcher, "_send", note)
+    many = ("json", *(f"nowhere.module{number}" for number in range(1000)))
+    for modules in (many, many, many[:-1], many):
+        assert start(launcher, folder, ["program.py", "pass"], modules=modules).started == "forked"
+    forks = [request["fork"] for request in sent if request["do"] == "start"]
+    assert [fork["server"] for fork in forks] == [0, 0, 1, 0]
+    assert ["wanted" in fork for fork in forks] == [True, False, True, False]
+    assert len(json.dumps(forks[1])) < 1000
 
 
 def test_it_has_imported_what_is_installed_and_nothing_of_its_own(launcher: Launcher, folder: Path) -> None:
