@@ -97,6 +97,8 @@ def activation(
     found, played, region = None, Replay(), None
     left_out = f"; not tried: {unset}" if unset else ""
     text = result.text + (f"; {_ONLY_ODD}" if only_odd else "") + left_out
+    if result.found is None and (limited := system.limited()):
+        text += f"; of constant values, the nearest are at the end of what may be tried for {', '.join(limited)}"
     if result.found is not None:
         found = system.needed(system.simplest(result.found))
         text = result.with_inputs(system.in_words(found)) + left_out

@@ -219,6 +219,14 @@ class DrivenSystem:
         nearest = min((one.distance for _, one in history if one.distance is not None), default=None)
         return Activation(found, len(history), nearest, tuple(history))
 
+    def limited(self) -> list[str]:
+        """Return the fields with the least or the largest value that may be tried where constant ones came nearest."""
+        constant = [one for one in self.points if one.values.keys() <= self.fields.keys()]
+        near = [(one.distance, place) for place, one in enumerate(constant) if one.distance is not None]
+        values = constant[min(near)[1]].values if near else {}
+        ends = {name: map(self.fields[name].told, self.fields[name].range) for name in values}
+        return [name for name, some in ends.items() if not self.fields[name].choices and values[name] in some]
+
     def _comes_again(self, point: Mapping[str, float]) -> bool:
         """Return whether a failure comes again more often at a point than in runs with nominal inputs.
 

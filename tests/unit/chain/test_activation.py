@@ -435,6 +435,15 @@ def test_other_failures_of_nominal_runs_and_of_replays_are_told(tmp_path: Path, 
     assert f"10 replays failed otherwise: {OTHER.signature}" in record.summary
 
 
+def test_where_the_limits_of_a_field_keep_the_search_from_the_rule_that_is_said(
+    tmp_path: Path, slow: dict[str, Any]
+) -> None:
+    one = ready(tmp_path, slow, ("panel:knob", 0.9), system=SYSTEM.replace("[-1000, 1000]", "[30, 1000]"))
+    record = activation(one.run(), one.folder, budget=40)
+    assert record.found is None
+    assert record.text.endswith("; of constant values, the nearest are at the end of what may be tried for panel:knob")
+
+
 def test_without_a_permeable_field_the_outside_cannot_be_searched(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:heat", 0.1))
     with pytest.raises(InconclusiveError, match="no external field was found to reach the relevant ones"):
