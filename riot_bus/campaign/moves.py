@@ -6,7 +6,6 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.variations import Variation
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
@@ -73,8 +72,8 @@ class Moves:
 
 def moves_of(
     topic: str, times: Sequence[int], positions: Mapping[str, Sequence[int]], *, still: Container[str] = ()
-) -> list[Variation]:
-    """Return how a message of a topic may come elsewhere, as things to try once; what none of them can is left out.
+) -> list[Moves]:
+    """Return how a message of a topic may come elsewhere; what none of them can is left out.
 
     One comes behind the next of its topic, behind a later one, behind the first one of another topic, or before the
     last one of each other topic.
@@ -92,10 +91,4 @@ def moves_of(
     late = min(_LATE, len(own) - 1)
     ways = {way: range(len(own) - way) for way in (1, late)} if late else {}
     ways |= {0: range(bisect_left(own, last)), -1: range(bisect_left(own, first), len(own))}
-    found = []
-    for way, numbers in ways.items():
-        if numbers:
-            moves = Moves(topic, way, times, positions, numbers, others)
-            usual = moves.injections(numbers[len(numbers) // 2])
-            found.append(Variation(topic, usual, f"{topic} {'early' if way < 0 else 'delay'}", moves=moves))
-    return found
+    return [Moves(topic, way, times, positions, numbers, others) for way, numbers in ways.items() if numbers]

@@ -180,7 +180,9 @@ def message_faults(
             Variation(topic, (Injection(topic, fault="duplicate", copies=copies),), f"{topic} duplicate")
             for copies in (1, _BURST)
         ]
-        found += moves_of(topic, times, places, still=still)
+        for moves in moves_of(topic, times, places, still=still):
+            usual = moves.injections(moves.numbers[len(moves.numbers) // 2])
+            found.append(Variation(topic, usual, f"{topic} {'early' if moves.way < 0 else 'delay'}", moves=moves))
     return found
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 
 import pytest
 
 from riot_bus.campaign.covering import Covering
-from riot_bus.campaign.moves import moves_of
 from riot_bus.campaign.schedule import message_faults, positions_of
 from riot_bus.campaign.variations import Placed, Variation
 from riot_bus.inject.apply import inject_log
@@ -23,8 +23,8 @@ def log(*entries: tuple[float, str]) -> list[Message]:
     return [Message(10**9 + round(time * 1e9), topic, b"%d" % at) for at, (time, topic) in enumerate(entries)]
 
 
-def moves(messages: list[Message], topic: str, **options: set[str]) -> list[Variation]:
-    return moves_of(topic, [each.time for each in messages], positions_of(messages, REGISTRY), **options)
+def moves(messages: list[Message], topic: str, leave: Sequence[str] = ()) -> list[Variation]:
+    return [each for each in message_faults(messages, REGISTRY, leave=leave) if each.moves and each.topic == topic]
 
 
 def order(messages: list[Message], item: Variation, number: int) -> list[int]:
@@ -67,7 +67,7 @@ def test_messages_of_the_same_time_are_moved_too() -> None:
 def test_what_cannot_be_done_is_nothing_to_try() -> None:
     assert moves(log((0.0, "a")), "a") == []
     assert [each.about for each in moves(log((0.0, "a"), (1.0, "a")), "a")] == ["a delay"]
-    assert moves(log((0.0, "map"), (5.0, "goal")), "goal", still={"map"}) == []
+    assert moves(log((0.0, "map"), (5.0, "goal")), "goal", leave=["map:*"]) == []
 
 
 def test_topics_that_are_left_alone_are_not_delayed() -> None:
