@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.ci_result import CiResult, UnitResult
-from riot_bus.chain.kept import take_up
+from riot_bus.chain.kept import NOMINAL, take_up
 from riot_bus.chain.reproduce import Reproduction, play_again
 from riot_bus.chain.robustness import test_unit
 from riot_bus.events import CampaignStarted, FindingReplayed, StepStopped
@@ -41,7 +41,6 @@ _REPLAYS, _CAMPAIGN = 0.5, 0.7
 begin where findings are to be explained."""
 _TITLE = 300
 _UNIT_STEPS = tuple(step for step in STEPS[1:] if not step.whole_system)
-_NOMINAL = "nominal.mcap"
 _TAKEN = {"findings", "trials"}
 _EARLIER = 3
 """Versions of a finding that are kept."""
@@ -213,10 +212,10 @@ class _UnitRun:
 
     def _share_nominal(self, workspace: Workspace) -> None:
         """Take the recording of another unit's folder if one is needed and there is none here."""
-        file, own = workspace.context.file, self.folder / _NOMINAL
+        file, own = workspace.context.file, self.folder / NOMINAL
         if file.system.nominal or file.unit[self.unit].log or own.exists():
             return
-        others = (path for path in sorted(self.folder.parent.glob(f"*/{_NOMINAL}")) if not path.is_symlink())
+        others = (path for path in sorted(self.folder.parent.glob(f"*/{NOMINAL}")) if not path.is_symlink())
         for other in others:
             own.unlink(missing_ok=True)
             own.symlink_to(os.path.relpath(other, self.folder))

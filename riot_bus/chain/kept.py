@@ -16,6 +16,7 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
+from riot_bus.sut.nominal_system import needs_baseline
 from riot_bus.vocabulary.trial import TestCase
 
 if TYPE_CHECKING:
@@ -25,17 +26,20 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["LARGEST", "keep_finding", "take_up"]
+__all__ = ["LARGEST", "NOMINAL", "keep_finding", "take_up"]
 
 LARGEST = 8 << 20
 """Bytes of a log that is kept in somebody's repository."""
+NOMINAL = "nominal.mcap"
+"""Name of the nominal run in an output folder."""
 _IGNORED = "/trials/\n"
 
 
 def keep_finding(folder: Path, into: Path) -> Path | None:
     """Copy what it takes to play a finding again; return its new folder, None if its log is too large to be kept.
 
-    The folder `into` is then like an output folder. Nothing in it leads to where the finding was made.
+    The folder `into` is then like an output folder. Nothing in it leads to where the finding was made. The nominal run
+    goes with a finding that only nominal trials tell, unless one is there or it is too large.
 
     Args:
         folder: The finding.
@@ -50,6 +54,9 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
     write_file(_IGNORED, into / ".gitignore")
     for name in ("minimal.json", log.name) if minimal else (log.name,):
         shutil.copyfile(folder / name, target / name)
+    nominal, kept = folder.parent.parent / NOMINAL, into / NOMINAL
+    if needs_baseline(record.monitor) and nominal.is_file() and nominal.stat().st_size <= LARGEST and not kept.exists():
+        shutil.copyfile(nominal, kept)
     write_reproduce(target)
     write_regression_test(target, record)
     system = os.path.relpath(os.path.realpath(record.system_file), target.resolve())

@@ -11,17 +11,23 @@ from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
+from riot_bus.monitors.model import name_of
+from riot_bus.plugins import MONITORS
 from riot_bus.statistics.noise import Noise
-from riot_bus.sut.nominal_system import needs_baseline
+from riot_bus.sut.nominal_system import needs_baseline, why_not_told
+from riot_bus.sut.unit_trial import component_of
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import Workspace
+    from riot_bus.monitors.model import Monitor
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner, Violation
 
 __all__ = ["Reproduction", "play_again", "reproduce"]
@@ -31,6 +37,7 @@ _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
 """Trials at least, and trials of the unit and runs of the whole system at most where it is not said how many."""
 _DOUBT = 0.05
 """Of the answer."""
+_NO_LOG = "there is no nominal log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +96,12 @@ def play_again(
             to the unit.
 
     Raises:
-        InconclusiveError: Runs of the whole system cannot tell, or there is no nominal log that could.
+        InconclusiveError: Runs of the whole system cannot tell, nominal trials of the unit cannot, or the monitor that
+            has found it had nothing to judge.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
-    finding = FindingRecord.load(folder)
+    finding, untold = FindingRecord.load(folder), ""
     registry = workspace.context.registry
     whole_system = whole_system or finding.whole_system
     if whole_system:
@@ -107,20 +115,18 @@ def play_again(
         judged, why = workspace.judged_in_system(finding, driving_log(workspace, pace))
         if why:
             raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
-        runner = workspace.runners.system(pace, judged=judged)
+        runner, monitors = workspace.runners.system(pace, judged=judged), workspace.context.monitors
         shown = () if finding.whole_system else _replays(folder)
         noise = Noise.after(*shown) if shown else noise_of(finding)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages, parameters = FailingLog.load(path, registry=registry).messages, ()
         nominal = workspace.known_unit_log(finding.unit)
-        if not nominal and finding.monitor != "hang" and needs_baseline(finding.monitor):  # a busy loop shows anyway
-            raise InconclusiveError(
-                f"nothing tells {finding.monitor!r} without a nominal log, and there is none",
-                where=str(folder),
-                hint=f"name one in riot.toml, or put the campaign's at {workspace.out / 'nominal.mcap'}",
-            )
         runner = workspace.runners.unit(finding.unit, lambda: nominal)
+        monitors = workspace.context.monitors_of(component_of(workspace.context.file, finding.unit))
+        untold = _why_not_told(workspace, finding, nominal)
+        if untold and finding.monitor != "hang":  # where it comes again, it may show in other ways
+            raise _nothing_tells(workspace, finding, folder, untold)
         noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
     ordered = finding.ordered and not whole_system
     most = times or (_MOST_RUNS if whole_system else _MOST)
@@ -138,9 +144,67 @@ def play_again(
     if failed or still >= _DOUBT:
         return found
     if not others:
+        if untold := untold or _why_blind(monitors, finding, outcomes):
+            raise _nothing_tells(workspace, finding, folder, untold)
         return replace(found, answer="fixed", missed=noise.missed(len(outcomes)))
     every = all(outcome.verdict is Verdict.FAIL for outcome in outcomes)
     return replace(found, answer="failing otherwise" if every and len(others) == 1 else "not decided")
+
+
+def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, why: str) -> InconclusiveError:
+    """Return the error that trials which pass say nothing of a failure."""
+    log = workspace.out / "nominal.mcap"
+    return InconclusiveError(
+        f"nothing tells {finding.monitor!r} here: {why}",
+        where=str(folder),
+        hint=f"name one in riot.toml, or put the campaign's at {log}" if why == _NO_LOG else None,
+    )
+
+
+def _why_not_told(workspace: Workspace, finding: FindingRecord, nominal: Sequence[Message]) -> str:
+    """Return why nominal trials of the unit do not tell a failure; empty if they do, or nothing is held against them.
+
+    A hang without a place was one of a unit that never came to rest, or took no messages: that shows in any trial.
+    """
+    monitor, place = finding.monitor, finding.signature.partition(": ")[2]
+    if not needs_baseline(monitor) or (monitor == "hang" and not place):
+        return ""
+    if not nominal:
+        return _NO_LOG
+    baseline = workspace.runners.baseline(finding.unit, lambda: nominal)
+    if monitor == "silent" and baseline.trials:
+        topics = place.removeprefix("nothing on ").split(", ")
+        known = baseline.probe_answers.keys() & set(topics)
+        return "" if known else f"in nominal trials the unit does not answer nominal input on {', '.join(topics)}"
+    return why_not_told(baseline, monitor, finding.signature).replace("runs of the whole system", "trials")
+
+
+def _why_blind(monitors: Sequence[Monitor], finding: FindingRecord, outcomes: Sequence[Outcome]) -> str:
+    """Return why no monitor of riot.toml could tell a failure in any trial; empty if one could, or it is none of these.
+
+    Of a monitor of another package it is not known what it names. One of logs reads what is always there.
+    """
+    if needs_baseline(finding.monitor) or finding.monitor in ("crash", "limit", "log"):
+        return ""
+    text = f" {finding.signature} {finding.component} ".replace(",", " ")
+    target = MONITORS.targets().get(finding.monitor, "")
+    own = target.rpartition(":")[2] if target.startswith("riot_bus.monitors.") else ""
+    names = []
+    for name in map(name_of, monitors):
+        kind, _, where = name.partition(" ")
+        parts = [f" {part.replace(',', ' ')}" for part in where.split(", ") if part]
+        if own in ("", kind) and any(f"{part}{end}" in text for part in parts for end in " :"):
+            names.append(name)
+    if not names:
+        return f"riot.toml has no such monitor of {finding.component} any more" if own else ""
+    reasons = [_why_not_judged(name, outcome) for outcome in outcomes for name in names]
+    return f"{names[-1]}: {reasons[-1]}" if all(reasons) else ""
+
+
+def _why_not_judged(name: str, outcome: Outcome) -> str:
+    """Return why a monitor did not judge a trial, since it saw nothing, or failed itself; empty if it did."""
+    lines = [*map(str, outcome.statistics.get("unseen", ())), *outcome.detail.split("; ")]
+    return next((line.removeprefix(f"{name}: ") for line in lines if line.startswith(f"{name}: ")), "")
 
 
 def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.chain.kept import NOMINAL
 from riot_bus.chain.reproduce import Reproduction, reproduce
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import FindingRecord
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.sut.runners import RunnerFactory
 
 __all__ = ["reproduce_finding"]
-
-_NOMINAL = "nominal.mcap"
 
 
 def reproduce_finding(
@@ -41,8 +40,8 @@ def reproduce_finding(
         raise ConfigError("there is no riot.toml", where=str(system), hint="set RIOT_SYSTEM to its path")
     with tempfile.TemporaryDirectory(prefix="riot-") as name:
         out = Path(name)
-        nominal = folder.resolve().parent.parent / _NOMINAL
+        nominal = folder.resolve().parent.parent / NOMINAL
         if nominal.is_file():  # what it shows of the unit tells some failures, such as silence
-            (out / _NOMINAL).symlink_to(nominal)
+            (out / NOMINAL).symlink_to(nominal)
         with Workspace(file, out, seed=record.seed, runners=runners, fresh=True) as workspace:
             return reproduce(workspace, folder, times=trials)

@@ -180,6 +180,7 @@ class Machine:
         system_wrong: As `wrong`, likewise.
         governor: What the governor makes of what the panel says.
         known: What the drive does in nominal runs of the whole system.
+        alone: What it does in nominal trials of its own.
         parameters: Those of the latest run of the whole system that were not nominal.
         judged: The units that runs of the whole system judge, in the order in which their runners were asked for.
     """
@@ -193,6 +194,7 @@ class Machine:
     system_wrong: Callable[[TestCase], bool] = never
     governor: Callable[[Sequence[Message]], list[Message]] = commands
     known: Baseline = field(default_factory=lambda: Baseline(trials=4))
+    alone: Baseline = UNKNOWN
     parameters: dict[str | None, Any] = field(default_factory=dict)
     executed: list[TestCase] = field(default_factory=list)
     judged: list[str] = field(default_factory=list)
@@ -203,7 +205,7 @@ class Machine:
         return PureRunner(self.play)
 
     def baseline(self, unit: str, log: object) -> Baseline:
-        return UNKNOWN
+        return self.alone
 
     def in_system(self, unit: str, log: object, pace: RunPace, driving: Sequence[Message]) -> Baseline:
         return self.known

@@ -51,6 +51,27 @@ def test_a_kept_finding_is_played_where_its_repository_was_moved(tmp_path: Path)
     assert [view.finding.id for view in load_campaign(after / "riot-findings").findings] == [record.id]
 
 
+def test_the_nominal_run_is_kept_with_what_only_nominal_trials_tell(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    nominal, kept = one.workspace.nominal_log(), tmp_path / "kept" / "nominal.mcap"
+    record = FindingRecord.load(one.folder)
+    record.model_copy(update={"monitor": "crash"}).save(one.folder)
+    keep_finding(one.folder, kept.parent)
+    assert not kept.exists()
+    record.save(one.folder)
+    keep_finding(one.folder, kept.parent)
+    assert kept.read_bytes() == nominal.read_bytes()
+    kept.write_bytes(b"of another finding")
+    keep_finding(one.folder, kept.parent)
+    assert kept.read_bytes() == b"of another finding"
+    kept.unlink()
+    with nominal.open("ab") as stream:
+        stream.truncate(LARGEST + 1)
+    keep_finding(one.folder, kept.parent)
+    assert not kept.exists()
+
+
 def test_the_failing_log_is_kept_where_there_is_no_minimal_one(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_finding(one, [command("step", -5.0)], {})

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,9 +13,11 @@ from riot_bus.findings.records import ActivationRecord, FindingRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.trial import Outcome, TestCase
 from tests.unit.chain.machine import (
     HANG,
     OTHER,
+    SYSTEM,
     Bench,
     bench,
     command,
@@ -57,13 +62,140 @@ def test_a_finding_that_never_fails_is_fixed(tmp_path: Path) -> None:
     assert found.missed < 0.06
 
 
+def described(one: Bench, **changes: object) -> None:
+    FindingRecord.load(one.folder).model_copy(update=changes).save(one.folder)
+
+
+SILENT = {"monitor": "silent", "signature": "silent of drive: nothing on state"}
+MUTE = "exit, silent, growth and mined: 1 of 3 trials with 60 nominal messages did not pass: crash in drive: f"
+WORKS = Baseline(trials=3, log_answers={"state": 9}, probe_answers={"state": 4}, main_ends=False, ends=False)
+
+
 def test_what_only_a_nominal_log_tells_is_not_fixed_without_one(tmp_path: Path) -> None:
-    one = bench(tmp_path)
+    one = bench(tmp_path, alone=WORKS)
     write_minimal(one, speed=5.0)
-    FindingRecord.load(one.folder).model_copy(update={"monitor": "silent"}).save(one.folder)
-    with pytest.raises(InconclusiveError, match="nothing tells 'silent' without a nominal log, and there is none"):
+    described(one, **SILENT)
+    with pytest.raises(InconclusiveError, match="nothing tells 'silent' here: there is no nominal log") as raised:
         reproduce(one.workspace, one.folder)
+    assert "name one in riot.toml" in str(raised.value)
     one.workspace.nominal_log()
+    assert reproduce(one.workspace, one.folder).answer == "fixed"
+
+
+@pytest.mark.parametrize(
+    ("monitor", "place"),
+    [
+        ("exit", "of drive: status 0"),
+        ("silent", "of drive: nothing on state"),
+        ("growth", "of drive: memory"),
+        ("mined", "value of state:x"),
+        ("hang", "of drive: in take"),
+    ],
+)
+def test_nothing_is_fixed_where_nominal_trials_did_not_pass(tmp_path: Path, monitor: str, place: str) -> None:
+    one = bench(tmp_path, alone=Baseline(mute=(MUTE,)))
+    write_minimal(one, speed=5.0)
+    one.workspace.nominal_log()
+    described(one, monitor=monitor, signature=f"{monitor} {place}")
+    with pytest.raises(InconclusiveError, match=f"nothing tells '{monitor}' here: .*1 of 3 trials.*crash in drive: f"):
+        reproduce(one.workspace, one.folder)
+
+
+@pytest.mark.parametrize(
+    ("monitor", "place", "why"),
+    [
+        ("exit", "of drive: status 0", "the unit ends by itself in nominal trials"),
+        ("silent", "of drive: nothing on other", "in nominal trials the unit does not answer nominal input on other"),
+        ("mined", "value of state:x", "the rule does not hold for the unit's answers in nominal trials"),
+        ("hang", "of drive: in take", "in nominal trials threads stand in take, too"),
+    ],
+)
+def test_what_nominal_trials_show_otherwise_now_is_not_fixed(
+    tmp_path: Path, monitor: str, place: str, why: str
+) -> None:
+    one = bench(tmp_path, alone=replace(WORKS, ends=True, at_rest={"take": 1}))
+    write_minimal(one, speed=5.0)
+    one.workspace.nominal_log()
+    described(one, monitor=monitor, signature=f"{monitor} {place}")
+    with pytest.raises(InconclusiveError, match=f"nothing tells '{monitor}' here: {why}"):
+        reproduce(one.workspace, one.folder)
+
+
+def test_a_thread_that_hangs_is_told_by_failing_alone_where_there_is_no_nominal_log(tmp_path: Path) -> None:
+    place = "hang of drive: in take"
+    one = bench(tmp_path)
+    plain = one.machine.outcome
+
+    def outcome(case: TestCase, failed: bool, **more: Any) -> Outcome:
+        found = plain(case, failed, **more)
+        return replace(found, violations=tuple(replace(each, signature=place) for each in found.violations))
+
+    one.machine.outcome = outcome  # type: ignore[method-assign]
+    write_minimal(one)
+    described(one, signature=place)
+    assert reproduce(one.workspace, one.folder).answer == "still failing"
+    write_minimal(one, speed=5.0)
+    described(one, signature=place)
+    with pytest.raises(InconclusiveError, match="nothing tells 'hang' here: there is no nominal log"):
+        reproduce(one.workspace, one.folder)
+
+
+MONITORS = """
+[[monitors]]
+kind = "range"
+field = "state:speed"
+min = 0
+
+[[monitors]]
+kind = "never"
+when = "state where speed > 7"
+
+[[monitors]]
+kind = "count"
+output = "state"
+input = "command"
+low = 0
+high = 1
+"""
+RANGE = {"monitor": "range", "component": "state:speed", "signature": "range of state:speed"}
+NEVER = {"monitor": "never", "component": "state", "signature": "never state where speed > 7"}
+COUNT_OF = {"monitor": "count", "component": "state", "signature": "count of state for command"}
+
+
+@pytest.mark.parametrize(
+    ("finding", "name"),
+    [(RANGE, "Range state:speed"), (NEVER, "Never state where speed > 7"), (COUNT_OF, "Ratio state, command")],
+    ids=["range", "never", "count"],
+)
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_monitor_that_had_nothing_to_judge_has_not_seen_it_fixed(
+    tmp_path: Path, finding: dict[str, str], name: str, *, broken: bool
+) -> None:
+    why, blind = "no message of 'state' came", [True]
+    one = bench(tmp_path, SYSTEM + MONITORS)
+    plain = one.machine.outcome
+
+    def outcome(case: TestCase, failed: bool, **more: Any) -> Outcome:
+        found = plain(case, failed, **more)
+        lines = ["Rate other: no message came", f"{name}: {why}"] if case.seed or all(blind) else []
+        return replace(found, detail="; ".join(lines)) if broken else replace(found, statistics={"unseen": lines})
+
+    one.machine.outcome = outcome  # type: ignore[method-assign]
+    write_minimal(one, speed=5.0)
+    described(one, **finding)
+    with pytest.raises(InconclusiveError, match=re.escape(f"nothing tells '{finding['monitor']}' here: {name}: {why}")):
+        reproduce(one.workspace, one.folder)
+    blind.append(False)
+    assert reproduce(one.workspace, one.folder).answer == "fixed"
+
+
+def test_a_monitor_that_riot_toml_has_no_more_has_not_seen_it_fixed(tmp_path: Path) -> None:
+    one = bench(tmp_path, SYSTEM + '[[monitors]]\nkind = "range"\nfield = "state:speeds"\nmin = 0\n')
+    write_minimal(one, speed=5.0)
+    described(one, **RANGE)
+    with pytest.raises(InconclusiveError, match=r"riot\.toml has no such monitor of state:speed any more"):
+        reproduce(one.workspace, one.folder)
+    described(one, monitor="somebody's")  # of which nothing is known
     assert reproduce(one.workspace, one.folder).answer == "fixed"
 
 
