@@ -260,11 +260,12 @@ def _after_others(
 
 
 def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
-    repeats = failure.rate.total if failure.rate else 0
+    hits, repeats = (failure.rate.hits, failure.rate.total) if failure.rate else (0, 0)
     return UnconfirmedRecord(
         signature=failure.violation.signature,
         details=tuple(failure.details),
         occurrences=failure.occurrences,
+        hits=hits,
         repeats=repeats,
         injections=tuple(each.row() for each in failure.case.injections),
     )

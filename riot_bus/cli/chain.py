@@ -209,13 +209,17 @@ def demo(
     """Run the whole chain on the rover, from a nominal recording to the inputs that make the system fail."""
     from riot_bus.chain.demo import demo as run_demo
     from riot_bus.chain.demo import find_example
+    from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.text import summary
 
     with open_workspace(system or find_example("rover"), out, jobs, seed, form, executor=executor) as workspace:
         figures = run_demo(workspace, trials=budget)
     finding = figures.get("finding")
-    lines = [summary(Path(finding)), f"report: {figures['report']}"] if finding else ["no finding"]
-    show(figures, form, lines)
+    doubts = [] if figures["findings"] else CampaignRecord.load(out).doubts
+    lines = [f"inconclusive: {doubt}" for doubt in doubts] or ["no finding"]
+    show(figures, form, [summary(Path(finding)), f"report: {figures['report']}"] if finding else lines)
+    if doubts:
+        raise typer.Exit(INCONCLUSIVE)
 
 
 def run_tests(

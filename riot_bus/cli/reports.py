@@ -73,18 +73,32 @@ def report(
 
 
 def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:
-    """List the findings of an output folder, each in a few lines."""
-    from riot_bus.report.campaign_view import load_campaign
+    """List the findings of an output folder, each in a few lines, and what its campaign has come to."""
+    from riot_bus.report.campaign_view import is_output_folder, load_campaign
     from riot_bus.report.text import TextReport
+    from riot_bus.vocabulary.counting import counted
+    from riot_bus.vocabulary.errors import ConfigError
     from riot_bus.vocabulary.redaction import escape_control_chars
 
+    if not is_output_folder(finding):
+        hint = "name the --out folder of a campaign; one that has found nothing yet writes nothing here before it ends"
+        raise ConfigError("there are neither findings nor an ended campaign here", where=str(finding), hint=hint)
     view = load_campaign(finding)
     if form is OutputFormat.JSON:
         records = [{"folder": str(one.directory), **one.finding.model_dump(mode="json")} for one in view.findings]
         typer.echo(json.dumps(records, indent=1))
     else:
-        typer.echo("\n".join(TextReport().render(one) for one in view.findings).rstrip("\n") or "no finding")
-        for line in (*map(str, view.campaign.unjudged), *view.campaign.effects.lines()) if view.campaign else ():
+        for one in view.findings:
+            typer.echo(TextReport().render(one))
+        campaign, told = view.campaign, [view.verdict]
+        if campaign:
+            told += campaign.doubts
+            told += [
+                f"not confirmed: {one.signature} ({one.hits} of {counted(one.repeats, 'fresh trial')})"
+                for one in campaign.unconfirmed
+            ]
+            told += [*(f"not told: {each}" for each in campaign.untold), *campaign.effects.lines()]
+        for line in told:
             typer.echo(escape_control_chars(line))
     for name, why in view.broken.items():
         typer.echo(escape_control_chars(f"{name} cannot be used: {why}"), err=True)

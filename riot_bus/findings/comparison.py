@@ -92,7 +92,9 @@ def compare(old: Path, new: Path) -> Comparison:
     confirmed = earlier.keys() | later.keys()
     for failures, campaign in ((earlier, before), (later, after)):
         again = [each for each in campaign.unconfirmed if each.signature in confirmed]
-        failures.update({each.signature: ("", _never(each.repeats)) for each in again})
+        failures.update(
+            {each.signature: ("", ProportionRecord.of(proportion(each.hits, each.repeats))) for each in again}
+        )
     order: dict[Change, int] = {
         "new": 0,
         "comes more often": 1,
@@ -111,14 +113,16 @@ def compare(old: Path, new: Path) -> Comparison:
 
 
 def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
-    records = [FindingRecord.load(folder / "findings" / name) for name in campaign.findings]
+    """Return the failures that a campaign has found, and those of the same code that its folder has from others."""
+    findings = folder / "findings"
+    names = [path.parent.name for path in sorted(findings.glob(f"*/{FindingRecord.FILE}"))]
+    others = [FindingRecord.load(findings / name) for name in names if name not in campaign.findings]
+    same = (campaign.unit, campaign.fingerprint, campaign.whole_system)
+    records = [
+        *(FindingRecord.load(findings / name) for name in campaign.findings),
+        *(each for each in others if (each.unit, each.fingerprint, each.whole_system) == same),
+    ]
     return {record.signature: (record.severity, record.rate) for record in records}
-
-
-def _never(trials: int) -> ProportionRecord:
-    """Return the rate of a failure that was seen, but in none of so many fresh trials."""
-    rate = proportion(0, trials)
-    return ProportionRecord(value=0.0, low=rate.low, high=rate.high, total=trials)
 
 
 def _share(campaign: CampaignRecord) -> Proportion:

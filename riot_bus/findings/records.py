@@ -53,9 +53,8 @@ RecordT = TypeVar("RecordT", bound="Artefact")
 
 Value = bool | int | float | str
 
-_LONGEST = 40
-_MOST_TOLD = 8
-"""Names in a line for people; the file has all."""
+_LONGEST, _MOST_TOLD = 40, 8
+"""Characters of a value, and names, in a line for people; the file has all."""
 
 
 def _short(value: Value | None) -> str:
@@ -189,7 +188,7 @@ class EffectsRecord(_Model):
 
 
 class UnconfirmedRecord(_Model):
-    """A failure that was seen, and that none of so many fresh trials has shown again: chance, or too rare to tell.
+    """A failure that was seen, and only in `hits` of `repeats` fresh trials again: chance, or too rare to tell.
 
     With a `history`, its process had had so many test cases before, and it may depend on them.
     """
@@ -197,6 +196,7 @@ class UnconfirmedRecord(_Model):
     signature: str
     details: tuple[str, ...] = ()
     occurrences: int = 1
+    hits: int = 0
     repeats: int = 0
     history: int = 0
     injections: tuple[dict[str, Any], ...] = ()

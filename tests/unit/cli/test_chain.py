@@ -1,16 +1,20 @@
-"""What bounds a campaign that is asked for on the command line."""
+"""What bounds a campaign that is asked for on the command line, and what a demo that has found nothing says."""
 
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from typer.testing import CliRunner
 
 from riot_bus.chain import robustness
+from riot_bus.chain.workspace import Workspace
 from riot_bus.cli import chain
 from riot_bus.cli.main import make_app
+from riot_bus.findings.records import CampaignRecord
+from tests.unit.chain.machine import SYSTEM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,3 +63,20 @@ def test_trials_are_bounded_where_nothing_else_ends_a_campaign(
     result = CliRunner().invoke(make_app(words.split()[0]), words.split())
     assert isinstance(result.exception, StoppedError)
     assert asked == [trials]
+
+
+@pytest.mark.parametrize(("notes", "code"), [({}, 0), ({"Rate state: no message came": 64}, 5)])
+def test_a_demo_that_has_found_nothing_says_whether_that_means_something(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, notes: dict[str, int], code: int
+) -> None:
+    def demo(workspace: Workspace, *, trials: int) -> dict[str, object]:
+        workspace.out.mkdir(exist_ok=True)
+        CampaignRecord(unit="drive", fingerprint="f", tested=64, notes=notes).save(workspace.out)
+        return {"findings": [], "seed": 0}
+
+    monkeypatch.setattr("riot_bus.chain.demo.demo", demo)
+    (tmp_path / "riot.toml").write_text(SYSTEM)
+    words = ["demo", "--system", str(tmp_path / "riot.toml"), "--out", str(tmp_path / "out")]
+    told = CliRunner().invoke(make_app("demo"), words)
+    line = "inconclusive: Rate state: no message came\n" if notes else "no finding\n"
+    assert (told.exit_code, told.stdout) == (code, line), told.exception

@@ -157,8 +157,30 @@ def test_two_findings_have_a_line_between_them(tmp_path: Path) -> None:
     assert "30 injections: " in findings(tmp_path).stdout
 
 
-def test_no_finding_is_said(tmp_path: Path) -> None:
-    assert findings(tmp_path).stdout == "no finding\n"
+@pytest.mark.parametrize("name", ["nothing found", "inconclusive", "not judged"])
+def test_no_finding_is_said_with_what_that_rests_on(name: str, tmp_path: Path) -> None:
+    view = campaign_at(name, tmp_path)
+    assert view.campaign
+    lines = findings(tmp_path).stdout.splitlines()
+    assert lines[0] == view.verdict
+    assert "no finding in 120 trials of planner" in lines[0]
+    assert lines[1:-5] == view.campaign.doubts
+    assert lines[-5:-3] == [
+        "not confirmed: hang of planner (0 of 4 fresh trials)",
+        "not told: silent: nothing on /plan: nominal trials show the same",
+    ]
+
+
+def test_a_campaign_that_has_not_ended_is_told_as_that(tmp_path: Path) -> None:
+    campaign_at("not finished", tmp_path)
+    assert findings(tmp_path).stdout.endswith("\n\nnot finished: 1 finding of planner so far\n")
+
+
+@pytest.mark.parametrize("where", ["", "none"])
+def test_a_folder_without_a_campaign_is_an_error(where: str, tmp_path: Path) -> None:
+    problem = findings(tmp_path / where).exception
+    assert isinstance(problem, ConfigError)
+    assert "there are neither findings nor an ended campaign here" in str(problem)
 
 
 @pytest.mark.parametrize(("asked", "words"), [("junt", "did you mean 'junit'?"), ("html", "is of one finding")])

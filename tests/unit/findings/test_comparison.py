@@ -66,6 +66,27 @@ def test_what_one_campaign_has_not_confirmed_counts_with_the_rate_of_its_repeats
     assert "(fresh trials: 4 of 4, 95 %: 40% to 100% -> 0 of 20, 95 %: 0% to 17%)" in lines[-3]
 
 
+def test_what_came_again_too_seldom_to_be_confirmed_counts_as_often_as_it_came(tmp_path: Path) -> None:
+    old, new = campaign(tmp_path / "old", rare=(3, 20)), campaign(tmp_path / "new")
+    again = (UnconfirmedRecord(signature="crash in u: rare", hits=1, repeats=20),)
+    CampaignRecord.load(new).model_copy(update={"unconfirmed": again}).save(new)
+    assert "-> 1 of 20, 95 %: 0% to 25%)" in next(compare(old, new).lines())
+
+
+def test_what_another_campaign_has_found_of_the_same_code_was_seen(tmp_path: Path) -> None:
+    old, new = campaign(tmp_path / "old", same=(4, 4)), campaign(tmp_path / "new", same=(4, 4))
+    CampaignRecord.load(new).model_copy(update={"findings": ()}).save(new)
+    record = FindingRecord.load(new / "findings" / "same")
+    for changes, change in (
+        ({"fingerprint": "f"}, "still failing"),
+        ({"fingerprint": "other"}, "not seen"),
+        ({"fingerprint": "f", "unit": "another"}, "not seen"),
+        ({"fingerprint": "f", "whole_system": True}, "not seen"),
+    ):
+        record.model_copy(update=changes).save(new / "findings" / "same")
+        assert [each.change for each in compare(old, new).findings] == [change]
+
+
 def test_campaigns_of_two_units_cannot_be_compared(tmp_path: Path) -> None:
     old, new = campaign(tmp_path / "old"), campaign(tmp_path / "new")
     CampaignRecord.load(new).model_copy(update={"unit": "other"}).save(new)
