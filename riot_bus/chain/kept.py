@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.robustness import put_aside
+from riot_bus.chain.robustness import keep_evidence, put_aside
 from riot_bus.events import FindingWritten
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
-from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
@@ -115,6 +114,6 @@ def take_up(
     write_regression_test(target, record)
     if evidence and not record.whole_system:
         case = TestCase(failing.messages, seed=workspace.seed, ordered=record.ordered)
-        workspace.runners.keep_evidence(record.unit, case, record.signature, target / EVIDENCE)
+        keep_evidence(workspace, record, case, target)
     workspace.tell(FindingWritten("reproduce", str(target), name, record.signature, occurrences=failed))
     return target

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 import shutil
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
@@ -56,11 +57,13 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
-__all__ = ["put_aside", "test_unit", "tested"]
+__all__ = ["keep_evidence", "put_aside", "test_unit", "tested"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_HISTORIES = 5
 """Each may take some hundred trials."""
+_TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
+"""Trials that a runner carries out for evidence when it is asked, those at most, and how likely none of them fails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +184,8 @@ def test_unit(
         traced, untraced = _after_others(step, unit, result, baseline)
         saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in traced]
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
+        bare = (FindingRecord.load(folder) for folder in folders if not (folder / EVIDENCE).is_dir())
+        untold += tuple(f"what {one.signature} leaves: no trial that was to leave evidence failed so" for one in bare)
         types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
         record = CampaignRecord(
             unit=unit,
@@ -391,6 +396,7 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
         injections = [injection_of(row, str(folder)) for row in known.injections]
         if failure.complexity < complexity(injections, known.modified, failure.types):
             known = None  # a simpler case has been found since
+            shutil.rmtree(folder / EVIDENCE, ignore_errors=True)
     if known is None:
         record = _write(step, subject, failure, folder)
     else:
@@ -406,14 +412,33 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     write_reproduce(folder)
     write_regression_test(folder, record)
     if not (folder / EVIDENCE).is_dir():
-        kept = baseline if subject.whole_system else None
-        signature = failure.violation.signature
-        workspace.runners.keep_evidence(subject.unit, failure.case, signature, folder / EVIDENCE, in_system=kept)
+        within = baseline if subject.whole_system else None
+        keep_evidence(workspace, record, failure.case, folder, in_system=within)
     if told:
         workspace.tell(
             FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
         )
     return folder
+
+
+def keep_evidence(
+    workspace: Workspace, finding: FindingRecord, case: TestCase, folder: Path, *, in_system: Baseline | None = None
+) -> None:
+    """Repeat a case until it leaves evidence, or would have so at 95 % by the rate of the finding, 30 times at most.
+
+    Args:
+        workspace: The system, its output folder and its slots.
+        finding: The finding.
+        case: Its case.
+        folder: Its folder.
+        in_system: What its unit does in nominal runs of the whole system, if trials are such runs.
+    """
+    share = finding.rate.value if finding.rate else 1.0
+    tries = min(_MOST_TRIES, math.log(_MISSED) / math.log1p(-share)) if 0 < share < 1 else 1.0
+    keep = workspace.runners.keep_evidence
+    for _ in range(math.ceil(tries / _TRIES)):
+        if keep(finding.unit, case, finding.signature, folder / EVIDENCE, in_system=in_system):
+            return
 
 
 def put_aside(folder: Path, fingerprint: str) -> Path:
@@ -454,7 +479,10 @@ def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> Ef
 
 def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> FindingRecord:
     workspace, injections = step.workspace, failure.case.injections
-    context = workspace.context
+    context, delivered = workspace.context, tuple(failure.outcome.statistics.get("delivered", ()))
+    if len(delivered) == len(injections):  # else it is not known what was
+        injections = tuple(each for each, count in zip(injections, delivered, strict=True) if count)
+        delivered = tuple(filter(None, delivered))
     folder.mkdir(parents=True, exist_ok=True)
     if subject.whole_system:
         messages, modified = _keep_external(failure, folder), failure.modified
@@ -476,7 +504,7 @@ def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> 
         nominal=_rate(failure.nominal),
         ordered=failure.case.ordered,
         injections=tuple(injection.row() for injection in injections),
-        delivered=tuple(failure.outcome.statistics.get("delivered", ())),
+        delivered=delivered,
         messages=messages,
         modified=modified,
         external=bool(context.file.external.topics),

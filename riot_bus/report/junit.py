@@ -19,6 +19,7 @@ from riot_bus.vocabulary.counting import counted
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
@@ -79,6 +80,8 @@ def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: s
     ]
     if failing:
         _add(nominal, "failure", failing[0], failing, kind="nominal")
+    elif doubts := _nominal_doubts(campaign):
+        _add(nominal, "skipped", doubts[0], doubts, kind="inconclusive")
     if view.problem or campaign.unjudged or view.broken:
         _add(case, "error", view.verdict, [*([view.problem] if view.problem else []), *view.doubts], kind="environment")
     elif view.doubts:
@@ -90,6 +93,13 @@ def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: s
     told = ElementTree.SubElement(case, "system-out")
     told.text = _lines([view.verdict, *view.remarks, *unconfirmed, *untold, *campaign.effects.lines()])
     return campaign.seconds
+
+
+def _nominal_doubts(campaign: CampaignRecord) -> list[str]:
+    """Return what trials of the nominal log have shown that is no finding: alarms, and what did not come again."""
+    alarms = [f"not told: {each}" for each in campaign.untold if each.endswith(" show the same")]
+    own = [each.signature for each in campaign.unconfirmed if not each.injections and not each.history]
+    return [*alarms, *(f"failed in a trial of the nominal log, not confirmed: {each}" for each in own)]
 
 
 def _finding_case(suite: ElementTree.Element, view: CampaignView, one: FindingView, classname: str) -> float:

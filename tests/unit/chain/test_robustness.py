@@ -34,8 +34,10 @@ from tests.unit.chain.machine import (
     bench,
     hangs,
     never_hangs,
+    rated,
     said,
     share,
+    write_finding,
     write_nominal,
 )
 
@@ -148,6 +150,69 @@ def test_wrong_answers_of_a_noisy_runner_become_a_finding_with_its_low_rate(tmp_
     assert 1 <= record.occurrences < 10
     assert record.rate is not None
     assert record.rate.low < 0.1 < record.rate.high
+
+
+@pytest.mark.parametrize(
+    ("hits", "total", "asked"), [(20, 20, 1), (4, 4, 1), (10, 20, 1), (8, 20, 2), (2, 20, 6), (1, 20, 6)]
+)
+def test_evidence_is_tried_for_as_often_as_the_rate_of_the_finding_takes(
+    tmp_path: Path, hits: int, total: int, asked: int
+) -> None:
+    one = bench(tmp_path)
+    write_finding(one, [], {})
+    rated(one, hits, total)
+    tries: list[Path] = []
+
+    def keep(unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None) -> bool:
+        tries.append(folder)
+        return len(tries) > 3
+
+    one.machine.keep_evidence = keep  # type: ignore[method-assign]
+    robustness.keep_evidence(one.workspace, FindingRecord.load(one.folder), TestCase(), one.folder)
+    assert tries == [one.folder / "evidence"] * min(asked, 4)
+
+
+def test_that_there_is_no_evidence_is_told_and_evidence_is_that_of_the_case(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    told = f"what {HANG.signature} leaves: no trial that was to leave evidence failed so"
+    assert told in CampaignRecord.load(one.workspace.out).untold
+    cases: list[TestCase] = []
+
+    def keep(unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None) -> bool:
+        cases.append(case)
+        folder.mkdir()
+        return True
+
+    one.machine.keep_evidence = keep  # type: ignore[method-assign]
+    campaign(one)
+    campaign(one)
+    assert len(cases) == 1, "the case has stayed the same"
+    assert told not in CampaignRecord.load(one.workspace.out).untold
+    known = FindingRecord.load(folder)
+    former = folder / "evidence" / "former.txt"
+    former.touch()
+    known.model_copy(update={"modified": known.modified + 1}).save(folder)
+    campaign(one)
+    assert FindingRecord.load(folder).modified == known.modified
+    assert not former.exists()
+    assert len(cases[-1].injections) == len(known.injections)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_finding_names_what_was_injected_before_its_log_ends(tmp_path: Path, *, known: bool) -> None:
+    one = bench(tmp_path)
+    plain = one.machine.play
+
+    def play(case: TestCase) -> Outcome:
+        found = plain(case)
+        counts = {"delivered": [3 * (number % 2) for number in range(len(case.injections))]} if known else {}
+        return replace(found, statistics={**found.statistics, **counts})
+
+    one.machine.play = play  # type: ignore[method-assign]
+    (folder,) = campaign(one)
+    record = FindingRecord.load(folder)
+    assert (len(record.injections), record.delivered) == ((1, (3,)) if known else (2, ()))
 
 
 def test_a_unit_that_always_fails_is_a_finding_without_injections(tmp_path: Path) -> None:

@@ -67,11 +67,11 @@ def test_it_is_xunit2(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "nominal", "campaign"),
     [
-        ("nothing found", "passed", "passed"),
-        ("finished", "passed", "passed"),
-        ("inconclusive", "passed", "skipped"),
-        ("not judged", "passed", "error"),
-        ("a broken finding", "passed", "error"),
+        ("nothing found", "skipped", "passed"),
+        ("finished", "skipped", "passed"),
+        ("inconclusive", "skipped", "skipped"),
+        ("not judged", "skipped", "error"),
+        ("a broken finding", "skipped", "error"),
         ("not finished", "skipped", "error"),
     ],
 )
@@ -79,6 +79,23 @@ def test_each_end_is_told_as_what_it_is(name: str, nominal: str, campaign: str, 
     found = cases(campaign_at(name, tmp_path))
     assert (found.pop("nominal log"), found.pop("campaign")) == (nominal, campaign)
     assert found == ({SIGNATURE: "failure"} if CAMPAIGNS[name][1] else {})
+
+
+def test_a_nominal_log_has_passed_if_none_of_its_trials_failed(tmp_path: Path) -> None:
+    campaign_at("nothing found", tmp_path)
+    record = CampaignRecord.load(tmp_path)
+    (seen,), (alarm,) = record.unconfirmed, record.untold
+    for changes, end, told in (
+        ({"unconfirmed": (), "untold": ("where its threads stand: it is no Python program",)}, "passed", ""),
+        ({"unconfirmed": ()}, "skipped", f"not told: {alarm}"),
+        ({"untold": ()}, "skipped", f"failed in a trial of the nominal log, not confirmed: {seen.signature}"),
+        ({"untold": (), "unconfirmed": (seen.model_copy(update={"injections": ({"topic": "/map"},)}),)}, "passed", ""),
+        ({"untold": (), "unconfirmed": (seen.model_copy(update={"history": 7}),)}, "passed", ""),
+    ):
+        record.model_copy(update=changes).save(tmp_path)
+        view = load_campaign(tmp_path)
+        assert cases(view)["nominal log"] == end
+        assert [each.attrib["message"] for each in document(view).iter("skipped")] == ([told] if told else [])
 
 
 def test_what_stopped_the_work_is_an_error(tmp_path: Path) -> None:
@@ -170,7 +187,7 @@ def test_known_findings_are_skipped_and_those_that_come_back_are_not(tmp_path: P
     view = several(tmp_path)
     found = cases(view)
     assert [found[title_of(one.finding)] for one in view.current] == ["skipped", "failure", "failure"]
-    (skipped,) = document(view).iter("skipped")
+    _, skipped = document(view).iter("skipped")
     assert (skipped.attrib["type"], skipped.attrib["message"]) == ("known", "known: since 2026-03-01")
     assert f"riot reproduce {view.current[0].directory}" in (skipped.text or "")
     (back, _) = document(view).iter("failure")
