@@ -177,8 +177,8 @@ def riot_finding(request: pytest.FixtureRequest) -> Callable[..., Reproduction]:
         from riot_bus.testing.regression import reproduce_finding
 
         __tracebackhide__ = True
-        folder = request.path.parent / path
-        found = reproduce_finding(folder, system=request.path.parent / (system or "riot.toml"), trials=trials)
+        folder, near = request.path.parent / path, request.path.parent / (system or "riot.toml")
+        found = reproduce_finding(folder, system=near, root=request.config.rootpath, trials=trials)
         assert found.answer == "fixed", (
             f"{found.failed} of {found.trials} trials of {found.log} fail: {found.detail}; "
             f"again: riot reproduce {shlex.quote(str(folder))}"

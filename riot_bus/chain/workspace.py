@@ -304,15 +304,16 @@ class Workspace:
         return self.out / "findings"
 
 
-def system_of(finding: FindingRecord, *, named: Path | None = None) -> Path:
+def system_of(finding: FindingRecord, *, named: Path | None = None, root: Path = Path()) -> Path:
     """Return the system file of a finding: the named one, else the one that it was found with.
 
-    What another machine has found, such as a build, has a path of that machine; then it is that of the working folder.
+    What another machine has found, such as a build, has a path of that machine; then it is that of `root`, which is the
+    working folder if nothing else is said.
     """
-    own, here = Path(finding.system_file), Path("riot.toml")
+    own, here = Path(finding.system_file), root / "riot.toml"
     if named is not None or own.is_file() or not here.is_file():
         return named or own
-    _LOG.warning("riot: %s is not on this machine; taking %s of the working folder", own, here)
+    _LOG.warning("riot: %s is not on this machine; taking %s", own, here.absolute())
     return here
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.kept import NOMINAL
 from riot_bus.chain.reproduce import Reproduction, reproduce
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.workspace import Workspace, system_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -19,13 +20,20 @@ __all__ = ["reproduce_finding"]
 
 
 def reproduce_finding(
-    folder: Path, *, system: Path, trials: int | None = None, runners: RunnerFactory | None = None
+    folder: Path,
+    *,
+    system: Path,
+    root: Path = Path(),
+    trials: int | None = None,
+    runners: RunnerFactory | None = None,
 ) -> Reproduction:
     """Play the shortest failing log of a finding to fresh components, and leave nothing behind.
 
     Args:
         folder: The finding.
-        system: Path of riot.toml; if there is none, that of the finding's record.
+        system: Path of riot.toml; if there is none, that of the environment (`RIOT_SYSTEM`), of the finding's record,
+            or in `root`, the first that there is.
+        root: Folder of the project.
         trials: So many fresh trials; None for as many as it takes.
         runners: Give the runners; processes of this machine by default.
 
@@ -35,8 +43,9 @@ def reproduce_finding(
         EnvironmentFaultError: The components do not start.
     """
     record = FindingRecord.load(folder)
-    file = next((path for path in (system, Path(record.system_file)) if path.is_file()), None)
-    if file is None:
+    named = (system, *map(Path, filter(None, [os.environ.get("RIOT_SYSTEM")])))
+    file = system_of(record, named=next((path for path in named if path.is_file()), None), root=root)
+    if not file.is_file():
         raise ConfigError("there is no riot.toml", where=str(system), hint="set RIOT_SYSTEM to its path")
     with tempfile.TemporaryDirectory(prefix="riot-") as name:
         out = Path(name)

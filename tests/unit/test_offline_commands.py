@@ -32,6 +32,7 @@ def log(tmp_path: Path) -> Path:
         for number in range(5):
             writer.write(Message(10**9 + number, "a", b'{"x": 1}', encoding="application/json"))
     (tmp_path / "in.tlog").write_bytes(b"".join(tlog_record(10**18, frame_of(sequence=n).raw) for n in range(5)))
+    (tmp_path / "campaign.json").write_text('{"unit": "u", "fingerprint": "f"}')
     return tmp_path / "in.mcap"
 
 

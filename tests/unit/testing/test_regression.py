@@ -41,4 +41,22 @@ def test_a_folder_that_was_moved_finds_the_system_of_its_record(tmp_path: Path) 
     assert asked(one, tmp_path / "elsewhere/riot.toml") == ("still failing", 4)
     (tmp_path / "riot.toml").unlink()
     with pytest.raises(ConfigError, match="RIOT_SYSTEM"):
-        reproduce_finding(one.folder, system=tmp_path / "elsewhere/riot.toml", runners=one.machine)
+        reproduce_finding(one.folder, system=tmp_path / "elsewhere/riot.toml", root=tmp_path, runners=one.machine)
+
+
+@pytest.mark.parametrize("how", ["environment", "root", "working folder"])
+def test_the_system_is_looked_for_where_the_error_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    moved = tmp_path / "moved" / "riot.toml"
+    moved.parent.mkdir()
+    (tmp_path / "riot.toml").rename(moved)
+    root = moved.parent if how == "root" else Path()
+    if how == "environment":
+        monkeypatch.setenv("RIOT_SYSTEM", str(moved))
+    if how == "working folder":
+        monkeypatch.chdir(moved.parent)
+    found = reproduce_finding(one.folder, system=tmp_path / "none.toml", root=root, trials=4, runners=one.machine)
+    assert found.answer == "still failing"
