@@ -119,8 +119,8 @@ def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
     others = [FindingRecord.load(findings / name) for name in names if name not in campaign.findings]
     same = (campaign.unit, campaign.fingerprint, campaign.whole_system)
     records = [
-        *(FindingRecord.load(findings / name) for name in campaign.findings),
         *(each for each in others if (each.unit, each.fingerprint, each.whole_system) == same),
+        *(FindingRecord.load(findings / name) for name in campaign.findings),  # of one signature, these count
     ]
     return {record.signature: (record.severity, record.rate) for record in records}
 

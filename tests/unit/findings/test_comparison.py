@@ -85,6 +85,11 @@ def test_what_another_campaign_has_found_of_the_same_code_was_seen(tmp_path: Pat
     ):
         record.model_copy(update=changes).save(new / "findings" / "same")
         assert [each.change for each in compare(old, new).findings] == [change]
+    CampaignRecord.load(new).model_copy(update={"findings": ("same",)}).save(new)
+    (new / "findings" / "same-missing").mkdir()
+    record.model_copy(update={"fingerprint": "f", "rate": None}).save(new / "findings" / "same-missing")
+    record.save(new / "findings" / "same")
+    assert next(compare(old, new).lines()).endswith("-> 4 of 4, 95 %: 40% to 100%)")
 
 
 def test_campaigns_of_two_units_cannot_be_compared(tmp_path: Path) -> None:
