@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -25,7 +26,9 @@ class StoppedError(Exception):
 
 
 class Place:
-    """A workspace with one unit."""
+    """A workspace with one unit, without anything external."""
+
+    context = SimpleNamespace(file=SimpleNamespace(external=SimpleNamespace(topics=())))
 
     def unit(self, name: str | None) -> tuple[str, None]:
         return name or "unit", None

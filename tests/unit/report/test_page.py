@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     FieldsRecord,
     FindingRecord,
     MinimalRecord,
-    PermeabilityRecord,
     RuleRecord,
 )
 from riot_bus.report.backtrack import lines
