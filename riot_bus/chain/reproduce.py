@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -11,7 +12,7 @@ from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
-from riot_bus.monitors.model import name_of
+from riot_bus.monitors.model import names_of
 from riot_bus.plugins import MONITORS
 from riot_bus.statistics.noise import Noise
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
@@ -38,6 +39,8 @@ _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
 _DOUBT = 0.05
 """Of the answer."""
 _NO_LOG = "there is no nominal log"
+_COUNTED = re.compile(r" \(\d+\)$")
+"""What tells monitors apart that are called alike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +193,8 @@ def _why_blind(monitors: Sequence[Monitor], finding: FindingRecord, outcomes: Se
     target = MONITORS.targets().get(finding.monitor, "")
     own = target.rpartition(":")[2] if target.startswith("riot_bus.monitors.") else ""
     names = []
-    for name in map(name_of, monitors):
-        kind, _, where = name.partition(" ")
+    for name in names_of(monitors):
+        kind, _, where = _COUNTED.sub("", name).partition(" ")
         parts = [f" {part.replace(',', ' ')}" for part in where.split(", ") if part]
         if own in ("", kind) and any(f"{part}{end}" in text for part in parts for end in " :"):
             names.append(name)
