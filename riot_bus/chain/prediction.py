@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -121,14 +122,26 @@ def predict_log(path: Path, folder: Path) -> Prediction:
     return found
 
 
-def explained(
-    record: RuleRecord, step: StepRun, unit: str, signature: str, *, rate: float = 1.0
-) -> tuple[int, list[tuple[list[dict[str, Any]], bool]]]:
+class Explained(NamedTuple):
+    """What a rule says of earlier trials.
+
+    Attributes:
+        trials: How many it was held against.
+        wrong: Those of which it says what is not so: what was injected, and whether they failed.
+        holds: Where the failure comes only sometimes: how many of how many trials in which the rule holds failed so.
+    """
+
+    trials: int
+    wrong: list[tuple[list[dict[str, Any]], bool]]
+    holds: tuple[int, int]
+
+
+def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, rate: float = 1.0) -> Explained:
     """Hold a rule against what campaigns have tried on the nominal log already; nothing is run.
 
     Trials that failed otherwise do not count: whether this failure would have come, they do not tell. Neither do those
     that failed so where the rule holds nowhere, but not all of its fields were known, such as before the first message
-    of a topic; nor passing ones where the rule holds, if the failure comes only sometimes.
+    of a topic; nor passing ones where the rule holds, if the failure comes only sometimes: those are counted apart.
 
     Args:
         record: The rule.
@@ -137,9 +150,6 @@ def explained(
         signature: The failure.
         rate: How often it comes where it is triggered.
 
-    Returns:
-        How many trials it was held against, and those of which it says what is not so: what was injected, and whether
-        they failed.
     """
     rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
     log = step.workspace.unit_log(unit)
@@ -150,17 +160,19 @@ def explained(
     ]
     told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
     wrong: list[tuple[list[dict[str, Any]], bool]] = []
-    count = 0
+    count, holds = 0, Counter[bool]()
     for rows, seed, failed in told:
         injections = [injection_of(row, "trials") for row in rows]
         messages, _ = inject_log(log, injections, registry=registry, seed=seed)
         found = predict(rule, record.topics, messages, registry=registry, at_most=1)
+        if found.fails and rate < _RELIABLE:
+            holds[failed] += 1
         if (failed and not found.fails and found.unknown) or (found.fails and not failed and rate < _RELIABLE):
             continue
         count += 1
         if bool(found.fails) != failed:
             wrong.append((rows, failed))
-    return count, wrong
+    return Explained(count, wrong, (holds[True], holds.total()))
 
 
 def predict(

@@ -565,7 +565,9 @@ class RuleRecord(Artefact):
         topics: Topic of each message of the log in which its fields are named.
         context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
         in_context: Of how many trials behind nominal messages the rule says what is so.
-        in_campaign: Of how many trials of the campaign it does; those that failed otherwise are left out.
+        in_campaign: Of how many trials of the campaign it does; those that failed otherwise are left out, and where the
+            failure comes only sometimes, passing ones in which the rule holds.
+        held: Where it comes only sometimes: of how many trials of the campaign in which the rule holds how many failed.
         missed: How many trials of the campaign failed so, though the rule holds nowhere in them.
     """
 
@@ -583,6 +585,7 @@ class RuleRecord(Artefact):
     in_context: ProportionRecord | None = None
     in_campaign: ProportionRecord | None = None
     missed: int = 0
+    held: tuple[int, int] = (0, 0)
     varied_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
     varied_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
     own_mistakes: int = Field(
@@ -637,6 +640,8 @@ class RuleRecord(Artefact):
             one = self.in_campaign
             accuracy += f" and {one.count} of {one.total} of the campaign"
             accuracy += f", of which {self.missed} failed though it does not hold" if self.missed else ""
+            failed, held = self.held
+            accuracy += f"; {failed} of {counted(held, 'trial')} in which it holds failed" if held else ""
         if self.varied_mistakes:
             of = counted(self.varied_checks, "check")
             accuracy += f"; wrong in {self.varied_mistakes} of {of} with other values of all other fields"

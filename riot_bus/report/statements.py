@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from riot_bus.findings.records import FieldsRecord, ProportionRecord, Value
+from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
@@ -195,6 +195,14 @@ def _proportion(what: ProportionRecord, kind: str = "fresh trial") -> tuple[str,
     return f"{what.count} of {plural(what.total, kind)}", f"95 %: {share_interval(what.low, what.high)}"
 
 
+def _but(rule: RuleRecord) -> str:
+    """Return what the share of trials in which a rule says what is so leaves out, of a failure that comes sometimes."""
+    failed, held = rule.held
+    return (
+        f" (of {plural(held, 'trial')} in which it holds, {failed} failed: passing ones are left out)" if held else ""
+    )
+
+
 def _rule(view: FindingView) -> list[Statement]:
     if view.rule is None:
         return []
@@ -205,14 +213,18 @@ def _rule(view: FindingView) -> list[Statement]:
             Statement(told, *_proportion(rate, kind))
             for told, rate, kind in (
                 ("behind nominal messages, what the rule says is so", view.rule.in_context, "fresh trial"),
-                ("in the campaign, what the rule says was so", view.rule.in_campaign, "earlier trial"),
+                (
+                    f"in the campaign, what the rule says was so{_but(view.rule)}",
+                    view.rule.in_campaign,
+                    "earlier trial",
+                ),
             )
             if rate is not None and rate.total
         ),
         *(
             Statement(
                 f"the rule may as well be: {clean(one.text)}",
-                "it explains all trials, too",
+                "it explains all trials that the rule was learnt from, too",
                 f"would be decided by {_values(one.decided_by)}",
             )
             for one in view.rule.alternatives

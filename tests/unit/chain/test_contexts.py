@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.prediction import predict, predict_log
+from riot_bus.chain.prediction import explained, predict, predict_log
 from riot_bus.chain.rules import rules
 from riot_bus.cli.main import make_app
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord
@@ -138,6 +138,8 @@ def test_a_rule_is_held_against_what_a_campaign_has_tried(tmp_path: Path) -> Non
     assert record.in_campaign is not None
     assert (record.in_campaign.count, record.in_campaign.total, record.missed) == (7, 8, 1)
     assert "and 7 of 8 of the campaign, of which 1 failed though it does not hold" in record.summary
+    often, seldom = (explained(record, one.run(), "drive", HANG.signature, rate=rate) for rate in (1.0, 0.5))
+    assert (often.holds, seldom.holds) == ((0, 0), (4, 4))
 
 
 def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:

@@ -41,6 +41,15 @@ def test_a_rule_is_told_with_the_trials_behind_it_and_nothing_without_trials(tmp
     assert not [claim for claim in found if "campaign" in claim]
 
 
+def test_of_a_failure_that_comes_sometimes_it_is_told_how_often_it_came_where_the_rule_holds(tmp_path: Path) -> None:
+    right = ProportionRecord(value=1.0, low=0.9, high=1.0, count=40, total=40)
+    (one,) = [each for each in told(tmp_path, in_campaign=right, held=(9, 30)) if "campaign" in each.claim]
+    assert one.claim.replace("\N{NO-BREAK SPACE}", " ").endswith(
+        "(of 30 trials in which it holds, 9 failed: passing ones are left out)"
+    )
+    assert "; 9 of 30 trials in which it holds failed" in RuleRecord.load(tmp_path).summary
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_other_rules_that_explain_all_trials_are_told_with_what_would_decide(tmp_path: Path, count: int) -> None:
     others = tuple(
