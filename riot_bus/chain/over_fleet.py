@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from riot_bus.chain.reproduce import why_untold
 from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages, learn_types
@@ -140,9 +141,16 @@ class _Work:
         self._learning = threading.Lock()
         self._stopping = threading.Event()
         self._runner: Runner
+        self._untold = ""
 
     def prepare(self) -> None:
-        self._runner = self._workspace.runners.unit(self._unit, lambda: self._workspace.known_unit_log(self._unit))
+        nominal = self._workspace.known_unit_log(self._unit)
+        self._runner = self._workspace.runners.unit(self._unit, lambda: nominal)
+        if signature := self._challenge.signature:
+            monitor = signature.partition(" ")[0]
+            self._untold = why_untold(
+                self._workspace, unit=self._unit, monitor=monitor, signature=signature, nominal=nominal
+            )
 
     def stop(self) -> None:
         self._stopping.set()
@@ -207,6 +215,8 @@ class _Work:
         if alike:
             notes.insert(0, alike[0].violations[0].detail or alike[0].violations[0].signature)
         failed = len(alike)
+        if self._untold and not alike and not others:
+            return LogAnswer(place, "error", f"nothing tells it here: {self._untold}", **figures)
         return LogAnswer(place, "failed" if alike or others else "fixed", "; ".join(notes), failed, **figures)
 
     def _execute(self, case: TestCase) -> Outcome:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner, Violation
 
-__all__ = ["Reproduction", "play_again", "reproduce"]
+__all__ = ["Reproduction", "play_again", "reproduce", "why_untold"]
 
 
 _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
@@ -127,7 +127,8 @@ def play_again(
         nominal = workspace.known_unit_log(finding.unit)
         runner = workspace.runners.unit(finding.unit, lambda: nominal)
         monitors = workspace.context.monitors_of(component_of(workspace.context.file, finding.unit))
-        untold = _why_not_told(workspace, finding, nominal)
+        of = {"unit": finding.unit, "monitor": finding.monitor, "signature": finding.signature}
+        untold = why_untold(workspace, **of, nominal=nominal)
         if untold and finding.monitor != "hang":  # where it comes again, it may show in other ways
             raise _nothing_tells(workspace, finding, folder, untold)
         noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
@@ -164,22 +165,29 @@ def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, w
     )
 
 
-def _why_not_told(workspace: Workspace, finding: FindingRecord, nominal: Sequence[Message]) -> str:
-    """Return why nominal trials of the unit do not tell a failure; empty if they do, or nothing is held against them.
+def why_untold(workspace: Workspace, *, unit: str, monitor: str, signature: str, nominal: Sequence[Message]) -> str:
+    """Return why nominal trials of a unit do not tell a failure; empty if they do, or nothing is held against them.
 
     A hang without a place was one of a unit that never came to rest, or took no messages: that shows in any trial.
+
+    Args:
+        workspace: The system.
+        unit: Name of the unit.
+        monitor: What has found the failure.
+        signature: The failure.
+        nominal: The unit's nominal log, empty if there is none.
     """
-    monitor, place = finding.monitor, finding.signature.partition(": ")[2]
+    place = signature.partition(": ")[2]
     if not needs_baseline(monitor) or (monitor == "hang" and not place):
         return ""
     if not nominal:
         return _NO_LOG
-    baseline = workspace.runners.baseline(finding.unit, lambda: nominal)
+    baseline = workspace.runners.baseline(unit, lambda: nominal)
     if monitor == "silent" and baseline.trials:
         topics = place.removeprefix("nothing on ").split(", ")
         known = baseline.probe_answers.keys() & set(topics)
         return "" if known else f"in nominal trials the unit does not answer nominal input on {', '.join(topics)}"
-    return why_not_told(baseline, monitor, finding.signature).replace("runs of the whole system", "trials")
+    return why_not_told(baseline, monitor, signature).replace("runs of the whole system", "trials")
 
 
 def _why_blind(monitors: Sequence[Monitor], finding: FindingRecord, outcomes: Sequence[Outcome]) -> str:

@@ -123,6 +123,15 @@ def test_a_trial_that_cannot_be_carried_out_is_tried_again(tmp_path: Path) -> No
     assert '"error"' not in stored
 
 
+def test_what_nothing_can_tell_is_not_called_fixed(tmp_path: Path) -> None:
+    silent = CaseTemplate(HURT.injections, "silent of drive: nothing on state")
+    log = logged(tmp_path, "one", [command("hold", 3.0, number) for number in range(9)])
+    one = bench(tmp_path)
+    (answer,) = run_over(one.workspace, silent, "drive", [log], FleetOptions())
+    assert answer.answer == "error"
+    assert answer.detail.startswith("nothing tells it here: ")
+
+
 def test_a_part_of_a_log_is_played(tmp_path: Path) -> None:
     log = logged(tmp_path, "step", steps(40))
     one = bench(tmp_path)
