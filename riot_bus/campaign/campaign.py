@@ -151,7 +151,8 @@ class _Campaign:
             if outcome.detail:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
             self.unordered += bool(outcome.statistics.get("unordered")) and outcome.verdict is Verdict.PASS
-            for name, reason in {line.partition(": ")[::2] for line in map(str, outcome.statistics.get("unseen", ()))}:
+            lines = map(str, outcome.statistics.get("unseen", ()))
+            for name, reason in dict(line.partition(": ")[::2] for line in lines).items():
                 self.unseen.setdefault(name, {}).setdefault(trial, reason)
             if case.injections:
                 self.effects.add(case, outcome, self.usual)

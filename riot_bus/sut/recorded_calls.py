@@ -47,7 +47,8 @@ def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[Recorded
     if log is None:
         raise ConfigError("no log is named that could have the calls of a service", where=where, hint=hint)
     path = file.root / log
-    found = _calls(path, path.stat().st_mtime_ns, services)
+    expressions = tuple(context.registry.key_expression(f"{service}/{part}") for service in services for part in PARTS)
+    found = _calls(path, path.stat().st_mtime_ns, expressions)
     names = {context.registry.topic(key): key for key in found} | {key: key for key in found}
     for service in services:
         if service not in names and not any(context.registry.matches(service, key) for key in found):
@@ -57,8 +58,7 @@ def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[Recorded
 
 
 @functools.lru_cache(maxsize=4)
-def _calls(path: Path, changed: int, services: tuple[str, ...]) -> Mapping[str, Sequence[RecordedCall]]:
+def _calls(path: Path, changed: int, expressions: tuple[str, ...]) -> Mapping[str, Sequence[RecordedCall]]:
     """Return the calls of a log, which are the same for all trials as long as it has not `changed`."""
     with LogReader(path) as reader:
-        topics = [f"{service}/{part}" for service in services for part in PARTS]
-        return calls_in(reader.messages(topics=topics))
+        return calls_in(reader.messages(topics=expressions))

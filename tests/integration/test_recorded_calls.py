@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.activity import Idle
+from riot_bus.sut.baseline import Baseline
 from riot_bus.sut.local import Pool
 from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
 from riot_bus.types.serve import Request
@@ -175,9 +177,11 @@ def test_a_ros_client_that_waits_for_its_service_finds_the_recorded_one(
     (tmp_path / "node.py").write_text(ROS_NODE)
     on, off = log[0], log[3]
     with Pool(path, 1, keep=tmp_path / "trials") as pool:
-        passes = pool.execute(UnitTrial("caller"), TestCase((on,)))
-        fails = pool.execute(UnitTrial("caller"), TestCase((on, off)))
-    assert (passes.verdict, passes.statistics["outputs"], passes.detail) == (Verdict.PASS, 1, "")
+        seen = pool.execute(IdleTrial("caller"), TestCase()).statistics
+        trial = UnitTrial("caller", Baseline(idle=Idle(float(seen["switches"]), float(seen["ran"]))))
+        passes = pool.execute(trial, TestCase((on,)))
+        fails = pool.execute(trial, TestCase((on, off)))
+    assert (passes.violations, passes.statistics["outputs"], passes.detail) == ((), 1, "")
     assert (fails.verdict, fails.statistics["outputs"]) == (Verdict.FAIL, 2)
 
 
