@@ -300,11 +300,11 @@ class RouterTest:
         bus = self._router.bus
         told = self.unshown()  # first: what the test has started may end now
         self._router.pass_all()
-        through = bus.drain(_DRAINED_S)
-        if not through and not any(each.held for each in self.counts().values()):
+        through, counts = bus.drain(_DRAINED_S), self.counts()
+        if not through and not any(each.held for each in counts.values()):
             late = f"messages are still on their way {_DRAINED_S:g} s after the test"
             warnings.warn(f"riot: counts are not checked, since {late}", stacklevel=2)
-        for topic, each in self.counts().items():
+        for topic, each in counts.items():
             came, went = each.received + each.added, each.forwarded + each.dropped + each.lost + each.held
             if through and came != went:
                 told.append(f"counts of {topic} do not balance: {came} came, {went} are accounted for: {each}")
