@@ -6,12 +6,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from riot_bus.findings.records import Artefact, _Model
+from riot_bus.findings.records import PLAYED, Artefact, _Model
 from riot_bus.vocabulary.counting import counted
 
 __all__ = ["Design", "EdgeRecord", "PermeabilityRecord"]
-
-_PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
 
 Design = Literal["within runs", "between runs", "beyond nominal"]
 """How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
@@ -57,10 +55,7 @@ class PermeabilityRecord(Artefact):
     unseen: dict[str, str] = Field(default={}, description="internal fields that nothing is known to reach, and why")
     failed: int = Field(default=0, description="runs that failed as the finding does")
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
-    played: bool = Field(
-        default=False,
-        description="whether the outside was the nominal log, which does not answer to what the system does",
-    )
+    played: bool = Field(default=False, description=PLAYED)
 
     @property
     def summary(self) -> str:

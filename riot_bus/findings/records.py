@@ -27,6 +27,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import SEVERITIES
 
 __all__ = [
+    "PLAYED",
     "AbsentRecord",
     "ActivationRecord",
     "Artefact",
@@ -650,7 +651,7 @@ class RuleRecord(Artefact):
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
-_PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
+PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
 
 
 class PointRecord(_Model):
@@ -718,7 +719,7 @@ class ActivationRecord(Artefact):
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
     controls_others: dict[str, int] = Field(default={}, description="the same of runs with nominal inputs")
     replays_others: dict[str, int] = Field(default={}, description="the same of replays")
-    played: bool = Field(default=False, description=_PLAYED)
+    played: bool = Field(default=False, description=PLAYED)
 
     @property
     def summary(self) -> str:

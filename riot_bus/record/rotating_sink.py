@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import logging
 import os
 import threading
 import time
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FileResult", "RotatingSink"]
 
-_LOG = logging.getLogger(__name__)
 _AGAIN_S = 5.0
 _NOTE_S = 1.0
 _REPEAT_S = 10.0

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["dot", "lines", "said_of"]
 
 _FOUND = 3
-_RANKED = 30
 _REASONS = 3
 _NAMES = 8
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from riot_bus_mavlink.links.end import Batching
@@ -132,7 +133,7 @@ class Stream:
             self._gone(self)
 
 
-class RetriedLink:
+class RetriedLink(ABC):
     """A link of one stream that is opened again, after a while, whenever it is lost or cannot be opened.
 
     A subclass has `_try` open it, which calls `_opened` or `_again`, now or later, on the loop's thread.
@@ -178,8 +179,9 @@ class RetriedLink:
         if self._stream is not None:
             self._stream.close()
 
+    @abstractmethod
     def _try(self) -> None:
-        raise NotImplementedError
+        """Open it."""
 
     def _opened(self, transport: Transport) -> None:
         self._told = ""
