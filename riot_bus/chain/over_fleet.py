@@ -7,8 +7,9 @@ import json
 import logging
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -23,6 +24,7 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from concurrent.futures import Future
     from pathlib import Path
 
     from riot_bus.chain.testcases import CaseTemplate
@@ -107,10 +109,13 @@ def run_over(
             work.prepare()
         began = time.monotonic()
         with ThreadPoolExecutor(workspace.jobs, thread_name_prefix="riot-fleet") as pool:
-            waiting = {pool.submit(work.answer, each): each for each in fresh}
+            waiting = [pool.submit(work.answer, each) for each in fresh]
             try:
-                for done, future in enumerate(as_completed(waiting), 1):
-                    found = future.result()
+                answers: SimpleQueue[Future[LogAnswer]] = SimpleQueue()  # unlike others, no signal leaves it locked
+                for each in waiting:
+                    each.add_done_callback(answers.put)
+                for done in range(1, len(waiting) + 1):
+                    found = answers.get().result()
                     known[found.place] = found
                     if found.answer != "error":
                         store.put(keys[found.place], found)

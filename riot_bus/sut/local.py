@@ -9,12 +9,12 @@ import sys
 import tempfile
 import threading
 from collections import deque
-from concurrent.futures import Future, as_completed
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from multiprocessing.connection import Connection, Pipe, wait
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.sut.hangs import KnownHangs
@@ -46,10 +46,11 @@ class _Task:
     """A case that is to be executed, who is told, and how many trials may run at once then."""
 
     batch: TrialBatch
+    number: int
     case: TestCase
-    ended: Callable[[Outcome], None]
+    ended: Callable[[int, Outcome], None]
+    answers: SimpleQueue[tuple[int, Outcome | Exception]]
     into: Path | None = None
-    future: Future[Outcome] = field(default_factory=Future)
     most: int = 0
     directory: Path | None = None
     deaths: int = 0
@@ -65,6 +66,11 @@ class _Task:
         if self.directory is not None:
             shutil.rmtree(self.directory, ignore_errors=True)
         self.directory = None
+
+    def fail(self, error: Exception) -> None:
+        """Have what went wrong raised where the case was asked for."""
+        self.remove_directory()
+        self.answers.put((self.number, error))
 
 
 class WorkerLink(Protocol):
@@ -319,6 +325,9 @@ class Pool:
         """
         if not cases:
             return []
+        # A signal may raise in the middle of this, on the main thread: what waits here must not hold a lock then that
+        # the other thread needs, as the conditions of `threading` and `concurrent.futures` do.
+        answers: SimpleQueue[tuple[int, Outcome | Exception]] = SimpleQueue()
         with self._lock:
             if self._closed:
                 raise RuntimeError("the pool is closed")
@@ -326,12 +335,17 @@ class Pool:
             if batch is None:
                 batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
-            tasks = [_Task(batch, case, partial(ended, number), into, most=most) for number, case in enumerate(cases)]
-            self._waiting.extend(tasks)
+            self._waiting.extend(
+                _Task(batch, number, case, ended, answers, into, most) for number, case in enumerate(cases)
+            )
             self._wake.send_bytes(b"")
-        for done in as_completed([task.future for task in tasks]):
-            done.result()  # what one raises is not held up by the others
-        return [task.future.result() for task in tasks]
+        outcomes: dict[int, Outcome] = {}
+        while len(outcomes) < len(cases):
+            number, answer = answers.get()
+            if isinstance(answer, Exception):  # it is not held up by the others
+                raise answer
+            outcomes[number] = answer
+        return [outcomes[number] for number in range(len(cases))]
 
     def _feed(self) -> None:
         """Give cases to workers and take their answers, until the pool is closed."""
@@ -364,8 +378,7 @@ class Pool:
                     self._workers.append(worker)
                 self._give(task, worker)
             except Exception as error:  # the disk is full, there is no process to be had: whoever asked is told
-                task.remove_directory()
-                task.future.set_exception(error)
+                task.fail(error)
 
     def _give(self, task: _Task, worker: _PoolWorker) -> None:
         imports = {name: each for name, each in self._imports.items() if name not in worker.imports}
@@ -408,8 +421,7 @@ class Pool:
             self._start_waiting()
             self._finish(task, answer.outcome)
         except Exception as error:  # as the trial, or a full disk, has raised it
-            task.remove_directory()
-            task.future.set_exception(error)
+            task.fail(error)
 
     def _again(self, task: _Task, how: str | None) -> None:
         """Have a case executed again whose worker has ended, unless that was the last one that it may cost."""
@@ -424,7 +436,7 @@ class Pool:
         try:
             self._finish(task, Outcome(Verdict.UNJUDGED, detail=text))
         except Exception as error:
-            task.future.set_exception(error)
+            task.fail(error)
 
     def _finish(self, task: _Task, outcome: Outcome) -> None:
         if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < _ROOM:
@@ -437,8 +449,8 @@ class Pool:
                 outcome = replace(outcome, log=str(task.directory / Path(outcome.log).name))
         if outcome.log is None:
             task.remove_directory()
-        task.ended(outcome)
-        task.future.set_result(outcome)
+        task.ended(task.number, outcome)
+        task.answers.put((task.number, outcome))
 
     def _end(self) -> None:
         with self._lock:
@@ -450,9 +462,7 @@ class Pool:
             worker.process.end()
         for task in (*self._waiting, *(worker.task for worker in self._workers)):
             if task is not None:
-                task.remove_directory()
-                task.future.cancel()
-                task.future.set_running_or_notify_cancel()
+                task.fail(CancelledError())
         self._woken.close()
         self._wake.close()
 

@@ -82,7 +82,7 @@ def interrupt(system: Path, out: Path, tmp_path: Path, numbers: Sequence[signal.
         if number is signal.SIGKILL:
             assert running.returncode == -number
         else:
-            assert running.returncode == 130, errors
+            assert running.returncode == 130, errors.decode()
             told = re.search(rb"interrupted; kept in (.+): (\d+) finished trials?, (\d+) findings?", errors)
             assert told, errors
             assert (int(told[2]), int(told[3])) == (len(kept), len(signatures))

@@ -1,10 +1,17 @@
-"""What a pool tells its workers of hangs."""
+"""What a pool tells its workers of hangs, and that it can be interrupted at any moment."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import random
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Pipe
 from pathlib import Path
+from queue import SimpleQueue
+
+import pytest
 
 from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.local import Pool
@@ -74,3 +81,41 @@ def test_what_one_worker_has_found_out_of_hangs_all_are_told(tmp_path: Path) -> 
     assert workers.told[0] == KnownHangs((TURN,), 0.5)
     assert workers.told[2:] == [KnownHangs((SPIN, TURN, WAIT), 1.0), KnownHangs((SPIN, WAIT), 2.0)]
     assert hangs == {"u": KnownHangs((SPIN, WAIT), 3.0)}
+
+
+@pytest.fixture
+def interrupt_after() -> Iterator[Callable[[float], None]]:
+    """Has a signal raise `KeyboardInterrupt` in this thread, some seconds after it is called."""
+    asked: SimpleQueue[float | None] = SimpleQueue()
+    main = threading.get_ident()
+
+    def handler(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def send() -> None:
+        while (delay := asked.get()) is not None:
+            time.sleep(delay)
+            signal.pthread_kill(main, signal.SIGUSR1)
+
+    former = signal.signal(signal.SIGUSR1, handler)
+    sender = threading.Thread(target=send)
+    sender.start()
+    yield asked.put
+    asked.put(None)
+    sender.join()
+    signal.signal(signal.SIGUSR1, former)
+
+
+def test_a_signal_at_any_moment_leaves_no_lock_that_holds_up_the_end(
+    tmp_path: Path, interrupt_after: Callable[[float], None]
+) -> None:
+    moments = random.Random(1)
+    cases = [TestCase(seed=seed) for seed in range(4)]
+    for _ in range(500):  # where conditions of `concurrent.futures` were waited for, one of 500 did not end
+        pool = Pool(tmp_path / "riot.toml", 2, keep=tmp_path, workers=Workers(lambda _, told: told))
+        pool.map(IdleTrial("u"), cases)
+        with pytest.raises(KeyboardInterrupt):
+            interrupt_after(moments.uniform(0, 3e-3))
+            while True:
+                pool.map(IdleTrial("u"), cases)
+        pool.close()
