@@ -39,6 +39,8 @@ _FIRST = 6
 """Runs that each way to vary gets before what came nearest is preferred."""
 _RECOMBINED = 24
 """Of what varies in time, so many points are made of constant ones before the search methods begin."""
+_PROMISING = 4
+"""Each costs a run; where so many that failed elsewhere do not fail here, others will hardly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,7 @@ def activate(
     parallelism: int = 1,
     methods: Sequence[SearchMethod] = PORTFOLIO,
     families: Sequence[Sequence[Dimension]] = (),
+    promising: Sequence[Mapping[str, float]] = (),
     progress: Progress | None = None,
     shared: SharedHistory | None = None,
 ) -> Activation:
@@ -130,6 +133,7 @@ def activate(
         parallelism: Points per call of `evaluate`.
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
+        promising: Points that failed in other runs, of which a few are tried first; other fields are left alone.
         progress: Told after each batch.
         shared: Gets all runs, and has those of other searches: these guide this one and count for nothing else, and
             points that failed there are tried first.
@@ -146,6 +150,8 @@ def activate(
     search = _Turns(
         _Search([Dimension(each, at) for at, each in enumerate(fields)], (seed,), methods), families, seed, methods
     )
+    for one in promising[:_PROMISING]:
+        search.promise({each.name: one.get(each.name, each.nominal) for each in fields})
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     known = [*fields, *(each.search for family in families for each in family)]
     while len(history) < budget:
@@ -213,9 +219,14 @@ class _Turns:
         if point.keys() != {field.name for field in constant.encoding.fields} or constant.knows(point):
             return
         if evaluation.failed:
-            self._promised += [point] if point not in self._promised else []
+            self.promise(point)
         else:
             constant.learn(point, evaluation.distance)
+
+    def promise(self, point: Mapping[str, float]) -> None:
+        """Have a point tried next."""
+        if point not in self._promised:
+            self._promised.append(point)
 
     def batch(self, size: int) -> list[_Wanted]:
         """Return up to `size` new points, all of one search; none when the spaces of all are exhausted.

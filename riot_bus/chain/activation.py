@@ -89,6 +89,7 @@ def activation(
             parallelism=system.runner.parallelism,
             methods=portfolio,
             families=system.varied.families,
+            promising=permeable.failing,
             progress=step.progress,
             shared=shared,
         )

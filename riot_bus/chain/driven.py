@@ -100,11 +100,13 @@ class ConstantRuns(NamedTuple):
         edges: What is known of pairs of fields.
         runs: How many runs there were.
         untold: External fields of which they tell nothing, or not all, and why.
+        intermediate: What is known of pairs with a field on the way.
     """
 
     edges: list[EdgeRecord]
     runs: int
     untold: dict[str, str]
+    intermediate: list[EdgeRecord]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +121,10 @@ class DrivenRuns:
         usual: What each of them does in a nominal run.
         speed: How fast the runs are, as a multiple of the system's own time.
         signature: Failure that is looked into.
+        intermediates: Fields on the way to the internal ones, which the runner observes, too.
         changed: Names of the fields that were set in a message in some run.
         failures: Runs that have failed, by signature; any that has the one looked into counts for it alone.
+        failing: Values by field, as a search sets them, of runs with one value of each that failed as is looked into.
     """
 
     step: StepRun
@@ -130,8 +134,10 @@ class DrivenRuns:
     usual: Mapping[str, Usual]
     speed: float = 1.0
     signature: str = ""
+    intermediates: Sequence[str] = ()
     changed: set[str] = field(default_factory=set)
     failures: Counter[str] = field(default_factory=Counter)
+    failing: list[dict[str, float]] = field(default_factory=list)
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
         """Return runs in which all fields are driven, each by its own signal in each run.
@@ -213,19 +219,18 @@ class DrivenRuns:
                 edges = [edge for edge in edges if edge.permeable]
                 told = {edge.external for edge in edges}
                 untold |= {one.name: _STILL for one in fields if one.name not in told}
-        return ConstantRuns(edges, count, untold)
+        intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
+        return ConstantRuns(edges, count, untold, intermediate)
 
     def _constant(self, drawn: _Drawn, first: int, numbers: range) -> list[Outcome]:
         """Return runs in which each field has the next value that is drawn for it, from the given one on."""
+        points = [
+            {field: value(signal.value(at)) for field, (signal, value) in drawn.items()}
+            for at in range(first, first + len(numbers))
+        ]
         cases = [
-            self._case(
-                (
-                    field.injection(value(signal.value(at)), speed=self.speed)
-                    for field, (signal, value) in drawn.items()
-                ),
-                number,
-            )
-            for at, number in enumerate(numbers, start=first)
+            self._case((field.injection(value, speed=self.speed) for field, value in point.items()), number)
+            for point, number in zip(points, numbers, strict=True)
         ]
         outcomes: list[Outcome] = []
         for start in range(0, len(cases), self.runner.parallelism):
@@ -233,12 +238,23 @@ class DrivenRuns:
             outcomes += self._carried_out([drawn] * len(some), some)
             doing = f"{counted(len(drawn), 'external field')} constant in each run"
             self.step.progress(len(outcomes), len(cases), doing)
+        self.failing.extend(
+            {field.name: value for field, value in point.items()}
+            for point, outcome in zip(points, outcomes, strict=True)
+            if outcome.failed_as(self.signature)
+        )
         return outcomes
 
     def _followed(
-        self, drawn: _Drawn, outcomes: Sequence[Outcome], *, alpha: float, design: Design
+        self,
+        drawn: _Drawn,
+        outcomes: Sequence[Outcome],
+        *,
+        alpha: float,
+        design: Design,
+        names: Sequence[str] | None = None,
     ) -> tuple[list[EdgeRecord], dict[str, str]]:
-        """Return what internal fields have to do with the values that external ones had in each run.
+        """Return what internal fields, or others, have to do with the values that external ones had in each run.
 
         Also the external fields of which nothing can be told, and why.
         """
@@ -249,7 +265,7 @@ class DrivenRuns:
             for field, (signal, _) in drawn.items()
             if field.name not in untold
         }
-        told = as_numbers(outcomes, self.internals)
+        told = as_numbers(outcomes, self.internals if names is None else names)
         found: list[EdgeRecord] = []
         for summary in _SUMMARIES.values():
             outputs = {}
@@ -315,9 +331,9 @@ class DrivenRuns:
                     waiting.extend([group[:half], group[half:]] if half else [])
         return found, list(chain.from_iterable(waiting)), spent
 
-    def runs(self, some: Sequence[Perturbed]) -> list[Run]:
-        """Return runs in which fields were driven, as the analysis takes them."""
-        outputs = as_numbers([outcome for _, outcome in some], self.internals)
+    def runs(self, some: Sequence[Perturbed], names: Sequence[str] | None = None) -> list[Run]:
+        """Return runs in which fields were driven, as the analysis takes them, with internal fields or others."""
+        outputs = as_numbers([outcome for _, outcome in some], self.internals if names is None else names)
         inputs: list[dict[str, FieldDrive]] = []
         for plan, outcome in some:
             times = {field: outcome.observed[field.topic].times for field in plan if field.name in self.changed}

@@ -16,6 +16,7 @@ from riot_bus.chain.driven import (
     strongest,
 )
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
+from riot_bus.chain.intermediate import intermediate_fields, most_permeable_paths, with_strengths
 from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.topic_graphs import declared_graph
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
@@ -95,12 +96,14 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
     signalled = [field for field in driven if not field.constant]
-    observed = (*internals, *sorted({field.topic for field in driven if not field.parameter}))
+    sources = sorted({field.topic for field in driven if not field.parameter})
+    intermediates = intermediate_fields(workspace, graph, topics, {*file.external.topics, *sources})
+    observed = (*internals, *intermediates, *sources)
     pace = file.system.perturbed_run
     driving = driving_log(workspace, pace)
     runner = step.system_runner(observe=observed, pace=pace)
     usual = _usual(workspace, internals)
-    system = DrivenRuns(step, runner, driving, internals, usual, pace.speed, finding.signature)
+    system = DrivenRuns(step, runner, driving, internals, usual, pace.speed, finding.signature, intermediates)
     done, apart, count = _driven_without_refused(system, signalled, runs)
     outcomes = [outcome for _, outcome in done]
     for field in signalled:
@@ -114,6 +117,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
+    between = analysed(system.runs(done, intermediates), alpha=_ALPHA, seed=workspace.seed)
+    on_the_way = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in between.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
     valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
@@ -135,6 +140,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             answers = system.between(some, range(count, count + _BETWEEN * runs), alpha=_ALPHA, design=design)
             count += answers.runs
             untold |= answers.untold
+            on_the_way = strongest((*on_the_way.values(), *map(_unless_doubtful, answers.intermediate)))
             for edge in answers.edges:
                 pair = edge.external, edge.internal
                 tested.setdefault(pair, []).append(design)
@@ -143,8 +149,12 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     told = {external for external, _ in edges}
     edges = {pair: edge.model_copy(update={"tested": tuple(tested[pair])}) for pair, edge in edges.items()}
     failed = system.failures.pop(finding.signature, 0)
+    trees = [graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics]
+    known = (*edges.values(), *on_the_way.values())
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),
+        intermediate=tuple(sorted(on_the_way.values(), key=_rank)),
+        paths=most_permeable_paths(trees, known),
         runs=count,
         untested={
             name: why
@@ -158,7 +168,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         },
         pruned=pruned,
         nominal={field.name: (field.nominal, field.spread) for field in driven},
-        tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
+        tree=[with_strengths(tree, known) for tree in trees],
         system=finding.system,
         unseen={
             name: _IDLE if name in valued else _UNSEEN
@@ -166,6 +176,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             if name not in {internal for _, internal in edges}
         },
         failed=failed,
+        failing=tuple(system.failing),
         others=dict(system.failures.most_common()),
         played=bool(driving),
     )
@@ -216,6 +227,11 @@ def _all_reached(edges: Mapping[tuple[str, str], EdgeRecord], internals: Iterabl
 def _is_permeable(edges: Mapping[tuple[str, str], EdgeRecord], external: str, told: str) -> bool:
     pair = external, internal_of(told)
     return pair in edges and edges[pair].permeable
+
+
+def _unless_doubtful(edge: EdgeRecord) -> EdgeRecord:
+    """Return an edge as not permeable if its interval holds 0: no further runs settle that on the way."""
+    return edge.model_copy(update={"permeable": edge.permeable and edge.low > 0})
 
 
 def _rank(edge: EdgeRecord) -> tuple[object, ...]:

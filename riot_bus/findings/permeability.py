@@ -9,7 +9,7 @@ from pydantic import Field
 from riot_bus.findings.records import PLAYED, Artefact, _Model
 from riot_bus.vocabulary.counting import counted
 
-__all__ = ["Design", "EdgeRecord", "PermeabilityRecord"]
+__all__ = ["Design", "EdgeRecord", "PathRecord", "PermeabilityRecord", "StageRecord"]
 
 Design = Literal["within runs", "between runs", "beyond nominal"]
 """How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
@@ -40,6 +40,28 @@ class EdgeRecord(_Model):
         return ", ".join(parts)
 
 
+class StageRecord(_Model):
+    """One topic on a path from an external field inwards, and the share of its strongest field that follows that."""
+
+    topic: str
+    field: str | None = Field(default=None, description="null: no field of the topic was looked at")
+    strength: float | None = Field(default=None, description="0: no effect was found")
+
+
+class PathRecord(_Model):
+    """A path from an external field to a topic inside: the topics behind that of the field, from outside inwards."""
+
+    external: str
+    stages: tuple[StageRecord, ...]
+
+    def __str__(self) -> str:
+        shown = [
+            f"{one.field or one.topic} ({'not looked at' if one.strength is None else f'{one.strength:.2g}'})"
+            for one in self.stages
+        ]
+        return " -> ".join([self.external, *shown])
+
+
 class PermeabilityRecord(Artefact):
     """Which external fields reach the relevant ones, and how strongly."""
 
@@ -51,9 +73,16 @@ class PermeabilityRecord(Artefact):
     untested: dict[str, str] = Field(default={}, description="external fields of which nothing can be told, and why")
     nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
     tree: list[dict[str, Any]] = Field(default=[])
+    intermediate: tuple[EdgeRecord, ...] = Field(
+        default=(), description="what external fields do to fields of topics on the way to the relevant ones"
+    )
+    paths: tuple[PathRecord, ...] = Field(default=(), description="the most permeable path to each relevant topic")
     system: str = "the system"
     unseen: dict[str, str] = Field(default={}, description="internal fields that nothing is known to reach, and why")
     failed: int = Field(default=0, description="runs that failed as the finding does")
+    failing: tuple[dict[str, float], ...] = Field(
+        default=(), description="of these, those with one value of each field: the values, as numbers of a search"
+    )
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
     played: bool = Field(default=False, description=PLAYED)
 
@@ -70,6 +99,7 @@ class PermeabilityRecord(Artefact):
         parts = [
             f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}{near * bool(self.nominal_only)}"
         ]
+        parts += [f"most permeable path: {path}" for path in self.paths if len(path.stages) > 1]
         parts += [f"what reaches {name} is not known: {why}" for name, why in self.unseen.items()]
         parts += [f"{counted(self.failed, 'run')} failed as the finding does"] if self.failed else []
         parts += [f"{counted(count, 'run')} failed otherwise: {name}" for name, count in self.others.items()]

@@ -93,6 +93,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "other_fields": other_fields(view.fields) if view.fields else None,
         "trees": _trees(view),
         "paths": _paths(view),
+        "best_paths": [str(path) for path in view.permeability.paths] if view.permeability else [],
         "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
         "nominal": nominal,
         "parameters": activation is not None and any(name.startswith(_PARAMETER) for name in activation.found or ()),
@@ -149,6 +150,16 @@ def _no_field(fields: FieldsRecord | None) -> str:
     return "none: that it arrives is enough" if sure else "none confirmed"
 
 
+def _follows(node: dict[str, Any]) -> str:
+    """Return what of a topic on the way follows which external field; nothing where that was not looked at."""
+    edge = node.get("follows")
+    if not isinstance(edge, dict):
+        return ""
+    if not edge.get("permeable"):
+        return ": no effect found"
+    return f": {edge.get('internal')} follows {edge.get('external')} (share {edge.get('strength', 0):.2g})"
+
+
 def _trees(view: FindingView) -> list[dict[str, Any]]:
     """Return per internal field the external ones that reach it, and those that do not."""
     edges: Iterable[EdgeRecord] = view.permeability.edges if view.permeability else ()
@@ -176,7 +187,7 @@ def _paths(view: FindingView) -> list[str]:
             continue
         marks = [word for word in ("external", "loop", "cut") if node.get(word)]
         via = f" by {node['component']}" if node.get("component") else ""
-        told = f"{node.get('topic', '?')}{via}{' (' + ', '.join(marks) + ')' if marks else ''}"
+        told = f"{node.get('topic', '?')}{via}{' (' + ', '.join(marks) + ')' if marks else ''}{_follows(node)}"
         lines.append("   " * min(depth, 20) + ("└─ " if depth else "") + words.clean(told))
         hops = node.get("hops")
         waiting += [(hop, depth + 1) for hop in reversed(hops if isinstance(hops, list) else [])]

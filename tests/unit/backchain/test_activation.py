@@ -60,6 +60,17 @@ def test_equal_seeds_and_answers_give_equal_searches_without_repeats(parallelism
     assert len(set(points)) == len(points)
 
 
+def test_what_failed_elsewhere_is_tried_first_and_counts_for_nothing_else():
+    known = [{"goal.y": -95.0, "wind": 3.0}, {"goal.y": -96.0}]
+    found = activate(rover_fields(), rover, seed=0, promising=known)
+    assert found.runs == 1
+    assert found.found == {"goal.x": 2.0, "goal.y": -95.0, "vx": 0.5, "vy": 0.0}
+    misled = activate(rover_fields(), rover, seed=0, promising=[{"goal.y": float(at)} for at in range(9)])
+    assert [point["goal.y"] for point, _ in misled.history[:4]] == [0, 1, 2, 3]
+    assert misled.found is not None
+    assert misled.runs <= 200
+
+
 def test_stops_after_the_first_failing_batch_and_at_the_budget():
     result = activate(rover_fields(), lambda points: [Evaluation(None, failed=True) for _ in points], seed=0)
     assert result.runs == 1

@@ -125,6 +125,16 @@ def test_a_log_of_the_outside_is_changed_until_the_system_fails(tmp_path: Path, 
     assert knobs == {record.found["panel:knob"]}
 
 
+def test_what_made_the_system_fail_in_permeability_already_is_tried_first(tmp_path: Path, slow: dict[str, Any]) -> None:
+    one = ready(tmp_path, slow)
+    known = PermeabilityRecord.load(one.folder)
+    known.model_copy(update={"failing": ({"panel:knob": -40.0, "panel:lever": 0.9, "panel:heat": 41.0},)}).save(
+        one.folder
+    )
+    record = activation(one.run(), one.folder, budget=60)
+    assert (record.runs, record.found) == (1, {"panel:knob": -40.0})
+
+
 def test_one_permeable_field_has_an_interval(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:knob", 0.9))
     record = activation(one.run(), one.folder, budget=60)

@@ -56,6 +56,8 @@ def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path
     assert (record.runs, record.trials, record.pruned) == (32, 32, ())  # of the mode nothing was seen within its range
     assert [node["topic"] for node in record.tree] == ["command"]
     assert record.failed == sum(hangs_of(case) for case in one.machine.executed if case.injections) > 0
+    assert record.failing
+    assert all(one["panel:knob"] < 20 and one["panel:lever"] > 0.5 for one in record.failing)
     told = f"; {record.failed} runs failed as the finding does"
     assert record.summary == "3 external fields in 32 runs of machine -> panel:knob, panel:lever" + told
     tried = {(edge.external, edge.internal): edge.tested for edge in record.edges}

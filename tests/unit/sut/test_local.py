@@ -111,11 +111,15 @@ def test_a_signal_at_any_moment_leaves_no_lock_that_holds_up_the_end(
 ) -> None:
     moments = random.Random(1)
     cases = [TestCase(seed=seed) for seed in range(4)]
+
+    def ask_on(pool: Pool) -> None:
+        interrupt_after(moments.uniform(0, 3e-3))
+        while True:
+            pool.map(IdleTrial("u"), cases)
+
     for _ in range(500):  # where conditions of `concurrent.futures` were waited for, one of 500 did not end
         pool = Pool(tmp_path / "riot.toml", 2, keep=tmp_path, workers=Workers(lambda _, told: told))
         pool.map(IdleTrial("u"), cases)
         with pytest.raises(KeyboardInterrupt):
-            interrupt_after(moments.uniform(0, 3e-3))
-            while True:
-                pool.map(IdleTrial("u"), cases)
+            ask_on(pool)
         pool.close()
