@@ -218,7 +218,8 @@ class _Work:
         if others:
             notes.insert(0, f"fails in another way: {others[0].violations[0].signature}")
         if alike:
-            notes.insert(0, alike[0].violations[0].detail or alike[0].violations[0].signature)
+            shown = (signature and alike[0].violation_as(signature)) or alike[0].violations[0]
+            notes.insert(0, shown.detail or shown.signature)
         failed = len(alike)
         if self._untold and not alike and not others:
             return LogAnswer(place, "error", f"nothing tells it here: {self._untold}", **figures)

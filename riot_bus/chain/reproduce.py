@@ -143,8 +143,8 @@ def play_again(
     still = noise.triggers(failed, len(outcomes) - failed)
     found = Reproduction("not decided", failed, len(outcomes), path.name, others=others, expected=noise.rate)
     if still > 1 - _DOUBT:
-        detail = next(one.violations[0].detail for one in outcomes if one.failed_as(finding.signature))
-        return replace(found, answer="still failing", detail=detail)
+        same = next(filter(None, (one.violation_as(finding.signature) for one in outcomes)))
+        return replace(found, answer="still failing", detail=same.detail)
     if failed or still >= _DOUBT:
         return found
     if not others:

@@ -144,17 +144,20 @@ class Outcome:
         return self.verdict in (Verdict.PASS, Verdict.FAIL)
 
     def failed_as(self, signature: str | None) -> bool:
-        """Return whether this is the failure under study (any failure when `signature` is None).
+        """Return whether this is the failure under study (any failure when `signature` is None); see `violation_as`."""
+        return self.verdict is Verdict.FAIL and (signature is None or self.violation_as(signature) is not None)
+
+    def violation_as(self, signature: str) -> Violation | None:
+        """Return the violation that has a signature, None if none has.
 
         A hang, or a crash by a signal, whose place could not be told, as in runs of a whole system, is taken for one
         whose place is known.
         """
-        if self.verdict is not Verdict.FAIL:
-            return False
-        return signature is None or any(
-            signature == each.signature or ((end := _before_place(each)) and signature.startswith(each.signature + end))
-            for each in self.violations
-        )
+        for each in self.violations:
+            end = _before_place(each)
+            if signature == each.signature or (end and signature.startswith(each.signature + end)):
+                return each
+        return None
 
 
 def _before_place(violation: Violation) -> str:

@@ -120,6 +120,7 @@ def test_only_a_failure_whose_place_is_unknown_is_taken_for_one_with_a_place(
 ) -> None:
     failed = Outcome(Verdict.FAIL, violations=(Violation(monitor, "n", seen),))
     assert failed.failed_as(known) is same
+    assert failed.violation_as(known) == (failed.violations[0] if same else None)
 
 
 def test_hints_and_clock() -> None:
