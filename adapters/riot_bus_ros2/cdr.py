@@ -256,7 +256,7 @@ def _count_of(payload: Data) -> Unpack:
 
 
 def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
-    """Return the payload with other bytes in some places; copies it once if there is one place."""
+    """Return the payload with bytes overwritten at some offsets; of a single one, it is copied once."""
     if len(splices) == 1:
         position, packed = splices[0]
         view = memoryview(payload)

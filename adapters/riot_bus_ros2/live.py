@@ -117,11 +117,11 @@ def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[st
 
     Raises:
         PayloadError: It is no reply of this service.
-        DefinitionError: It says that the node does not know, or describes something else than what has this hash.
+        DefinitionError: The node does not know the type, or the description is not complete, or has another hash.
     """
     message = store.decode(reply, f"{SERVICE}_Response")
     if not message.successful:
-        raise DefinitionError(f"the node does not know: {message.failure_reason[:200]}")
+        raise DefinitionError(f"the node does not know {name}: {message.failure_reason[:200]}")
     description = message.type_description
     parts = (description.type_description, *description.referenced_type_descriptions)
     found = {_checked(each.type_name, _TYPE_NAME): _definition(each) for each in parts}

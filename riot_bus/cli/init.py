@@ -24,7 +24,9 @@ def register(app: typer.Typer) -> None:
 
 def init(
     *,
-    ros2: Annotated[bool, typer.Option("--ros2", help="From the ROS 2 nodes that are connected to a router.")] = False,
+    ros2: Annotated[
+        bool, typer.Option("--ros2", help="Describe the ROS 2 nodes that are connected to a router.")
+    ] = False,
     mavlink: Annotated[
         list[str] | None,
         typer.Option(
@@ -73,7 +75,7 @@ def init(
 ) -> None:
     """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in.
 
-    Without --ros2, --mavlink or --link it is that of a plain Zenoh system, from what is connected to a router.
+    Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """
     from riot_bus.vocabulary.errors import ConfigError
 

@@ -48,7 +48,11 @@ Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folde
 Jobs = Annotated[
     int,
     typer.Option(
-        "--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor, more of units that wait."
+        "--jobs",
+        "-j",
+        envvar="RIOT_JOBS",
+        min=0,
+        help="Trials at once; 0: one per processor, more if the unit mostly waits.",
     ),
 ]
 Executor = Annotated[
@@ -77,7 +81,7 @@ Tolerance = Annotated[
     list[str] | None,
     typer.Option(
         metavar="TOPIC[:PATH]=HOW_FAR",
-        help="Values may be apart by a number, by 1%, or be anything (ignore); TOPIC=5: so many messages; repeatable.",
+        help="TOPIC:PATH=0.01, =1% or =ignore: how far values may differ; TOPIC=5: how far counts may; repeatable.",
     ),
 ]
 ToleranceFile = Annotated[

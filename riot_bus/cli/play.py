@@ -72,12 +72,14 @@ def play(
     ] = 2.0,
     lockstep: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEYEXPR", help="Wait after each message until these are quiet; repeatable."),
+        typer.Option(metavar="KEYEXPR", help="Wait after each message until this key is quiet (--quiet); repeatable."),
     ] = None,
     ack: Annotated[
-        str | None, typer.Option(metavar="KEYEXPR", help="Wait after each message until something comes there.")
+        str | None, typer.Option(metavar="KEYEXPR", help="Wait after each message until one comes on this key.")
     ] = None,
-    quiet: Annotated[float, typer.Option(metavar="SECONDS", help="So long is quiet, for --lockstep.")] = 0.05,
+    quiet: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Time without a message that counts as quiet, for --lockstep.")
+    ] = 0.05,
     settle_timeout: Annotated[
         float, typer.Option(metavar="SECONDS", help="After so long go on all the same, for --lockstep and --ack.")
     ] = 5.0,
@@ -110,7 +112,7 @@ def play(
     expect_wait: Annotated[
         float, typer.Option(metavar="SECONDS", min=0, help="Wait at most so long for answers when all is played.")
     ] = 10.0,
-    answers: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep what is answered.")] = None,
+    answers: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the answers there, for --expect.")] = None,
     tolerance: Tolerance = None,
     tolerances: ToleranceFile = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page about the answers.")] = None,

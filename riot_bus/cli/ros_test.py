@@ -29,10 +29,18 @@ def ros_test(
         ),
     ] = None,
     intercept: Annotated[
-        Texts, typer.Option(metavar="KEYEXPR", envvar="RIOT_INTERCEPT", help="What goes through the interceptors.")
+        Texts,
+        typer.Option(
+            metavar="KEYEXPR",
+            envvar="RIOT_INTERCEPT",
+            help="Topics that interceptors get; ROS names will do; repeatable.",
+        ),
     ] = None,
     intercept_services: Annotated[
-        Texts, typer.Option(metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions likewise.")
+        Texts,
+        typer.Option(
+            metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions that they get; repeatable."
+        ),
     ] = None,
     interceptor: Annotated[
         Texts, typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="As of riot router; repeatable.")

@@ -43,7 +43,7 @@ class Runtime:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """State of an endpoint to listen on; `other` if it is not TCP."""
+    """Whether one can listen on an endpoint; `elsewhere`: it is no address of this machine, `other`: it is not TCP."""
 
     endpoint: str
     state: Literal["free", "taken", "elsewhere", "denied", "other"]
@@ -88,7 +88,7 @@ def runtime() -> Runtime:
 
 
 def port(endpoint: str) -> PortState:
-    """Try to listen at an endpoint, and let go of it."""
+    """Return whether a process could listen on an endpoint now, by listening there for a moment."""
     address = endpoint_of(endpoint)
     if address is None:
         return PortState(endpoint, "other")

@@ -695,20 +695,20 @@ class RegionRecord(_Model):
 
 
 class ActivationRecord(Artefact):
-    """External inputs that make the failure happen in the whole system (RIOT II-D)."""
+    """What came of the search for external inputs that make the whole system fail (RIOT II-D)."""
 
     FILE = "activation.json"
     STEP = "activate"
     found: dict[str, Value] | None
     runs: int
-    best_distance: float | None
+    best_distance: float | None = Field(description="least distance to the rule over all runs; 0 or less: it was met")
     replays: int = 0
     replays_failed: int = 0
     region: RegionRecord | None = None
     points: tuple[PointRecord, ...] = ()
-    messages: int = 0
+    messages: int = Field(default=0, description="external messages of each replay")
     needed: int = Field(default=0, description="external messages that are enough; 0 if that was not found out")
-    needed_proven: bool = Field(default=False, description="whether none of these can be missed")
+    needed_proven: bool = Field(default=False, description="whether none of these can be left out")
     text: str = Field(default="", description="how the search ended")
     unneeded: tuple[str, ...] = Field(default=(), description="searched fields that were left alone in the end")
     controls: int = Field(default=0, description="runs with nominal inputs, for comparison")

@@ -115,7 +115,7 @@ ACTIVATE = ChainStep(
     "riot_bus.findings.records:ActivationRecord",
     "riot_bus.chain.activation:activation",
     (
-        StepOption("budget", 200, "Runs of the whole system for the search; as many more at most to ask again.", min=1),
+        StepOption("budget", 200, "Runs of the whole system for the search; at most as many more confirm it.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
         StepOption("study", "", "Share the search as a study of optuna, such as sqlite:///studies.db."),
     ),

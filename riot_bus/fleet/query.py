@@ -59,16 +59,18 @@ def parse_query(words: Sequence[str] | str, *, now: float | None = None) -> Quer
 
     Args:
         words: One text, or several, of words as in a shell; none means all logs that are there.
-        now: Seconds since the Unix epoch, for times such as `7d`: so long ago.
+        now: Present time, in seconds since the Unix epoch; `7d` means seven days before it.
 
     Raises:
-        ConfigError: A word is none of the language.
+        ConfigError: A word is not part of the language of queries, or a quote is not closed.
     """
     text = words if isinstance(words, str) else " ".join(words)
     try:
         parts = shlex.split(text)
     except ValueError as error:
-        raise ConfigError(f"{text!r}: {error}", where="query", hint="close each quote") from None
+        raise ConfigError(
+            f"{text!r}: {error}", where="query", hint="close each quote, and write no backslash at the end"
+        ) from None
     if len(parts) > _MOST_WORDS:
         raise ConfigError(f"{len(parts)} words are too many", where="query", hint=f"at most {_MOST_WORDS}")
     conditions: dict[str, list[str]] = {}

@@ -96,7 +96,7 @@ class _Builder:
                     self.add(replace(edge, topic=key))
 
     def bridged(self) -> None:
-        """Give each link what came over it, and what goes out over it: what came over others, or from components."""
+        """Add the edges of bridge links: each publishes what came over it, and subscribes to all else that it takes."""
         keys = {key for key, _ in self.seen.flows} | {key for each in self.seen.bridged for key in each.publishes}
         keys |= {edge.topic for edge in self.edges.values() if edge.role == "publishes"}
         for each in self.seen.bridged:

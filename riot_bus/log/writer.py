@@ -254,15 +254,15 @@ class LogWriter:
         return self._queued
 
     def write(self, message: Message, *, role: Role = "delivered", changes: Sequence[Change] = ()) -> None:
-        """Write one message.
+        """Write one message, or count it as refused if the file cannot hold it.
 
         Args:
-            message: The message; its time is the log's.
+            message: The message; its time becomes the log time.
             role: `original` for a message as it was before it was changed, delayed or dropped.
             changes: What interceptors did to it.
 
         Raises:
-            LostMessagesError: Others are lost, and this one is not written either.
+            LostMessagesError: Earlier messages are lost, or the file is gone; this one is not written either.
         """
         with self._lock:
             if self.gone:

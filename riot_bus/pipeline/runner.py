@@ -152,7 +152,8 @@ class Pipeline:
 
         Raises:
             ConfigError: As for the constructor; then nothing has changed.
-            AbandonedError: `abandon` was called meanwhile; do it again for the rest.
+            AbandonedError: `abandon` was called meanwhile: the next message starts the others, and `close` stops what
+                was taken out.
         """
         stages = stages_of(interceptors)
         before = {id(stage.interceptor): stage for stage in self.stages}

@@ -94,14 +94,14 @@ class PlayOptions:
     def check(self) -> None:
         """Raise ConfigError if a value is out of range or two contradict each other."""
         if not self.logs:
-            raise ConfigError("no log is named", hint="riot play LOG.mcap")
+            raise ConfigError("no log to play is named", hint="write riot play LOG.mcap")
         check_rate(self.rate)
         for name in ("delay", "start_offset", "duration", "clock", "wait", "quiet", "settle_timeout"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= _LONGEST_S:
-                raise ConfigError(f"{value} is no number from 0 to 1e9", where=f"--{name.replace('_', '-')}")
+                raise ConfigError(f"{value} is not from 0 to 1e9", where=f"--{name.replace('_', '-')}")
         if not 0.0 <= self.clock <= 1000.0:
-            raise ConfigError(f"{self.clock:g} Hz are too many", where="--clock", hint="at most 1000")
+            raise ConfigError(f"{self.clock:g} Hz is too high", where="--clock", hint="at most 1000")
         if self.duration is not None and self.until is not None:
             raise ConfigError("--duration and --until both say where to end", hint="choose one")
         if self.ack is not None and self.lockstep:

@@ -29,7 +29,7 @@ def check_picture(path: Path) -> None:
     """Refuse a picture that could not be drawn, before anything is read.
 
     Raises:
-        ConfigError: Its kind is none of those that are drawn.
+        ConfigError: Its suffix is of no kind that is drawn.
         MissingExtraError: matplotlib is not installed.
     """
     if path.suffix.lower() not in _FORMATS:

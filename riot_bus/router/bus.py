@@ -467,10 +467,10 @@ class Bus:
         return ramp
 
     def show(self, links: Callable[[], Collection[BridgedLink]]) -> None:
-        """Show links of a bridge in this process in graphs.
+        """Include the links of a bridge in this process in graphs of this bus.
 
         Args:
-            links: Returns them as they are now; called on any thread.
+            links: Returns the present links; called on any thread.
         """
         self._bridged = links
 

@@ -86,16 +86,15 @@ class PipelineExecutor:
 
         Args:
             key: The message's key.
-            now: Its time.
-            message: The message, or
-            arrival: what makes one.
+            now: The message's time, in nanoseconds.
+            message: The message; None if there is `arrival`.
+            arrival: Makes the message when somebody looks at it.
             segment: Where it comes from.
             targets: Segments that it goes to.
             holder: Told when its thread is stuck; without one, the message is fed again when the thread comes back.
 
         Returns:
-            The event, and what follows from it; no result when the message goes to all targets at once, at most with
-            another payload.
+            The event, and its result; None when the message goes to all targets at once, at most with another payload.
 
         Raises:
             AbandonedError: `holder` goes on with another thread.

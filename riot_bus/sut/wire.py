@@ -275,7 +275,7 @@ def read_answer(data: bytes) -> TrialAnswer:
         else:
             error = RuntimeError(f"a trial has raised an error:\n{told[0]}")
     except (ValueError, KeyError, TypeError, IndexError, ValidationError, msgpack.UnpackException) as wrong:
-        raise RuntimeError(f"a worker gave an answer that is none: {wrong}") from None
+        raise RuntimeError(f"a worker gave an invalid answer: {wrong}") from None
     raise error
 
 

@@ -41,11 +41,11 @@ def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
         topics: Topic of each message of the short log; for those without a number in their name it may lack.
 
     Raises:
-        ConfigError: The name is none, or has a number that the log has no message for.
+        ConfigError: It is not the name of a field, or the log has no message of its number.
     """
     found = _NAME.fullmatch(name)
     if found is None:
-        raise ConfigError(f"{name!r} is no field: fields are called topic:path")
+        raise ConfigError(f"{name!r} is not the name of a field", hint="write topic:path, or topic[number]:path")
     topic, count = found["topic"], max(topics.count(found["topic"]), 1)
     back = count - 1 - int(found["place"]) if found["place"] is not None else 0
     if back < 0:

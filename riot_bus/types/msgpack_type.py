@@ -134,7 +134,7 @@ def _head(payload: bytes, at: int) -> Item:
             return _checked(payload, Item("ext", at, at + 2, at + 2 + _FIXEXT[code]))
         kind, size = _CODES[code]
     except (IndexError, KeyError) as error:
-        raise PayloadError(f"no MessagePack item at byte {at}") from error
+        raise PayloadError(f"no valid MessagePack item at byte {at} of {len(payload)}") from error
     body = at + 1 + size
     if kind in ("nil", "bool", "uint", "int", "float"):
         return _checked(payload, Item(kind, at, at + 1, body))

@@ -173,7 +173,7 @@ def _copy(original: Path, path: Path) -> None:
 
 
 def _put(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file so that nobody sees a part of it, after a loss of power neither."""
+    """Write a file so that nobody ever sees a part of it, not even after a power failure."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as sink:

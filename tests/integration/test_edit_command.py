@@ -135,7 +135,7 @@ def _loss(log: Path) -> object:
         (["--inject", "none.toml"], "cannot read the injection plan"),
         (["--split-size", "1X"], "no size"),
         (["--split-duration", "soon"], "no time"),
-        (["--chunk-size", "0"], "no size of a chunk"),
+        (["--chunk-size", "0"], "a chunk has 1 to"),
         (["--start", "yesterday"], "no time"),
         (["--type", "a"], "not a topic and its type"),
         (["--remap", "a:b"], "OLD:=NEW"),

@@ -163,7 +163,8 @@ def _parts(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
 def _byte(header: dict[str, Any], name: str) -> int:
     value = header.get(name)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 255:
-        raise PayloadError(f"{value!r} is no id", where=f"header: {name}", hint="0 to 255")
+        told = "missing" if value is None else f"{value!r:.100} is no id"
+        raise PayloadError(told, where=f"header: {name}", hint="give a whole number from 0 to 255")
     return value
 
 

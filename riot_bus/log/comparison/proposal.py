@@ -93,7 +93,7 @@ class Proposal:
             raise ConfigError(f"cannot write the tolerances: {error.strerror}", where=str(path)) from error
 
     def given(self) -> TopicTolerances:
-        """Return them as `riot diff` takes them."""
+        """Return the tolerances as `riot diff` takes them."""
         return TopicTolerances([(each.name, each.value) for each in self.tolerances])
 
     def toml(self) -> str:
@@ -101,7 +101,7 @@ class Proposal:
         return "\n".join([*self._head(), f"[{TABLE}]", *self._rows()]) + "\n"
 
     def lines(self) -> Iterator[str]:
-        """Yield them for people."""
+        """Yield the tolerances as lines of text."""
         yield (
             f"{counted(len(self.tolerances), 'tolerance')} from {counted(self.messages, 'pair')} of messages "
             f"of {counted(len(self.logs), 'log')} ({counted(self.pairs, 'pair')})"
@@ -110,7 +110,7 @@ class Proposal:
             yield f"  {each.name} = {each.value}  ({each.reason})"
 
     def to_json(self) -> dict[str, Any]:
-        """Return them as JSON values."""
+        """Return the tolerances as JSON values."""
         rows = [{"name": each.name, "value": each.value, "reason": each.reason} for each in self.tolerances]
         return {
             "version": 1,
@@ -124,8 +124,8 @@ class Proposal:
     def _head(self) -> Iterator[str]:
         yield f"# Proposed by riot diff --propose from {counted(self.pairs, 'pair')} of nominal runs:"
         yield from (f"#   {_comment(name)}" for name in self.logs)
-        yield f"# {counted(self.messages, 'pair')} of messages. Numbers are the largest difference times a margin; that"
-        yield f"# difference itself, a further pair of runs exceeds in about 1 of {self.pairs + 1} cases."
+        yield f"# {counted(self.messages, 'pair')} of messages. Numbers are the largest difference times a margin; in"
+        yield f"# about 1 of {self.pairs + 1} cases a further pair of runs exceeds that difference itself."
         yield from (f"# NOT SETTLED: {_comment(name)}" for name in self.unsettled)
         yield ""
 

@@ -37,7 +37,7 @@ __all__ = [
 
 TABLE = "tolerances"
 _PERCENT = re.compile(r"(.+)%")
-_HINT = "write TOPIC:PATH=0.01, TOPIC:PATH=1%, TOPIC:PATH=ignore, or TOPIC=5 for so many messages"
+_HINT = "write TOPIC:PATH=0.01, TOPIC:PATH=1%, TOPIC:PATH=ignore, or TOPIC=5 if counts may differ by 5"
 
 
 @dataclass(frozen=True, slots=True)

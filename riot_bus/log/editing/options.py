@@ -56,7 +56,7 @@ class EditOptions:
         output: An MCAP file, or, if its name does not end in `.mcap`, the folder of a ROS 2 bag.
         start: Where to begin, as `naming.parse_time` takes it; None at the beginning.
         end: Where to end, exclusive.
-        duration: Seconds from there on, in place of `end`.
+        duration: Seconds from `start` on, in place of `end`.
         latched: Begin with the last messages of latched topics from before `start`.
         align: Let all logs begin at the same time, whenever they were recorded.
         keep: Selections, of which a message must meet one; empty for all.
@@ -122,18 +122,18 @@ class EditOptions:
     def design(self) -> Design:
         """Return what is meant; raises ConfigError if an option is wrong."""
         if not self.inputs:
-            raise ConfigError("no log is named", hint="riot edit IN.mcap OUT.mcap")
+            raise ConfigError("no log to edit is named", hint="write riot edit IN.mcap OUT.mcap")
         if self.compression is not None:
             check_compression(self.compression, "--compression")
         if self.duration is not None and self.end is not None:
             raise ConfigError("--duration and --end both say where to end", hint="choose one")
         for option, value in (("--duration", self.duration), ("--split-duration", self.split_seconds)):
             if value is not None and not 0.0 < value <= _LONGEST_S:
-                raise ConfigError(f"{value} is no number of seconds above 0", where=option)
+                raise ConfigError(f"{value} s is not above 0, or above {_LONGEST_S:g} s", where=option)
         if not 0 < self.chunk_bytes <= _LARGEST_CHUNK:
-            raise ConfigError(f"{self.chunk_bytes} bytes are no size of a chunk", where="--chunk-size")
+            raise ConfigError(f"a chunk has 1 to {_LARGEST_CHUNK} bytes, not {self.chunk_bytes}", where="--chunk-size")
         if self.split_bytes is not None and self.split_bytes <= 0:
-            raise ConfigError(f"{self.split_bytes} is no size", where="--split-size")
+            raise ConfigError(f"a file has at least 1 byte, not {self.split_bytes}", where="--split-size")
         return Design(
             [parse_selection(text, "--keep") for text in self.keep],
             [parse_selection(text, "--drop") for text in self.drop],

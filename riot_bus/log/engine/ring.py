@@ -71,8 +71,8 @@ class RingContent:
             path: File to create.
             profile: MCAP profile.
             library: Name of the writing library.
-            schemas: As of `LogWriter.definitions`.
-            channels: Channels, as of `LogWriter.definitions`.
+            schemas: From `LogWriter.definitions`; those that are not used here are left out.
+            channels: Likewise; those without messages here are left out.
             notes: Metadata records for the beginning.
             after: Metadata records for the end.
 

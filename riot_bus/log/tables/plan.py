@@ -173,11 +173,11 @@ def is_chosen(source: ChannelSource, topics: Sequence[str] | None, registry: Typ
 def topic_types(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> list[tuple[str, TypeListing]]:
-    """Return the topics of a log and their types; where only payloads can tell the fields, from the first messages.
+    """Return each topic of a log and its type; fields that no definition tells are those of the first messages.
 
     Args:
         reader: The log.
-        registry: Of `log_registry`.
+        registry: What `log_registry` returns.
         topics: Topic names or key expressions; None for all.
 
     Raises:

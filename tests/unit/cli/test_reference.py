@@ -53,7 +53,8 @@ def rows(command: Any) -> Iterator[str]:
         if each.param_type_name == "argument":
             names = f"`{each.metavar or each.name.upper()}`"
         else:
-            names = ", ".join(f"`{name}`" for name in (*each.opts, *each.secondary_opts))
+            value = f" {each.metavar}" if each.metavar else ""
+            names = ", ".join(f"`{name}{value}`" for name in (*each.opts, *each.secondary_opts))
         told = in_a_row(each.help) + (f" (default: `{shown}`)" if (shown := default(each)) else "")
         yield f"| {names} | {told}{' (required)' if each.required else ''} |"
 

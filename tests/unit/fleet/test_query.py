@@ -101,6 +101,7 @@ def test_words_of_a_shell_mean_the_same() -> None:
         ("min-messages=-1", "'-1' is no number", ""),
         ("min-messages=²", "'²' is no number", ""),
         ("robot='r1", "No closing quotation", "close each quote"),
+        ("robot=r1\\", "No escaped character", "no backslash at the end"),
         ("robot=\x1b[31m", "this text cannot be looked for", ""),
         (" ".join(["lossless"] * 101), "101 words are too many", ""),
     ],

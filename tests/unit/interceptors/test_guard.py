@@ -159,7 +159,7 @@ def several(*names):
         (several("a[0]:x", "a[999]:x"), "drop", "too long ago|not there"),
         (several("a:x", "b:"), "drop", "no field of a topic"),
         (several("**:x", "b:y"), "drop", "no field of a topic"),
-        (several("x", "b:y"), "drop", "fields are called topic:path"),
+        (several("x", "b:y"), "drop", "is not the name of a field"),
         (several("a where b:x", "b:y"), "drop", "no field of a topic"),
         (Rule(()), "drop", "has no fields"),
         (Rule(((),)), "drop", "has no fields"),

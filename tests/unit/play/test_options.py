@@ -24,7 +24,7 @@ def test_usual_options_are_usable():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"logs": []}, "no log is named"),
+        ({"logs": []}, "no log to play is named"),
         ({"rate": float("nan")}, "not a speed"),
         ({"rate": 1e-300}, "not a speed"),
         ({"rate": 1e300}, "not a speed"),
@@ -32,7 +32,7 @@ def test_usual_options_are_usable():
         ({"start_offset": 1e300}, "--start-offset"),
         ({"settle_timeout": float("inf")}, "--settle-timeout"),
         ({"wait": float("nan")}, "--wait"),
-        ({"clock": 1001.0}, "1001 Hz are too many"),
+        ({"clock": 1001.0}, "1001 Hz is too high"),
         ({"duration": 1.0, "until": "1"}, "choose one"),
         ({"ack": "a", "lockstep": ["b"]}, "choose one"),
         ({"name": ""}, "is no name"),

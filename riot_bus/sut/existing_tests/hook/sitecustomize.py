@@ -48,7 +48,7 @@ def words_of(command: object, *, shell: bool = False) -> list[str]:
 
 
 def names_of(words: Sequence[str]) -> list[str]:
-    """Return what a command is called: its program, the script or module that Python runs, its ROS node."""
+    """Return the names of a command: its program, the script or module that Python runs, its ROS node."""
     found = [os.path.basename(words[0])]
     if _INTERPRETER.fullmatch(found[0]):
         found += _python_names(words[1:])
