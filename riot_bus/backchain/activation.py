@@ -133,7 +133,8 @@ def activate(
         parallelism: Points per call of `evaluate`.
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
-        promising: Points that failed in other runs, of which a few are tried first; other fields are left alone.
+        promising: Points that failed in other runs, of which a few are tried first, if they may be; other fields are
+            left alone.
         progress: Told after each batch.
         shared: Gets all runs, and has those of other searches: these guide this one and count for nothing else, and
             points that failed there are tried first.
@@ -150,8 +151,10 @@ def activate(
     search = _Turns(
         _Search([Dimension(each, at) for at, each in enumerate(fields)], (seed,), methods), families, seed, methods
     )
-    for one in promising[:_PROMISING]:
-        search.promise({each.name: one.get(each.name, each.nominal) for each in fields})
+    points = [{each.name: one.get(each.name, each.usual) for each in fields} for one in promising]
+    may = [one for one in points if all(each.low <= one[each.name] <= each.high for each in fields)]
+    for one in may[:_PROMISING]:
+        search.promise(one)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     known = [*fields, *(each.search for family in families for each in family)]
     while len(history) < budget:
@@ -234,6 +237,7 @@ class _Turns:
         Constant fields have the first turns, until each was followed alone.
         """
         constant = self._searches[0]
+        self._promised = [point for point in self._promised if not constant.knows(point)]
         if self._promised:
             some, self._promised = self._promised[:size], self._promised[size:]
             self._asked = constant
@@ -289,6 +293,7 @@ class _Search:
         self._rng = np.random.default_rng([*seeds, 99])
         self._history = History()
         self._largest = 1.0
+        self._usual = math.inf  # what the nominal point is worth; until it is told, what the first one is
         self._known: dict[tuple[float, ...], float | None] = {}
         self._constant = tried is None
         self._mixed = Recombination(family, tried or _star(self.encoding), np.random.default_rng([*seeds, 98]))
@@ -346,8 +351,11 @@ class _Search:
             distance = min(max(distance, -_FAR), _FAR)
             self._largest = max(self._largest, distance)
             self.nearest = min(self.nearest, distance)
-        self._known[self._key(wanted.point)] = distance
-        self._history.add(wanted.vector, self._worth(wanted.vector, distance))
+        key, worth = self._key(wanted.point), self._worth(wanted.vector, distance)
+        if not self._known or key == self._key(self.encoding.decode(self.encoding.nominal)):
+            self._usual = worth
+        self._known[key] = distance
+        self._history.add(wanted.vector, worth)
         for owner, vector in wanted.askers:
             owner.tell(vector, self._worth(vector, distance))
 
@@ -362,7 +370,7 @@ class _Search:
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return whose turn it is; while constant fields have found no way down, every other turn combines them."""
         self._turn += 1
-        if self._constant and self.nearest < _DOWN * (self._history.values[0] if self._history.values else math.inf):
+        if self._constant and self.nearest < _DOWN * self._usual:
             return methods[self._turn % len(methods)]
         return methods[self._turn // 2 % len(methods)] if self._turn % 2 else self._mixed
 

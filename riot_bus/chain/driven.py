@@ -64,6 +64,9 @@ _LIVELY = 0.5
 _PROMISING = 0.05
 """Where an internal field is reached by nothing, a smaller chance than this is worth further runs."""
 
+_SAMPLES = 600
+"""Of a field on the way, that many in a run show what matters, and a fast one costs no more than others."""
+
 _FEWEST = 8
 """Runs with one value of a field each that tell something of it."""
 _ABSENT = "no message of its topic came in these runs"
@@ -211,15 +214,16 @@ class DrivenRuns:
         if _promising(edges):
             outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
             edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
+        intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
         count = len(outcomes)
         if sum(self.freezes(outcome, constant=True) for outcome in outcomes) > count // 2:
             ((_, idle),) = self._driven([[]], numbers[:1])
             count += 1
             if not self.freezes(idle, constant=True):
                 edges = [edge for edge in edges if edge.permeable]
+                intermediate = [edge for edge in intermediate if edge.permeable]
                 told = {edge.external for edge in edges}
                 untold |= {one.name: _STILL for one in fields if one.name not in told}
-        intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
         return ConstantRuns(edges, count, untold, intermediate)
 
     def _constant(self, drawn: _Drawn, first: int, numbers: range) -> list[Outcome]:
@@ -331,9 +335,17 @@ class DrivenRuns:
                     waiting.extend([group[:half], group[half:]] if half else [])
         return found, list(chain.from_iterable(waiting)), spent
 
-    def runs(self, some: Sequence[Perturbed], names: Sequence[str] | None = None) -> list[Run]:
-        """Return runs in which fields were driven, as the analysis takes them, with internal fields or others."""
-        outputs = as_numbers([outcome for _, outcome in some], self.internals if names is None else names)
+    def runs(self, some: Sequence[Perturbed], *, intermediate: bool = False) -> list[Run]:
+        """Return runs in which fields were driven, as the analysis takes them.
+
+        Args:
+            some: The runs.
+            intermediate: Whether the fields on the way are asked about, of which some samples will do, instead of the
+                internal ones.
+        """
+        outputs = as_numbers([outcome for _, outcome in some], self.intermediates if intermediate else self.internals)
+        if intermediate:
+            outputs = [{name: _thinned(series) for name, series in one.items()} for one in outputs]
         inputs: list[dict[str, FieldDrive]] = []
         for plan, outcome in some:
             times = {field: outcome.observed[field.topic].times for field in plan if field.name in self.changed}
@@ -414,6 +426,12 @@ def skip_reasons(result: PermeabilityResult) -> dict[str, str]:
     for each in result.skipped:
         reasons.setdefault(each.external, {})[each.reason] = None
     return {name: "; ".join(some) for name, some in reasons.items()}
+
+
+def _thinned(series: Series) -> Series:
+    """Return each n-th sample of a series, so that there are not too many."""
+    step = 1 + len(series.times) // _SAMPLES
+    return Series(series.times[::step], series.values[::step])
 
 
 def _times(outcome: Outcome, one: ExternalField) -> int:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import chain, islice, zip_longest
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.campaign.targets import targets_of
+from riot_bus.chain.external import message_rate
 from riot_bus.chain.logs import nominal_values
 from riot_bus.findings.permeability import PathRecord, StageRecord
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,14 +19,17 @@ if TYPE_CHECKING:
     from riot_bus.backchain.graph import TopicGraph
     from riot_bus.chain.workspace import Workspace
     from riot_bus.findings.permeability import EdgeRecord
-    from riot_bus.vocabulary.message import Scalar
+    from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["intermediate_fields", "most_permeable_paths", "with_strengths"]
 
-_PER_TOPIC, _MOST = 3, 60
-"""Fields that are looked at of a topic, and of all: each costs a read for each message of a run."""
-_LARGEST = 16 << 10
-"""Bytes of a message; all of a run are in memory, so topics with larger ones, such as images, are not looked at."""
+_PER_TOPIC, _MOST = 3, 48
+"""Fields that are looked at of a topic, and of all: each costs a read for each message of a run, and an analysis."""
+_LARGEST, _MOST_MESSAGES = 16 << 10, 10_000
+"""Bytes of a message, and messages of a topic in a run: all of a run are in memory, so topics with more, such as
+images, are not looked at."""
+_READ, _PATHS = 100, 64
+"""Nominal messages of a topic, and fields of them, by which those that vary most are chosen."""
 
 
 def intermediate_fields(
@@ -41,17 +48,40 @@ def intermediate_fields(
     behind = {one for topic in outside for one in graph.reached(topic)}
     between = (before & behind) - inside - outside
     registry = workspace.context.registry
-    messages = [one for one in workspace.nominal_messages() if registry.topic(one.key) in between]
-    large = {registry.topic(one.key) for one in messages if len(one.payload) > _LARGEST}
-    messages = [one for one in messages if registry.topic(one.key) not in large]
-    paths = {topic: [one.path for one in some] for topic, some in targets_of(messages, registry).items()}
-    values = nominal_values(messages, paths, registry=registry)
-    found: list[str] = []
+    carried: dict[str, list[Message]] = {}
+    for message in workspace.nominal_messages():
+        if (topic := registry.topic(message.key)) in between:
+            carried.setdefault(topic, []).append(message)
+    messages = [one for some in carried.values() if _are_few(some, workspace) for one in some]
+    paths = {
+        topic: [one.path for one in some if _can_be_observed(topic, one.path)][:_PATHS]
+        for topic, some in targets_of(messages, registry).items()
+    }
+    values = nominal_values(messages, paths, registry=registry, at_most=_READ)
+    chosen = []
     for topic, some in sorted(paths.items()):
         distinct = {f"{topic}:{path}": _different_numbers(values[f"{topic}:{path}"]) for path in some}
         varying = sorted((name for name, count in distinct.items() if count > 1), key=lambda one: -distinct[one])
-        found += varying[:_PER_TOPIC]
-    return tuple(found[:_MOST])
+        chosen.append(varying[:_PER_TOPIC])
+    in_turns = filter(None, chain.from_iterable(zip_longest(*chosen)))  # so that each topic has one first
+    return tuple(islice(in_turns, _MOST))
+
+
+def _are_few(messages: Sequence[Message], workspace: Workspace) -> bool:
+    """Return whether a run holds no more messages of a topic than fit into memory, and no large ones."""
+    system = workspace.context.file.system
+    rate = message_rate(one.time for one in messages) / system.nominal_run.speed
+    few = max(len(messages), rate * system.perturbed_run.duration) <= _MOST_MESSAGES
+    return few and all(len(one.payload) <= _LARGEST for one in messages)
+
+
+def _can_be_observed(topic: str, path: str) -> bool:
+    """Return whether a run can be asked for a field: keys of JSON may be anything."""
+    try:
+        selector = parse_selector(f"{topic}:{path}")
+    except ConfigError:
+        return False
+    return (selector.topic, selector.field, selector.where) == (topic, path, None)
 
 
 def _different_numbers(values: Sequence[Scalar]) -> int:
@@ -89,8 +119,8 @@ def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[st
 def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[EdgeRecord]) -> tuple[PathRecord, ...]:
     """Return for each root the path from an external field on which most of it gets through where it is weakest.
 
-    What is known of a topic is the share of its strongest field that follows the external one; a topic of which no
-    field was looked at does not count. There is none to a root that no external field reaches.
+    What is known of a topic is the share of its strongest field that follows the external one. A path counts if it is
+    known of each of its topics, and not nothing; there may be none.
 
     Args:
         trees: Backtrack trees, as `Hop.as_json` returns them.
@@ -101,46 +131,40 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
         pair = edge.external, edge.internal.rpartition(":")[0]
         if pair not in known or _shown(edge) > _shown(known[pair]):
             known[pair] = edge
-    sources: dict[str, list[str]] = {}
+    sources: dict[str, dict[str, None]] = {}
     for external, _ in known:
-        if external not in (some := sources.setdefault(external.rpartition(":")[0], [])):
-            some.append(external)
+        sources.setdefault(external.rpartition(":")[0], {})[external] = None
     found = []
     for tree in trees:
-        candidates = [
-            path
-            for topics in _ways(tree)
-            for external in sources.get(topics[0], ())
-            if (end := known.get((external, topics[-1]))) is not None and end.permeable
-            if (path := _path(external, topics[1:], known)) is not None
-        ]
-        if candidates:
-            found.append(max(candidates, key=_rank))
+        best: tuple[float, int, list[EdgeRecord]] = (0.0, 0, [])
+        unknown = 0
+        for topics in _ways(tree):
+            for external in sources.get(topics[0], ()):
+                steps = [known.get((external, topic)) for topic in topics[1:]]
+                looked_at = [edge for edge in steps if edge is not None]
+                weakest = min(map(_shown, looked_at), default=0.0)
+                if not weakest or steps[-1] is None:
+                    continue
+                if len(looked_at) < len(steps):
+                    unknown += 1
+                elif (weakest, -len(steps)) > best[:2] or not best[2]:
+                    best = weakest, -len(steps), looked_at
+        if best[2]:
+            stages = [
+                StageRecord(topic=edge.internal.rpartition(":")[0], field=edge.internal, strength=edge.strength)
+                for edge in best[2]
+            ]
+            found.append(PathRecord(external=best[2][0].external, stages=tuple(stages), unknown=unknown))
     return tuple(found)
 
 
-def _path(external: str, topics: Sequence[str], known: Mapping[tuple[str, str], EdgeRecord]) -> PathRecord:
-    stages = []
-    for topic in topics:
-        edge = known.get((external, topic))
-        stages.append(
-            StageRecord(topic=topic, field=edge and edge.internal, strength=None if edge is None else _shown(edge))
-        )
-    return PathRecord(external=external, stages=tuple(stages))
-
-
-def _rank(path: PathRecord) -> tuple[float, int, int]:
-    measured = [one.strength for one in path.stages if one.strength is not None]
-    return min(measured, default=0.0), len(measured) - len(path.stages), -len(path.stages)
-
-
 def _ways(tree: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the topics of each path of a tree, from an external one to the root."""
+    """Yield the topics of each path of a tree, from an external one to the root; none that begins at the root's."""
     waiting: list[tuple[Mapping[str, Any], tuple[str, ...]]] = [(tree, ())]
     while waiting:
         node, behind = waiting.pop()
         topics = (node["topic"], *behind)
-        if node["external"] and behind:
+        if node["external"] and behind and node["topic"] != tree["topic"]:
             yield topics
         waiting += [(hop, topics) for hop in node["hops"]]
 

@@ -7,9 +7,9 @@ import json
 import logging
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -24,7 +24,6 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from concurrent.futures import Future
     from pathlib import Path
 
     from riot_bus.chain.testcases import CaseTemplate
@@ -108,23 +107,26 @@ def run_over(
         if fresh:
             work.prepare()
         began = time.monotonic()
-        with ThreadPoolExecutor(workspace.jobs, thread_name_prefix="riot-fleet") as pool:
-            waiting = [pool.submit(work.answer, each) for each in fresh]
-            try:
-                answers: SimpleQueue[Future[LogAnswer]] = SimpleQueue()  # unlike others, no signal leaves it locked
-                for each in waiting:
-                    each.add_done_callback(answers.put)
-                for done in range(1, len(waiting) + 1):
-                    found = answers.get().result()
-                    known[found.place] = found
-                    if found.answer != "error":
-                        store.put(keys[found.place], found)
-                    step.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
-            except BaseException:
-                work.stop()
-                for each in waiting:
-                    each.cancel()
-                raise
+        waiting: SimpleQueue[LogEntry] = SimpleQueue()  # a signal that raises never leaves it locked, unlike futures
+        for each in fresh:
+            waiting.put(each)
+        answers: SimpleQueue[LogAnswer] = SimpleQueue()
+        count = min(workspace.jobs, len(fresh))
+        threads = [threading.Thread(target=work.answer_all, args=(waiting, answers), daemon=True) for _ in range(count)]
+        try:
+            for thread in threads:
+                thread.start()
+            for done in range(1, len(fresh) + 1):
+                found = answers.get()
+                known[found.place] = found
+                if found.answer != "error":
+                    store.put(keys[found.place], found)
+                step.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
+        finally:
+            work.stop()
+            for thread in threads:
+                if thread.ident is not None:
+                    thread.join()
         step.end(f"{len(logs)} logs, {len(fresh)} of them now, in {time.monotonic() - began:.1f} s")
     return [known[each.place] for each in logs]
 
@@ -159,6 +161,12 @@ class _Work:
 
     def stop(self) -> None:
         self._stopping.set()
+
+    def answer_all(self, waiting: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer]) -> None:
+        """Try logs until there are no more, or it is stopped."""
+        with suppress(Empty, KeyboardInterrupt):
+            while not self._stopping.is_set():
+                answers.put(self.answer(waiting.get_nowait()))
 
     def answer(self, log: LogEntry) -> LogAnswer:
         """Try one log; what goes wrong is an answer too."""

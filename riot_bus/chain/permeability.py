@@ -18,7 +18,7 @@ from riot_bus.chain.driven import (
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.intermediate import intermediate_fields, most_permeable_paths, with_strengths
 from riot_bus.chain.logs import internal_name, nominal_values
-from riot_bus.chain.topic_graphs import declared_graph
+from riot_bus.chain.topic_graphs import declared_graph, topics_named
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
@@ -97,7 +97,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         )
     signalled = [field for field in driven if not field.constant]
     sources = sorted({field.topic for field in driven if not field.parameter})
-    intermediates = intermediate_fields(workspace, graph, topics, {*file.external.topics, *sources})
+    outside = frozenset().union(*(topics_named(one, keys, registry) for one in file.external.topics))
+    intermediates = intermediate_fields(workspace, graph, topics, outside)
     observed = (*internals, *intermediates, *sources)
     pace = file.system.perturbed_run
     driving = driving_log(workspace, pace)
@@ -117,7 +118,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    between = analysed(system.runs(done, intermediates), alpha=_ALPHA, seed=workspace.seed)
+    between = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed)
     on_the_way = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in between.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
@@ -149,7 +150,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     told = {external for external, _ in edges}
     edges = {pair: edge.model_copy(update={"tested": tuple(tested[pair])}) for pair, edge in edges.items()}
     failed = system.failures.pop(finding.signature, 0)
-    trees = [graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics]
+    trees = [graph.backtrack_tree(topic, outside).as_json() for topic in topics]
     known = (*edges.values(), *on_the_way.values())
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),

@@ -44,22 +44,22 @@ class StageRecord(_Model):
     """One topic on a path from an external field inwards, and the share of its strongest field that follows that."""
 
     topic: str
-    field: str | None = Field(default=None, description="null: no field of the topic was looked at")
-    strength: float | None = Field(default=None, description="0: no effect was found")
+    field: str
+    strength: float
 
 
 class PathRecord(_Model):
-    """A path from an external field to a topic inside: the topics behind that of the field, from outside inwards."""
+    """The most permeable path from an external field to a topic inside: the topics behind that field's, inwards."""
 
     external: str
     stages: tuple[StageRecord, ...]
+    unknown: int = Field(default=0, description="paths of which some topic was not looked at, so they may be better")
 
     def __str__(self) -> str:
-        shown = [
-            f"{one.field or one.topic} ({'not looked at' if one.strength is None else f'{one.strength:.2g}'})"
-            for one in self.stages
-        ]
-        return " -> ".join([self.external, *shown])
+        text = " -> ".join([self.external, *(f"{one.field} ({one.strength:.2g})" for one in self.stages)])
+        return text + (
+            f", as far as is known ({counted(self.unknown, 'path')} not looked at whole)" * bool(self.unknown)
+        )
 
 
 class PermeabilityRecord(Artefact):
@@ -76,7 +76,9 @@ class PermeabilityRecord(Artefact):
     intermediate: tuple[EdgeRecord, ...] = Field(
         default=(), description="what external fields do to fields of topics on the way to the relevant ones"
     )
-    paths: tuple[PathRecord, ...] = Field(default=(), description="the most permeable path to each relevant topic")
+    paths: tuple[PathRecord, ...] = Field(
+        default=(), description="the most permeable path to each relevant topic, if it is known"
+    )
     system: str = "the system"
     unseen: dict[str, str] = Field(default={}, description="internal fields that nothing is known to reach, and why")
     failed: int = Field(default=0, description="runs that failed as the finding does")

@@ -156,7 +156,7 @@ def _follows(node: dict[str, Any]) -> str:
     if not isinstance(edge, dict):
         return ""
     if not edge.get("permeable"):
-        return ": no effect found"
+        return f": no effect found in {edge.get('internal')}"
     return f": {edge.get('internal')} follows {edge.get('external')} (share {edge.get('strength', 0):.2g})"
 
 

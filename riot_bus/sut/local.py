@@ -286,8 +286,8 @@ class Pool:
     def close(self) -> None:
         """Kill what still runs and give everything back; trials that have not begun are dropped."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
+            self._closed = True
+            with suppress(OSError):  # the thread has ended already
                 self._wake.send_bytes(b"")
         self._feeder.join()
 

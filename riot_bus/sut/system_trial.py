@@ -225,7 +225,9 @@ class SystemTrial:
                 return watch
 
             watch = watching(home)
-            internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
+            outside = file.external.topics
+            internal = {parse_selector(text).topic for text in self.observe} - set(outside)
+            internal = {topic for topic in internal if not any(registry.matches(each, topic) for each in outside)}
             for expression in context.topics(*sorted(internal)):
                 watch(expression, seen.append)
             if not case.messages and not going_on:

@@ -68,7 +68,8 @@ def test_what_failed_elsewhere_is_tried_first_and_counts_for_nothing_else():
     misled = activate(rover_fields(), rover, seed=0, promising=[{"goal.y": float(at)} for at in range(9)])
     assert [point["goal.y"] for point, _ in misled.history[:4]] == [0, 1, 2, 3]
     assert misled.found is not None
-    assert misled.runs <= 200
+    none = [{"goal.y": 5001.0}, {"goal.y": float("nan")}, {"vx": float("inf")}]
+    assert activate(rover_fields(), rover, seed=0, promising=none) == activate(rover_fields(), rover, seed=0)
 
 
 def test_stops_after_the_first_failing_batch_and_at_the_budget():

@@ -11,6 +11,7 @@ from riot_bus.backchain.graph import ComponentTopics, TopicGraph
 from riot_bus.chain.intermediate import intermediate_fields, most_permeable_paths, with_strengths
 from riot_bus.chain.permeability import permeability
 from riot_bus.findings.permeability import EdgeRecord
+from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import LOGGED, SPEED, bench, commands, panel, said, write_fields, write_minimal
@@ -56,14 +57,23 @@ def test_the_path_is_named_on_which_most_gets_through_where_it_is_weakest() -> N
     assert str(path) == "lidar:range -> map:free (0.9) -> pose:x (0.8) -> command:speed (0.5)"
 
 
-def test_where_an_effect_was_looked_for_in_vain_less_gets_through_than_where_nobody_looked() -> None:
+def test_a_path_of_which_not_all_is_known_is_not_named_but_counted() -> None:
     two = graph(left=("gps", "blocked"), right=("gps", "open"), both=("blocked open", "command"))
     edges = [edge("gps:lat", "command:speed", 0.6), edge("gps:lat", "blocked:x", 0.01, permeable=False)]
-    (path,) = most_permeable_paths([tree_of(two)], edges)
-    assert str(path) == "gps:lat -> open (not looked at) -> command:speed (0.6)"
-    seen = [*edges, edge("gps:lat", "open:x", 0.9)]
-    (path,) = most_permeable_paths([tree_of(two)], seen)
-    assert str(path) == "gps:lat -> open:x (0.9) -> command:speed (0.6)"
+    assert most_permeable_paths([tree_of(two)], edges) == (), "nothing is known of one, and nothing passes the other"
+    (path,) = most_permeable_paths([tree_of(two)], [*edges, edge("gps:lat", "open:x", 0.9)])
+    assert (str(path), path.unknown) == ("gps:lat -> open:x (0.9) -> command:speed (0.6)", 0)
+    (path,) = most_permeable_paths([tree_of(TWO_WAYS)], [one for one in EDGES if one.internal != "map:free"])
+    assert path.unknown == 1
+    assert str(path) == "gps:lat -> command:speed (0.6), as far as is known (1 path not looked at whole)"
+
+
+def test_what_comes_back_from_the_inside_is_no_path_from_outside() -> None:
+    loop = graph(drive=("odom", "wheels"), sim=("wheels goal", "odom"))
+    tree = loop.backtrack_tree("odom", ["odom", "goal"]).as_json()
+    edges = [edge("odom:x", "odom:x", 0.9), edge("odom:x", "wheels:speed", 0.9), edge("goal:x", "odom:x", 0.5)]
+    (path,) = most_permeable_paths([tree], edges)
+    assert str(path) == "goal:x -> odom:x (0.5)"
 
 
 def test_there_is_no_path_to_what_nothing_reaches() -> None:
@@ -113,6 +123,18 @@ def test_fields_on_the_way_are_those_that_vary(tmp_path: Path) -> None:
     way = graph(mixer=("panel", "mixed"), governor=("mixed", "command"), drive=("command", ""))
     assert intermediate_fields(workspace, way, ["command"], ["panel"]) == ("mixed:half", "mixed:count")
     assert intermediate_fields(workspace, way, ["mixed"], ["panel"]) == ()
+
+
+def test_fields_whose_names_no_run_can_be_asked_for_are_not_looked_at(tmp_path: Path) -> None:
+    write_mixed(tmp_path)
+    messages = read_log(tmp_path / "nominal.mcap")
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for place, message in enumerate(messages):
+            fields = {"front-left": place} if message.key == "mixed" else {}
+            writer.write(message.with_(payload=json.dumps(said(message) | fields).encode()))
+    workspace = bench(tmp_path, MIXED).workspace
+    way = graph(mixer=("panel", "mixed"), governor=("mixed", "command"), drive=("command", ""))
+    assert intermediate_fields(workspace, way, ["command"], ["panel"]) == ("mixed:half", "mixed:count")
 
 
 def test_topics_with_large_messages_are_not_looked_at(tmp_path: Path) -> None:

@@ -55,8 +55,8 @@ def rows(command: Any) -> Iterator[str]:
         else:
             value = f" {each.metavar}" if each.metavar else ""
             names = ", ".join(f"`{name}{value}`" for name in (*each.opts, *each.secondary_opts))
-        told = in_a_row(each.help) + (f" (default: `{shown}`)" if (shown := default(each)) else "")
-        yield f"| {names} | {told}{' (required)' if each.required else ''} |"
+        told = in_a_row(each.help) + (f" (default: `{in_a_row(shown)}`)" if (shown := default(each)) else "")
+        yield f"| {in_a_row(names)} | {told}{' (required)' if each.required else ''} |"
 
 
 def text() -> str:
