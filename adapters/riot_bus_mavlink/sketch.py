@@ -33,7 +33,7 @@ class LinkComponent:
         name: In the system file.
         who: What they say of themselves, one text for each system and component.
         url: The link; empty for the unit.
-        link: Name of the link, which stands in keys; empty for the unit.
+        link: Name of the link, which stands in keys; `unit` for the unit.
         topics: Keys of their messages, and how many frames came a second.
     """
 
@@ -46,12 +46,12 @@ class LinkComponent:
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """A system as far as it was heard.
+    """What was heard on the links, as the parts of a system.
 
     Attributes:
-        outside: Who plays the outside world, by link.
-        unit: What is to be tested; nobody if it was not heard.
-        skipped: Frames that were too many to look at.
+        outside: Components of the outside world, one for each link.
+        unit: The component to be tested; its `who` and `topics` are empty if it was not heard.
+        skipped: Number of frames that were not looked at because there were too many.
     """
 
     outside: Sequence[LinkComponent]
@@ -80,7 +80,7 @@ def sketch(
     """
     systems = sorted({system for system, _ in survey.speakers})
     if not systems:
-        hint = "does anybody talk there? Give it more time with --seconds, or name another link"
+        hint = "check that something sends there, listen longer with --seconds, or name another link"
         raise EnvironmentFaultError("nothing was heard", where=", ".join(spec.text for spec in specs), hint=hint)
     if unit is not None and unit not in systems:
         heard = f"heard: {', '.join(map(str, systems))}"

@@ -135,7 +135,7 @@ def make_plan(way: Way) -> FieldPlan:
 
 
 def _before(record: Struct, name: str) -> Sequence[Move]:
-    """Return how to pass the fields before one; remembered, since some types have thousands of fields."""
+    """Return how to pass the fields before the named one; cached for all fields unless the record has many parts."""
     if len(record.parts) > _FEW_PARTS:
         found: list[Move] = []
         for other, node in record.fields.items():

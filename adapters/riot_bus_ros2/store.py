@@ -41,7 +41,7 @@ class TypeStore:
     """Definitions by name.
 
     They come from, in this order: a log, `AMENT_PREFIX_PATH`, files that the user named, distributions as rosbags has
-    them, and nodes that were asked.
+    them, and services and actions of every ROS installation. What nodes have told is kept apart (`learn`).
 
     Args:
         recorded: Definitions of a log.

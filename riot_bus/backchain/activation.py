@@ -104,7 +104,7 @@ class SharedHistory(Protocol):
         ...
 
     def take(self) -> Sequence[tuple[Mapping[str, float], Evaluation]]:
-        """Return runs of other searches that this one has not got yet."""
+        """Return the runs of other searches that this one has not received yet: points and evaluations."""
         ...
 
 

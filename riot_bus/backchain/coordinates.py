@@ -53,10 +53,10 @@ class _Asked:
 
 
 class CoordinateSearch:
-    """Moves fields one at a time from the best point so far, as long as that comes nearer.
+    """Moves fields one at a time from the best point so far, as long as the distance to the rule shrinks.
 
-    Distances are often linear in a field's own value, over some way at least; then two answers tell where the rule is
-    met. Where inputs are refused or come no nearer, half of the way is tried.
+    Distances are often linear in a field's own value, at least over some range; then two answers tell where the rule
+    is met. Where inputs are refused or come no nearer, half of the way is tried.
 
     Args:
         encoding: Points as vectors.
@@ -91,7 +91,7 @@ class CoordinateSearch:
             self._go_on()
 
     def _go_on(self) -> None:
-        """Ask what follows from all answers of a stage."""
+        """Queue the next vectors, once all answers of a stage are there."""
         answers, self._answers = self._answers, []
         if self._base_distance is None:
             self._begin_round(answers[0][1])

@@ -74,7 +74,7 @@ class SearchField:
         return (self.low - 0.499, self.high + 0.499) if self.few else (self.encode(self.low), self.encode(self.high))
 
     def sensible(self, value: float) -> float:
-        """Return a value within the range, with no more digits than make a difference."""
+        """Return the value limited to the range and rounded to the digits that make a difference."""
         value = min(max(value, self.low), self.high)
         if self.integer:
             return float(min(max(round(value), math.ceil(self.low)), math.floor(self.high)))

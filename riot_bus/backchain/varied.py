@@ -164,9 +164,9 @@ def _time(name: str, seconds: float, share: float) -> SearchField:
 
 
 class Recombination:
-    """Proposes values that were tried for each field alone, and the ends of what may be tried, for several at once.
+    """Proposes for several fields at once values that were tried for each alone, and the ends of their ranges.
 
-    So a plateau is left on which a field only counts where another one has a certain value, or had it before.
+    This leads off a plateau on which a field matters only while, or after, another one has a certain value.
 
     Args:
         family: The numbers that are proposed.

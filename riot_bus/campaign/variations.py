@@ -19,14 +19,14 @@ class Variation:
     Attributes:
         topic: Topic of the messages.
         injections: What is done to them.
-        about: What it changes, such as `topic:field`; if one thing about it fails, others may do so alike.
-        span: Messages in a row that it takes.
+        about: What it changes, such as `topic:field`; variations about the same thing may fail in the same way.
+        span: Number of consecutive messages that it takes.
         first: Number of the first of them within the topic; None for any.
         again: Whether it is made of things that have been tried before.
         times: How often it happens in a trial.
-        most: Messages that it may change in a trial, so that what it makes larger fits into memory; None for any.
-        elements: Paths of elements that may have the value in place of this one.
-        moves: What is done to a single message instead, by its number.
+        most: Most messages that it may change in a trial, so that what it enlarges fits into memory; None for any.
+        elements: Paths of array elements that may get the value in place of the injection's own field.
+        moves: Where `span` is 1, used instead of `injections`: what is done to a message, by its number.
     """
 
     topic: str

@@ -73,7 +73,7 @@ def endpoints_of(name: str, environ: Mapping[str, str]) -> tuple[str, ...]:
     """
     exported = exported_endpoints(environ)
     if name not in exported:
-        hint = did_you_mean(name, exported) or "whoever opens a router exports it, such as riot ros-test"
+        hint = did_you_mean(name, exported) or "run this under a command that opens a router, such as riot ros-test"
         raise ConfigError(f"no segment {name!r}", where=_ENDPOINTS, hint=hint)
     return exported[name]
 
@@ -87,7 +87,8 @@ def exported_endpoints(environ: Mapping[str, str]) -> dict[str, tuple[str, ...]]
     try:
         words = shlex.split(environ.get(_ENDPOINTS, ""))
     except ValueError as error:
-        raise ConfigError(f"cannot be taken apart: {error}", where=_ENDPOINTS) from None
+        hint = "write NAME=ENDPOINT[,ENDPOINT...], separated by spaces, and close all quotation marks"
+        raise ConfigError(f"cannot be parsed: {error}", where=_ENDPOINTS, hint=hint) from None
     return parse_endpoints(words, where=_ENDPOINTS)
 
 

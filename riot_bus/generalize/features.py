@@ -180,14 +180,14 @@ class Feature:
         return _column(columns, self.args[index])
 
     def values(self, columns: Mapping[str, Array]) -> Array | None:
-        """Return the feature of each row, exact for integers; None when a column does not hold what it takes.
+        """Return the feature's value in each row, exact for integers; None if a column's type does not fit it.
 
         Args:
             columns: One array of equal length per variable.
 
         Returns:
-            int64, object (exact Python integers beyond int64) or float64. For the kinds in `FLAGS`: bool, or where
-            they are about texts 1.0, 0.0, and NaN in rows without one.
+            int64, object (exact Python integers beyond int64) or float64. For the kinds in `FLAGS`: bool, or for
+            those that test texts float64: 1.0 or 0.0, and NaN in rows without a text.
         """
         return evaluate(self.expression, lambda name: _column(columns, name))
 

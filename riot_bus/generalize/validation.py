@@ -136,7 +136,10 @@ def _move(candidate: Candidate, base: Assignment, sampler: Sampler, chance: rand
 
 
 def _beside(limit: Number, candidate: Candidate, chance: random.Random) -> Number:
-    """Return a number on the limit, at most half of its size beside it, mirrored, or in the interval it came from."""
+    """Return the limit, the number next to it, one near it or its negative, or the middle of its interval.
+
+    Near means within about half of the limit's size, or of 1 if that is larger.
+    """
     kind = chance.randrange(5)
     if kind == 0:
         return limit

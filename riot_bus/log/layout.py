@@ -174,7 +174,7 @@ def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) ->
     try:
         size = zstandard.frame_content_size(data)
         if size < 0:
-            raise ValueError(f"size {size}")
+            raise ValueError("the compressed extras do not state their size")
         limits.check_size(size, len(data))
         raw = zstandard.decompress(data)
         if most <= _MODEST_COUNT and size <= _MODEST_BYTES:

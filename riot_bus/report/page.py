@@ -108,7 +108,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
 
 
 def _evidence(directory: Path) -> list[tuple[str, str]]:
-    """Return what a failing trial has left: the name of each file, and the end of it if it is text."""
+    """Return the name of each file that a failing trial has left, with the end of its text if it is a `.txt`."""
     found = []
     for path in sorted((directory / EVIDENCE).glob("*"))[:_ROWS]:
         if path.is_file():

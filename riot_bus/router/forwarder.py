@@ -373,7 +373,7 @@ class Forwarder:
         return way
 
     def _rewritten(self, way: _KeyRoute, payload: bytes) -> bytes | None:
-        """Return another payload, None if this message is one to look at, as one without a payload is."""
+        """Return the rewritten payload; None if `_look` has to take the message, as it does one without a payload."""
         assert way.rewrite is not None
         try:
             changed = way.rewrite(payload) if payload else b""

@@ -252,7 +252,7 @@ class RouterTest:
         return explore(self._folder / system, folder, **{"seed": self.seed, **options})
 
     def expect(self, log: str | Path, **options: Any) -> None:
-        """Fail unless what was delivered is what a log has, as `riot diff` judges it.
+        """Fail unless the delivered messages match those of a log, as `riot diff` compares them.
 
         Args:
             log: The log; paths are relative to the folder of the test's file.

@@ -73,7 +73,7 @@ class RunningProcess:
 
     @property
     def pid(self) -> int:
-        """Its number."""
+        """Its process ID."""
         return self.process.pid
 
     @property
@@ -82,7 +82,7 @@ class RunningProcess:
         return None if self.launcher.alive(self.process) else self.process.status
 
     def wait(self, timeout: float = 10.0) -> int | None:
-        """Wait until it has ended by itself; return its status, None if it still runs."""
+        """Wait up to `timeout` seconds until the process ends by itself; return its status, None if it still runs."""
         return self.process.status if self.launcher.wait([self.process], timeout=timeout) else None
 
 
@@ -100,7 +100,8 @@ class LiveRouter:
     def __init__(self, segments: Sequence[str], *, registry: TypeRegistry) -> None:
         if len(set(segments)) < 2:
             hint = "messages pass the router from one segment to another: name two or more"
-            raise ConfigError(f"one segment: {', '.join(segments) or 'none'}", where="riot_segments", hint=hint)
+            named = ", ".join(segments) or "none"
+            raise ConfigError(f"fewer than two segments: {named}", where="riot_segments", hint=hint)
         self.registry = registry
         self.segments: dict[str, LiveSegment] = {}
         self._recorder = Recorder(Capture(registry), topic=registry.topic)

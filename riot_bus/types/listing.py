@@ -46,9 +46,9 @@ def describe(kind: MessageType) -> TypeListing:
 
 
 def describe_named(name: str, registry: TypeRegistry) -> TypeListing:
-    """Return the fields of a type that is known; `Odometry` will do if only one package has such.
+    """Return the fields of a known type; a short name such as `Odometry` is enough if only one package has it.
 
-    Letters may be small or large if that leaves one.
+    The case of a short name may differ if only one type matches it then.
 
     Raises:
         ConfigError: The type is unknown.

@@ -38,7 +38,7 @@ __all__ = [
 MOST_BYTES = 1 << 26
 """No payload is made larger than this."""
 
-REBUILD = "this changes the size of the payload; `rebuild` does so"
+REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
 """Hint of what `MessageType.patch` refuses and `MessageType.rebuild` does."""
 
 ROOT = "value"

@@ -48,7 +48,7 @@ def test_who_is_in_one_segment_gets_nothing_of_riot_which_is_said(recorded: list
     assert code == 0
     assert said[1].startswith("NOTHING WAS INTERCEPTED: ")
     assert said[2:] == [
-        "  hint: all processes are in the segment system: say by --unit-nodes which shall be in the segment unit"
+        "  hint: all processes are in the segment system: name those for the segment unit with --unit-nodes"
     ]
 
 

@@ -137,7 +137,7 @@ class WantedService:
 
 
 def _renewed(attachment: bytes | None) -> bytes | None:
-    """A response has number and gid of its request, and a time of its own."""
+    """Return a request's attachment for its response: with the current time, or unchanged if it is unreadable."""
     if attachment is None:
         return None
     try:

@@ -94,16 +94,16 @@ class UpRoute:
 class DownRoute:
     """A topic from the segment to the domain.
 
-    What is not latched is only subscribed to while subscriptions in the domain get what is published there.
+    A topic that is not latched is subscribed to only while matching subscriptions exist in the domain.
 
     Args:
-        number: Stands for the publisher.
+        number: Identifies the publisher.
         key: Topic.
         plan: QoS and sides of the topic.
         node: The node in the domain.
         port: The segment.
         is_own: Whether an attachment is that of a message from this bridge.
-        refused: Called with the topic of a message that cannot be one.
+        refused: Called with the topic of a message that is too short to be one.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class DownRoute:
         self._inlet: Closeable | None = None
 
     def open(self) -> None:
-        """Have a publisher in the domain."""
+        """Create a publisher in the domain."""
         self._node.tell(
             do="publish", id=self.number, topic=self.key.topic, type=self.key.type_name, qos=self.plan.writer
         )

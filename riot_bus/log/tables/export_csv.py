@@ -25,11 +25,11 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-](inf|nan)")
 
 
 class CsvWriter:
-    r"""Writes a table; numbers so that they are read back exactly, a missing value as nothing.
+    r"""Writes a table: numbers so that they are read back exactly, a missing value as an empty cell.
 
-    Texts of a log may be anybody's. A spreadsheet takes those for formulas that begin with `=`, `+`, `-` or `@`, and a
-    terminal obeys control characters: so the former get a `'` before them, as spreadsheets have it, the latter are
-    written as `\x1b`.
+    Texts of a log may come from anyone. Texts that begin with `=`, `+`, `-` or `@` and are not numbers get a leading
+    `'`, so that a spreadsheet does not take them for formulas. Control characters are escaped, as in `\x1b`, so that
+    a terminal does not obey them.
 
     Args:
         path: File to write.

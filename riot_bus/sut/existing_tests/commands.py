@@ -1,4 +1,4 @@
-"""Commands of which `riot ros-test` knows more than that they are commands: colcon's, and its own."""
+"""Commands that `riot ros-test` handles specially: colcon's, and its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["is_colcon_test", "riot_command", "router_per_package"]
 
 
 def riot_command() -> list[str]:
-    """Return how this riot is started again, whatever Python path the environment of the user's ROS has."""
+    """Return the command that starts this same riot again, whatever `PYTHONPATH` the user's ROS environment sets."""
     return [sys.executable, "-E", "-m", "riot_bus"]
 
 
@@ -30,12 +30,12 @@ def is_colcon_test(command: Sequence[str]) -> bool:
 def router_per_package(
     given: Mapping[str, str], options: Sequence[str], *, folder: Path, accounts: Path
 ) -> dict[str, str]:
-    """Return the variables by which colcon has the tests of each package run by a `riot ros-test` of their own.
+    """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own.
 
     Args:
-        given: The variables that colcon has besides.
-        options: Those of `riot ros-test`, as they were written.
-        folder: For a file; only this user should be able to write there.
+        given: Other variables that colcon gets.
+        options: Options of `riot ros-test`, as they were written.
+        folder: Folder for a file that is written; only this user should be able to write there.
         accounts: Where each of them leaves what it has to say.
     """
     plan = folder / "packages.json"

@@ -26,15 +26,15 @@ class Passage:
     Attributes:
         wanted: Topics and services that were to be intercepted.
         counts: Figures of the router by topic.
-        crossed: Intercepted messages that had a subscriber in another segment; calls of services do anyway.
-        losses: What was lost against everybody's will.
+        crossed: Intercepted messages that had a subscriber in another segment; service calls have a receiver anyway.
+        losses: What was lost unintentionally.
         hits: How often each injection of the plan was carried out; None without a plan.
         problems: Why injections could not be carried out, by topic.
         recording: The log; empty without one.
-        components: How many connected to each segment; bridges are none, and what is behind them is not seen.
+        components: How many connected to each segment, without bridges and what is behind them.
         domains: ROS domain of each segment; empty without bridges.
-        nodes: Which processes were to be in the segment `unit`; None for none.
-        started: Which were, and which not.
+        nodes: Which processes were to be in the segment `unit`; None if none were.
+        started: Processes that were started in that segment, and the others.
     """
 
     wanted: Sequence[str]
@@ -58,7 +58,7 @@ class Passage:
             told = f"{came} of {_some(self.wanted)} came, and none had a receiver in another segment"
             return f"NOTHING WAS INTERCEPTED: {told}"
         if self.hits is not None and not any(self.hits):
-            return "NOTHING WAS INJECTED: the plan has not met a message to change"
+            return "NOTHING WAS INJECTED: no injection of the plan was carried out on any message"
         if not self.wanted and not self.components and not self.domains:
             return "NOTHING USED THIS ROUTER: no component has connected to it"
         return ""
@@ -101,7 +101,7 @@ class Passage:
                 "themselves read ZENOH_CONFIG (Config.from_env) or take an endpoint, such as $RIOT_ENDPOINT"
             )
         if self.nodes is None and "unit" not in self.components:
-            yield "all processes are in the segment system: say by --unit-nodes which shall be in the segment unit"
+            yield "all processes are in the segment system: name those for the segment unit with --unit-nodes"
         elif self.nodes is not None and not self.started.chosen:
             others = _names(self.started.others) or "nothing that Python has started"
             yield f"no process is called {self.nodes!r}; started were: {others}"

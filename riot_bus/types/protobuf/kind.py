@@ -149,7 +149,7 @@ class ProtobufType:
         if any(edit.growth for edit in edits):
             path = next(path for path in changes if self._edits(payload, {path: changes[path]})[0].growth)
             where = f"{self.name}: {path}"
-            raise PayloadError("the new value takes another number of bytes", where=where, hint=REBUILD)
+            raise PayloadError("the new value takes a different number of bytes", where=where, hint=REBUILD)
         return apply(payload, edits)
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:

@@ -72,7 +72,7 @@ def test_what_rmw_zenoh_cannot_reach_is_reached_by_others() -> None:
         ({}, "no segment 'unit'.*\n.*opens a router"),
         (export({"unti": ["tcp/127.0.0.1:1"]}), "no segment 'unit'\n.*did you mean 'unti'"),
         ({"RIOT_ENDPOINTS": "unit"}, "RIOT_ENDPOINTS: 'unit' is not a segment and its endpoints"),
-        ({"RIOT_ENDPOINTS": "unit='"}, "RIOT_ENDPOINTS: cannot be taken apart"),
+        ({"RIOT_ENDPOINTS": "unit='"}, "RIOT_ENDPOINTS: cannot be parsed"),
         (export({"unit": ["tcp/127.0.0.1:0"]}), "is chosen when the router starts"),
         ({**export(TWO), "RIOT_DOMAINS": "unit=many"}, "RIOT_DOMAINS: unit: 'many' is no ROS domain"),
     ],

@@ -98,7 +98,7 @@ def test_patch_changes_the_value_alone():
     "changes", [{"f_int32": 3}, {"f_string": "longer text"}, {"f_bool": False, "inner.f_bool": True}]
 )
 def test_patch_refuses_what_changes_sizes(changes):
-    with pytest.raises(PayloadError, match="another number of bytes") as caught:
+    with pytest.raises(PayloadError, match="a different number of bytes") as caught:
         EVERY.patch(PAYLOAD, changes)
     assert caught.value.hint == REBUILD
     assert list(changes)[-1] in caught.value.where

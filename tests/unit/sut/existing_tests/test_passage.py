@@ -70,7 +70,7 @@ EMPTY = StartedProcesses({}, {"amcl": 2, "git": 1})
             },
             [
                 "NOTHING WAS INTERCEPTED: 0 messages of /odom came",
-                "  hint: all processes are in the segment system: say by --unit-nodes",
+                "  hint: all processes are in the segment system: name those for the segment unit with --unit-nodes",
             ],
         ),
         (
