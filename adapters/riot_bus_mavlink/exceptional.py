@@ -62,7 +62,7 @@ def exceptional_values(
 
 
 def invalid_values(text: str, index: int = 0) -> list[float]:
-    """Return the values that a marker such as `UINT16_MAX`, `NaN`, `[NaN:]` or `[0,,1]` names for an element.
+    """Return the values that an `invalid` marker such as `UINT16_MAX`, `NaN`, `[NaN:]` or `[0,,1]` gives an element.
 
     >>> invalid_values("UINT16_MAX"), invalid_values("[-1]", 1), invalid_values("[0:]", 1)
     ([65535], [-1], [0])

@@ -158,7 +158,7 @@ class RosQos:
 
     @property
     def kept(self) -> int:
-        """How many messages late joiners get of a latched publisher."""
+        """How many messages a latched publisher keeps for late joiners."""
         return _ALL if self.keep_all else self.depth
 
     @property

@@ -56,21 +56,21 @@ class SearchField:
         return self.sensible(self.nominal)
 
     def encode(self, value: float) -> float:
-        """Return a value's place on the asinh scale, 0 at the nominal value; of one among few, the value itself."""
+        """Return a value's place on the asinh scale, 0 at the nominal value; if there are few, the value itself."""
         return value if self.few else math.asinh((value - self.nominal) / self.spread)
 
     def decode(self, place: float) -> float:
-        """Return the value at a place, within the range, rounded to about a thousandth of its way from nominal."""
+        """Return the value at a place, within the range, rounded to about a thousandth of its distance from nominal."""
         return self.sensible(place if self.few else self.nominal + self.spread * math.sinh(place))
 
     @property
     def few(self) -> bool:
-        """Whether all values are so few that each gets the same room."""
+        """Whether the field has so few whole-number values that they are spaced evenly, not on the asinh scale."""
         return self.integer and self.high - self.low < _FEW
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The places of the smallest and the largest value; among few, each has room on both sides."""
+        """The places of the smallest and the largest value; if there are few, almost half a step beyond these."""
         return (self.low - 0.499, self.high + 0.499) if self.few else (self.encode(self.low), self.encode(self.high))
 
     def sensible(self, value: float) -> float:

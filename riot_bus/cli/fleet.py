@@ -54,9 +54,9 @@ def index(
     ] = False,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Take logs into the catalogue: what is new or has changed is read. Run it again at any time, also after a Ctrl-C.
+    """Add logs to the catalogue: what is new or has changed is read. Run it again at any time, also after a Ctrl-C.
 
-    Exit code 4: something could not be looked at.
+    Exit code 4: something could not be read.
     """
     from dataclasses import asdict
 
@@ -82,7 +82,7 @@ def index(
     typer.echo(json.dumps(asdict(report)) if form is OutputFormat.JSON else index_line(report))
     if report.failures:
         more = f"\n  and {len(report.failures) - 10} more" if len(report.failures) > 10 else ""
-        raise EnvironmentFaultError("\n  ".join(["could not be looked at:", *report.failures[:10]]) + more)
+        raise EnvironmentFaultError("\n  ".join(["these could not be read:", *report.failures[:10]]) + more)
 
 
 def list_logs(

@@ -101,7 +101,7 @@ def _check(client: Client, executor: str) -> None:
         )
     if (allowed := client.run_on_scheduler(dask.config.get, _ALLOWED)) != 0:
         raise ConfigError(
-            f"the scheduler repeats cases of dead workers itself ({_ALLOWED} is {allowed})",
+            f"the scheduler itself repeats the trials of dead workers ({_ALLOWED} is {allowed})",
             where=executor,
             hint="start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment: riot repeats them",
         )

@@ -308,7 +308,7 @@ class _ClusterWorker:
             self.leave()
 
     def leave(self) -> None:
-        """Tell the pool that it has ended; called on several threads."""
+        """Tell the pool that this worker has ended, by closing the pipe; may be called on any thread."""
         with self._leaving:
             self._theirs.close()
 

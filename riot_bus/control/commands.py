@@ -39,15 +39,16 @@ class CommandRequest:
             raise ConfigError(f"the payload is not UTF-8: {error.reason} at byte {error.start}") from None
 
     def arguments(self) -> dict[str, Any]:
-        """Return the payload as a JSON object; none is an empty one."""
-        if len(self.payload) > _LARGEST_ARGUMENTS:
-            raise ConfigError(f"{len(self.payload)} bytes are too many", hint=f"at most {_LARGEST_ARGUMENTS}")
+        """Return the payload, which is a JSON object; an empty payload gives an empty one."""
+        size = len(self.payload)
+        if size > _LARGEST_ARGUMENTS:
+            raise ConfigError(f"the payload of {size} bytes is too large", hint=f"at most {_LARGEST_ARGUMENTS} bytes")
         try:
             found = json.loads(self.text() or "{}")
         except (ValueError, RecursionError) as error:
             raise ConfigError(f"the payload is not JSON: {error}", hint='such as {"keys": ["/odom"]}') from None
         if not isinstance(found, dict):
-            raise ConfigError("the payload is no JSON object", hint='such as {"keys": ["/odom"]}')
+            raise ConfigError("the payload is not a JSON object", hint='such as {"keys": ["/odom"]}')
         return found
 
     def argument(self, name: str) -> Any:

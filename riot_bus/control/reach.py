@@ -27,12 +27,12 @@ class Bypass:
     """A way around the router.
 
     Attributes:
-        kind: Found by multicast scouting, or could be at any moment; a direct link; a router between segments; or one
-            session that is connected to two segments.
-        components: Who is involved, a foreign router included; sorted.
+        kind: "multicast": sessions find each other by multicast scouting, or could at any moment; "direct": a direct
+            link; "router": a router between segments; "two segments": one session that is connected to two segments.
+        components: Sessions that are involved, a foreign router included; sorted.
         evidence: What was seen of it, as text.
-        cure: The setting that ends it.
-        active: Whether it was seen to be used, not only to be open.
+        cure: How to close it, as text.
+        active: Whether it was seen in use; False if it is merely open.
     """
 
     kind: Literal["multicast", "direct", "router", "two segments"]

@@ -539,7 +539,7 @@ class FieldsRecord(Artefact):
 
 
 class RuleSample(_Model):
-    """One trial that taught the rule."""
+    """One trial of the search for a rule."""
 
     values: dict[str, Value]
     failed: bool
@@ -547,7 +547,7 @@ class RuleSample(_Model):
 
 
 class AlternativeRecord(_Model):
-    """Another rule that explains all trials as well, and values of which the two say different things."""
+    """Another rule that explains all trials equally well, and values for which the two disagree."""
 
     text: str
     rule: dict[str, Any]
@@ -555,8 +555,8 @@ class AlternativeRecord(_Model):
 
 
 _RIGHT, _RIGHT_ELSEWHERE = 0.98, 0.8
-"""Shares of trials of which a rule should say what is so, as far as these can tell, and of the few with other values
-of all fields that are not in it."""
+"""Shares of trials for which a rule should be right, as far as these can tell, and of the few with other values of all
+fields that are not in it."""
 
 
 class RuleRecord(Artefact):
@@ -565,11 +565,12 @@ class RuleRecord(Artefact):
     Attributes:
         topics: Topic of each message of the log in which its fields are named.
         context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
-        in_context: Of how many trials behind nominal messages the rule says what is so.
-        in_campaign: Of how many trials of the campaign it does; those that failed otherwise are left out, and where the
-            failure comes only sometimes, passing ones in which the rule holds.
-        held: Where it comes only sometimes: of how many trials of the campaign in which the rule holds how many failed.
-        missed: How many trials of the campaign failed so, though the rule holds nowhere in them.
+        in_context: In how many trials behind nominal messages the rule is right.
+        in_campaign: In how many trials of the campaign it is right; those that failed in another way are left out, and
+            where the failure comes only sometimes, passing ones in which the rule holds.
+        held: Where the failure comes only sometimes: how many trials of the campaign failed of those in which the rule
+            holds, and how many those are.
+        missed: How many trials of the campaign had this failure although the rule holds nowhere in them.
     """
 
     FILE = "rule.json"

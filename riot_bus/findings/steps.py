@@ -142,12 +142,12 @@ def find_step(name: str) -> ChainStep:
     from riot_bus.vocabulary.errors import ConfigError
 
     found = plugins.STEPS.load(name)
-    hint = "its entry point has to name a riot_bus.findings.steps.ChainStep"
+    hint = f"its entry point has to name a riot_bus.findings.steps.ChainStep whose name is {name!r}"
     if not isinstance(found, ChainStep) or found.name != name:
         raise ConfigError(f"step {name!r} is {found!r}", where=plugins.STEPS.targets()[name], hint=hint)
     if name in further_steps() and found.kind.FILE in {step.kind.FILE for step in STEPS}:
-        where = plugins.STEPS.targets()[name]
-        raise ConfigError(f"step {name!r} writes {found.kind.FILE}, which is ours", where=where, hint="rename its FILE")
+        where, hint = plugins.STEPS.targets()[name], f"choose another FILE for its record {found.kind.__name__}"
+        raise ConfigError(f"step {name!r} writes {found.kind.FILE}, as a built-in step does", where=where, hint=hint)
     return found
 
 

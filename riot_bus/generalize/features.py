@@ -132,7 +132,11 @@ class Feature:
             takes = kind.arity or f"2 to {_MOST_TERMS}"
             raise ConfigError(f"feature {self.kind!r} takes {takes} variables, not {self.args!r}")
         if (kind.constant is None) != (self.constant is None) or not self._constant_fits():
-            raise ConfigError(f"feature {self.kind!r} cannot have the constant {self.constant!r}")
+            hint = (
+                "mod and bits take a positive whole number, prefix and contains a text, linear a coefficient for each "
+                "variable (none of them 0, the first one positive), and all others None"
+            )
+            raise ConfigError(f"feature {self.kind!r} cannot have the constant {self.constant!r}", hint=hint)
 
     def _constant_fits(self) -> bool:
         constant = self.constant

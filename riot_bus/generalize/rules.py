@@ -130,15 +130,15 @@ def learn_rule(
     Args:
         variables: The relevant fields with what is known about their values.
         ask: Each question assigns a value to every variable; True = fails with the same signature.
-        expecting: Asked instead, with the probability that each question fails, from how often the rules so far have
-            been right: where an answer takes several trials, fewer will do for what is expected. What a rule gets
-            wrong is asked again.
-        seed: Decides all draws.
+        expecting: Called instead of `ask`, also with the probability that each question fails, estimated from how
+            often the rules so far have been right: where an answer takes several trials, an expected one takes fewer.
+            What a rule gets wrong is asked again.
+        seed: Seed of all random draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
-        validation: Fresh trials for one validation. Counterexamples are learnt from, with half of the budget more,
-            and up to 3 validations are run on top of the budget.
+        validation: Fresh trials per validation, on top of the budget; up to 3 validations are run. Each that finds
+            counterexamples adds half of the budget, for learning from them.
         parallelism: Questions worth asking in one batch.
-        context: Variables that are not to matter. Every third fresh trial has other nominal values of them too.
+        context: Variables that should not matter. Every third fresh trial also gives them other nominal values.
         progress: Told after every batch.
 
     Raises:

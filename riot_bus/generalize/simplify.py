@@ -116,7 +116,7 @@ def _fails(levels: Levels, prior: float, trials: Trials[Levels]) -> bool:
 
 
 def _with_lower(now: Levels, place: int, size: int, trials: Trials[Levels]) -> Levels:
-    """Return rungs with a lower one of one ladder, which cannot take its lowest; the same if no other fails."""
+    """Return `now` with a lower failing rung on one ladder that cannot take its lowest; `now` if there is none."""
 
     def at(rung: int) -> Levels:
         return (*now[:place], rung + 1, *now[place + 1 :])

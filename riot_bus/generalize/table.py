@@ -227,13 +227,13 @@ def _beginnings(variable: Variable) -> list[Feature]:
 
 
 _DIVISORS = (*range(2, 17), 20, 24, 25, 30, 32, 50, 60, 64, 100, 128, 256, 360, 512, 1000, 1024, 3600, 4096)
-"""Residues are looked at for these: small numbers, powers of ten and two, and those of times and angles."""
+"""Divisors whose residues are tried: small numbers, powers of ten and two, and those of times and angles."""
 
 
 def _residues(
     variable: Variable, rows: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
 ) -> None:
-    """Offer the residues and bits that tell failing from passing samples best."""
+    """Add the residues and bits that best tell failing from passing samples to `found` and `masks`."""
     limits = integer_range(variable.type)
     assert limits is not None
     array = np.array(rows, dtype=object if limits[1] >= 2**63 else np.int64)

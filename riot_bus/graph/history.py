@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic, Unknown
 from riot_bus.graph.render import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator
 
 __all__ = ["graph_from", "record", "replay"]
 
@@ -47,26 +48,34 @@ def replay(records: Iterable[Mapping[str, str]]) -> Iterator[tuple[int, Graph]]:
         try:
             time, whole = int(each["time"]), each["whole"] == "true"
             gone, new = graph_from(json.loads(each["gone"])), graph_from(json.loads(each["new"]))
-        except (KeyError, TypeError) as error:
+            base = Graph() if whole else graph
+            left = {name: set(getattr(base, name)) - set(getattr(gone, name)) for name in _PARTS}
+            graph = Graph.of(*([*left[name], *getattr(new, name)] for name in _PARTS))
+        except (KeyError, TypeError, RecursionError) as error:  # such as a value that cannot be in a set, or be sorted
             raise ValueError(f"not a record of a graph: {error!r}") from error
-        base = Graph() if whole else graph
-        left = {name: set(getattr(base, name)) - set(getattr(gone, name)) for name in _PARTS}
-        graph = Graph.of(*([*left[name], *getattr(new, name)] for name in _PARTS))
         yield time, graph
 
 
 def graph_from(document: Mapping[str, Any]) -> Graph:
     """Return the graph of a document in the JSON format; raises TypeError or ValueError if it is none."""
+    if not isinstance(document, Mapping):
+        raise TypeError(f"a graph is an object, not {document!r:.50}")
     if document.get("version") != VERSION:
-        raise ValueError(f"a graph of version {document.get('version')!r}, not {VERSION}")
+        raise ValueError(f"the graph has version {document.get('version')!r}; only version {VERSION} can be read")
     parts: dict[str, list[Any]] = {}
     for name, kind in _PARTS.items():
         known = {each.name for each in fields(kind)}
         parts[name] = [
             kind(**{key: _frozen(value) for key, value in row.items() if key in known})
-            for row in document.get(name, ())
+            for row in map(_object, document.get(name, ()))
         ]
     return Graph.of(parts["components"], parts["topics"], parts["edges"], parts["unknown"])
+
+
+def _object(value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"a part of a graph is an object, not {value!r:.50}")
+    return value
 
 
 def _frozen(value: Any) -> Any:

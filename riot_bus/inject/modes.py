@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 __all__ = ["MOST_MODES", "modes_of"]
 
 MOST_MODES = 6
-"""Values that a mode has at most: more are rather a count or a measurement."""
+"""Most values that a mode has: a field with more is rather a count or a measurement."""
 _LONG = 64
-"""Texts of modes are shorter."""
+"""Texts of modes have fewer characters."""
 _MOST_KNOWN = 1 << 12
 
 
 def modes_of(message: Message, registry: TypeRegistry) -> Sequence[tuple[str, Scalar]]:
-    """Return the truth values, integers and short texts of a message, with their paths.
+    """Return path and value of each field that may be a mode: truth values, integers and short texts.
 
-    Stamps, numbers of messages and the like, and elements of arrays are left out.
+    Timestamps, sequence numbers and the like are left out, and so are elements and lengths of arrays.
     """
     return _modes(message, registry) if message.kind == "put" else ()
 

@@ -129,7 +129,8 @@ def _find(use: str, where: str | None, root: Path | None = None) -> type:
         return load_class(use if root is None else str(root / use))
     kind = INTERCEPTORS.load(use, where=where)
     if not inspect.isclass(kind):
-        raise ConfigError(f"interceptor {use!r} is not a class", where=INTERCEPTORS.targets()[use])
+        hint = "its entry point has to name a class"
+        raise ConfigError(f"interceptor {use!r} is not a class", where=INTERCEPTORS.targets()[use], hint=hint)
     return kind
 
 

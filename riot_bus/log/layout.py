@@ -106,7 +106,7 @@ def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
 
 
 def message_of(time: int, key: str, payload: bytes, fields: Mapping[str, Any]) -> Message:
-    """Return a message of what else there is to say of it; a `Request` if it has parameters."""
+    """Return the message with these further attributes; a `Request` if they include parameters."""
     return (Request if "parameters" in fields else Message)(time, key, payload, **fields)
 
 

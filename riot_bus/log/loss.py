@@ -24,7 +24,7 @@ class Loss:
         unfinished: The file was never closed: what its writer had not yet written is lost.
         bytes: Bytes that are not a whole record: at the end, or behind a damaged length.
         chunks: Damaged chunks that were left out, and those that the summary counts but that are not there.
-        messages: Messages that were left out because their channel is unknown.
+        messages: Messages that were left out because their channel is unknown or their time is impossible.
         details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
             their payload.
         conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
@@ -78,13 +78,13 @@ class Loss:
 
 @dataclass(slots=True)
 class LossNotes:
-    """What a reader has found missing so far, by number of the block, so that nothing counts twice.
+    """What a reader has found missing so far, by block number, so that nothing is counted twice.
 
     Attributes:
         damaged: Blocks that cannot be read.
-        salvaged: How many messages of them were taken all the same.
-        unknown: How many messages of a block are of unknown channels, or of impossible times.
-        unsorted: How many come later than their time.
+        salvaged: How many messages of a damaged block were read all the same.
+        unknown: How many messages of a block have an unknown channel or an impossible time.
+        unsorted: How many messages of a block come after messages with later times.
     """
 
     damaged: set[int] = field(default_factory=set)

@@ -364,10 +364,10 @@ def _publishable(message: Message, key: str) -> Message:
     if message.payload.__class__ is not bytes or not isinstance(message.attachment, bytes | None):
         raise TypeError("payload and attachment of a message have to be bytes")
     if not isinstance(message.encoding, str) or _NO_TEXT.search(message.encoding) or message.time.__class__ is not int:
-        raise TypeError(f"encoding = {message.encoding!r} or time = {message.time!r} is of another kind")
+        raise TypeError(f"encoding = {message.encoding!r} has to be text, and time = {message.time!r} a whole number")
     qos = message.qos
     if not isinstance(qos, Qos) or qos.priority not in range(1, 8) or qos.congestion not in _CONGESTION:
-        raise ValueError(f"{qos!r} are no delivery settings")
+        raise ValueError(f"{qos!r} is not a valid Qos")
     if message.kind not in ("put", "delete"):
         raise ValueError(f"{message.kind!r} is neither put nor delete")
     return message

@@ -37,8 +37,8 @@ class Stage:
 
     Attributes:
         name: The interceptor's name, unique in its pipeline.
-        message: Its method.
-        bypassed: Why it is not asked any more; None as long as it is.
+        message: The interceptor's method of this name.
+        bypassed: Why the interceptor is no longer called; None as long as it is.
     """
 
     __slots__ = ("bypassed", "expressions", "interceptor", "message", "name", "target", "when")

@@ -50,14 +50,15 @@ class Naming:
         """Create the next file, empty.
 
         Args:
-            text: Path as somebody wrote it from afar; None for the name whose turn it is.
+            text: Path that a remote user asked for; None for the next name in turn.
 
         Raises:
             ConfigError: It cannot be created, or is refused.
         """
         if text is not None:
             if self.bag:
-                raise ConfigError("the files of a bag have their names", where="record", hint="name no path")
+                hint = "leave out the path"
+                raise ConfigError("the files of a bag are named automatically", where="record", hint=hint)
             return claim(self._remote, text, self.stem)
         if self.bag and not self._number:
             self._make_bag()
@@ -72,14 +73,15 @@ class Naming:
             except FileExistsError:
                 if first:
                     self._number = 0
-                    hint = "choose another name, or take --overwrite"
+                    hint = "choose another name, or use --overwrite"
                     raise ConfigError(f"{path} exists already", where="--output", hint=hint) from None
             except OSError as error:
                 self._number -= 1
                 raise ConfigError(f"cannot write the log: {error.strerror}", where=str(path)) from None
             else:
                 return path
-        raise ConfigError(f"there are too many files {self.stem}-...", where=str(self.folder))
+        hint = "choose another name or folder"
+        raise ConfigError(f"there are too many files {self.stem}-...", where=str(self.folder), hint=hint)
 
     def _name(self) -> str:
         if self.bag:

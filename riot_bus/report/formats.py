@@ -93,10 +93,12 @@ def view_of(folder: Path) -> FindingView | CampaignView:
 
 
 def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> str | bytes:
-    """Return a report; of one finding as a campaign that has found nothing else where the format knows campaigns alone.
+    """Return a report of a finding or a campaign.
+
+    A format that knows only campaigns gets a finding as a campaign that has found nothing else.
 
     Raises:
-        ConfigError: It is to be of a campaign, and the format knows findings alone.
+        ConfigError: A campaign is to be reported, and the format knows only findings.
     """
     if isinstance(view, FindingView) and isinstance(made, ReportFormat):
         return made.render(view)

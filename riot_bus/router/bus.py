@@ -527,13 +527,13 @@ class Bus:
         return session.declare_subscriber(text, take, allowed_origin=locality.ANY if own else locality.REMOTE)
 
     def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
-        """Answer the calls of a service that components of a segment make, with what was recorded, until the end.
+        """Answer calls that components of a segment make to a service with what was recorded, until the bus closes.
 
         Args:
             segment: Name of the segment.
             key: Key of the service.
             service: What was recorded of it.
-            tokens: Liveliness tokens by which its callers know that it is there; those that are shown stay so.
+            tokens: Liveliness tokens by which its callers know that it is there; those already declared are kept.
         """
         session = self.segment(segment).session
         serve_recorded(session, key, service)

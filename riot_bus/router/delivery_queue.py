@@ -147,7 +147,7 @@ class DeliveryQueue:
         return Result(message, kept, result.changes, result.dropped)
 
     def record(self, result: Result) -> None:
-        """Record what was stored as a history before, and is heard now."""
+        """Record a result of `replay`, once its message is published live."""
         if self.recorder is not None:
             if result.changes:
                 self.recorder.original(result.original, result.changes)
@@ -176,10 +176,11 @@ class DeliveryQueue:
         return result
 
     def feed(self, key: str, arrival: Arrival, holder: PipelineWorker) -> bytes | bool | None:
-        """Take what arrived through the pipeline, and deliver what has to be taken apart.
+        """Run an arrived message through the pipeline, and deliver the result unless it can simply be passed on.
 
         Returns:
-            True if it shall pass as it came, a payload if it shall pass with this one, None if nothing is left to do.
+            True to pass the message on as it came, a payload to pass it on with this one, None if nothing is left to
+            do.
         """
         segment = arrival.segment
         event, result = self.gate.feed(

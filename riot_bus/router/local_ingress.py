@@ -177,7 +177,7 @@ class LocalIngress:
         self.generation = next(self._generations)
 
     def idle(self) -> bool:
-        """Return whether nothing is under way."""
+        """Return whether no message is in the queue of `waiting`, or being processed from it."""
         return not self.waiting.unfinished_tasks
 
     def passed(self) -> Counter[str]:

@@ -91,16 +91,16 @@ class _Switch(NamedTuple):
 
 
 class Recorder:
-    """Writes on a thread of its own, behind a queue; what does not fit is counted in `lost`.
+    """Writes messages to a log on a thread of its own, from a queue; those that do not fit are counted in `lost`.
 
     Of an intercepted message that was changed, delayed, copied or dropped both the original and what was delivered are
     written, under the same sequence number.
 
     Args:
-        writer: Where to; closed by `close`.
-        capacity: Most messages that wait.
-        capacity_bytes: Most payload bytes that wait.
-        topic: Names the topic of a key.
+        writer: Writes the log; closed by `close`.
+        capacity: Most messages that wait in the queue.
+        capacity_bytes: Most payload bytes that wait in the queue.
+        topic: Returns the topic of a key.
     """
 
     def __init__(

@@ -102,12 +102,12 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
 
 
 def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> PlainFacts:
-    """Return what is known of a system with what its components did when they were started; pure.
+    """Return facts about a system, completed by what its components did when started; a pure function.
 
     Args:
-        facts: What was known.
+        facts: What was known before.
         run: What the components did.
-        sessions: Name of the component of each session.
+        sessions: Name of the component by the id of its session.
     """
     first = {name: zid for zid, name in reversed(list(sessions.items()))}
     homes = {each.zid: each.segment for each in facts.graph.components}

@@ -210,11 +210,11 @@ class AnnouncesServers(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HeardSystem:
-    """A system as far as it was heard on links.
+    """What was heard of a system on its links.
 
     Attributes:
         toml: The text of a first system file.
-        facts: What was heard, as JSON's kinds of values.
+        facts: What was heard, as JSON values.
         lines: What was heard, for people.
     """
 

@@ -97,8 +97,9 @@ def _made(name: str) -> Codec:
     except RiotError:
         raise
     except Exception as error:  # the package is somebody else's and may raise anything
-        hint = "mend or uninstall the package"
+        hint = "fix or uninstall the package"
         raise ConfigError(f"codec {name!r} cannot be loaded: {error}", where=where, hint=hint) from error
     if not isinstance(made, MessageType | TypeSource):
-        raise ConfigError(f"codec {name!r} is neither a MessageType nor a TypeSource", where=where)
+        hint = "its class has to implement one of these protocols of riot_bus.types.model"
+        raise ConfigError(f"codec {name!r} is neither a MessageType nor a TypeSource", where=where, hint=hint)
     return made

@@ -25,18 +25,18 @@ _LONGEST_PERIOD_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class MavlinkBridgeOptions:
-    """What to bridge, as written.
+    """What to bridge, as the user wrote it.
 
     Attributes:
         links: As `parse_link` takes them.
         dialect: Name of a dialect that pymavlink ships.
         files: XML files of further messages.
         keys: Template of the keys of frames on the bus.
-        duplicates: Seconds within which the same frame is taken once; 0 for always.
-        sniffer: A system that gets everything; 0 for none.
-        key_file: Has the key of signed frames.
-        mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
-        patient: Whether a segment is listened to only once one of its links has somebody at its other end, so that
+        duplicates: Seconds within which a repeated frame is dropped; 0 to drop none.
+        sniffer: Id of a system that gets everything; 0 for none.
+        key_file: File with the key of signed frames.
+        mirror: What is also published as JSON, as mavlink-server does: `messages`, or with `fields` each field, too.
+        patient: Whether to listen to a segment only once one of its links has somebody at its other end, so that
             nothing is played to a program that is not connected yet.
     """
 

@@ -43,9 +43,9 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
     """Compare two recordings.
 
     Args:
-        a: What is expected.
+        a: The recording that is expected.
         b: The recording that is compared with it.
-        wishes: What counts as a difference; None for everything but times.
+        wishes: What counts as a difference; None for everything but times and the order across topics.
     """
     wishes = wishes or Wishes()
     work: list[TopicComparison] = []

@@ -308,7 +308,7 @@ class Player:
             return None
 
     def _fetch(self) -> None:
-        """Read the next message; others may give commands meanwhile, however long it takes."""
+        """Read the next message, with the lock released: other threads can give commands however long it takes."""
         messages, self._reading = self._messages, True
         self._bell.release()
         try:
@@ -316,11 +316,11 @@ class Player:
         finally:
             self._bell.acquire()
             self._reading = False
-        if messages is not self._messages:  # somebody has sought
+        if messages is not self._messages:  # `seek` was called meanwhile
             _close(messages)
         elif message is not None:
             self._upcoming, self._barren = message, False
-            if self._fresh:  # opening and unpacking make nothing late
+            if self._fresh:  # time for opening and decompressing the log does not count as lateness
                 self._fresh = False
                 self._wall = max(self._wall, self._pace.now())
         elif self._loop and not self._barren:

@@ -73,7 +73,7 @@ class LoadedBlock:
         return channels
 
     def rows_of(self, channel: int, low: int, high: int) -> NDArray[np.int64]:
-        """Return the numbers of a channel's messages of times in [low, high)."""
+        """Return the indices of a channel's messages with times in [low, high), in nanoseconds."""
         chosen = self.channels == channel
         if low > 0 or high <= _LATEST:
             chosen &= (self.times >= low) & (self.times < high)
@@ -82,7 +82,7 @@ class LoadedBlock:
         return np.flatnonzero(chosen)
 
     def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the place of some messages in the file; grows with the file."""
+        """Return numbers that sort messages, of any block, by their place in the file."""
         return (self.block.number << 32) + (rows if self.numbers is None else self.numbers[rows])
 
     def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -375,7 +375,7 @@ class PublisherProxies:
 
 
 def _remember(table: OrderedDict[Any, Any], key: Any, value: Any, most: int) -> None:
-    """Note something; what was noted first is forgotten when there is too much."""
+    """Store a value as the newest entry; the oldest is dropped when there are more than `most`."""
     table[key] = value
     table.move_to_end(key)
     if len(table) > most:

@@ -270,7 +270,7 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
         ("nope", b"", "no command 'nope'"),
         ("intercept/add", b"", "no list of texts"),
         ("intercept/add", b'{"keys": [1]}', "no list of texts"),
-        ("intercept/add", b"[]", "no JSON object"),
+        ("intercept/add", b"[]", "not a JSON object"),
         ("intercept/add", b"{" * 60_000, "not JSON"),
         ("intercept/add", b"\xff", "not UTF-8"),
         ("intercept/add", b"x" * 70_000, "too many"),

@@ -151,7 +151,7 @@ def test_events_are_lines_on_stdout(installed: Path, one: Bench) -> None:
     [
         ("size = riot_size:ODD", "step 'size' is 'no step'"),
         ("other = riot_size:SIZE", "step 'other' is ChainStep"),
-        ("thief = riot_size:THIEF", "step 'thief' writes rule.json, which is ours"),
+        ("thief = riot_size:THIEF", "step 'thief' writes rule.json, as a built-in step does"),
         ("size = riot_size:NONE", "step 'size' cannot be loaded"),
         ("size = riot_none:SIZE", "step 'size' cannot be loaded"),
     ],

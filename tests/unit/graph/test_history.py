@@ -32,7 +32,10 @@ def test_a_graph_comes_back_from_json() -> None:
 
 
 def test_damaged_records_are_an_error() -> None:
-    for damaged in ({}, {**record(None, A, time=1), "new": "{"}, {**record(None, A, time=1), "time": "x"}):
+    good = record(None, A, time=1)
+    odd = [{"version": 1, "topics": rows} for rows in ([1], 1, [{"name": {}}], [{"name": [{}]}], [[]])]
+    texts = ["{", "[]", "1", "[" * 100_000, *map(json.dumps, odd)]
+    for damaged in ({}, {**good, "time": "x"}, *({**good, "new": text} for text in texts)):
         with pytest.raises(ValueError, match=r".+"):
             list(replay([damaged]))
 
