@@ -359,7 +359,8 @@ class Unit(_Table):
 
     `order` says what is kept of the log's order. With "log" a message waits until the unit has taken in those of other
     topics before it; a unit with a thread for each topic may take them in any order else. "fast" does not wait. "auto"
-    does not either, until a failure that does not always come again turns out to come more often with the order kept.
+    waits, unless that takes more than twice as long; then a failure that does not always come again is tried with the
+    order kept, too.
 
     Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
     is forked from a process that has imported what it needs, where that makes no difference. With "persistent" the
