@@ -77,7 +77,7 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
     others = typer.Typer(cls=_StepGroup, no_args_is_help=True)
     others.callback()(lambda: None)
-    app.add_typer(others, name="step", help="Run a step that another package brings on a finding.")
+    app.add_typer(others, name="step", help="Run a step of another package on a finding.")
 
 
 @contextmanager
@@ -274,7 +274,7 @@ def analyze(
         list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")
     ] = None,
     prune: Annotated[
-        bool, typer.Option("--prune/--no-prune", help="Leave out external topics that cannot reach by the graph.")
+        bool, typer.Option("--prune/--no-prune", help="Leave out external topics with no path to the relevant fields.")
     ] = True,
     seed: Seed = 0,
     jobs: Jobs = 0,
@@ -349,7 +349,7 @@ def reproduce(
     with _of_finding(finding, jobs, form, system, executor=executor, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
     line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
-    sure = f"none would with a probability of {result.missed:.1%} if it came as often as before"
+    sure = f"the probability of this would be {result.missed:.1%} if the failure came as often as before"
     told = f" ({result.detail or sure})" if result.detail or not result.failed else ""
     show(asdict(result), form, [line + told])
     if result.failed:

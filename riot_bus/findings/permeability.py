@@ -33,7 +33,7 @@ class EdgeRecord(_Model):
     @property
     def limits(self) -> str:
         """What is to be known where no effect was found: how strong one has to be, and what was not tried."""
-        parts = [] if self.detectable is None else [f"a share of {self.detectable:.2g} is needed to show"]
+        parts = [] if self.detectable is None else [f"an effect needs a share of {self.detectable:.2g} to show"]
         if self.tested and "beyond nominal" not in self.tested:
             parts.append("nominal values only")
             parts += ["never one value for a whole run"] if "between runs" not in self.tested else []

@@ -168,8 +168,9 @@ class EffectsRecord(_Model):
             return []
         found = [
             f"{counted(self.injections, 'injection')}: {self.undelivered} changed no message, {self.without_effect} "
-            f"changed messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} "
-            f"in failing ones, of {self.untold} no effect can be told; whether they were read is not told"
+            f"changed messages but no output, {self.with_effect} were in passing trials with other outputs, "
+            f"{self.failing} in failing trials, {self.untold} had an unknown effect; "
+            "whether the changed messages were read is not known"
         ]
         for title, many, rates in (("topic", "topics", self.topics), ("field class", "classes", self.classes)):
             failed = {name: one for name, one in rates.items() if one.count}
@@ -184,7 +185,7 @@ class EffectsRecord(_Model):
         if self.undecided:
             topics = ", ".join(f"{count} on {name}" for name, count in sorted(self.undecided.items())[:_MOST_TOLD])
             topics += ", ..." if len(self.undecided) > _MOST_TOLD else ""
-            found.append(f"failed with others, not told apart, so in none of these shares: {topics}")
+            found.append(f"failed only together with others, so not counted in these shares: {topics}")
         return found
 
 
@@ -361,7 +362,8 @@ class AbsentRecord(_Model):
         which = zip(self.topics, self.numbers, strict=True)
         names = ", ".join(f"{topic} (number {number} of the nominal log)" for topic, number in which)
         passed, total = self.passed
-        return f"fails since {names} is missing: with it, {passed} of {counted(total, 'trial')} passed"
+        verb, them = ("is", "it") if len(self.numbers) == 1 else ("are", "them")
+        return f"fails since {names} {verb} missing: with {them}, {passed} of {counted(total, 'trial')} passed"
 
 
 class MinimalRecord(Artefact):
@@ -605,7 +607,7 @@ class RuleRecord(Artefact):
     @property
     def shortcomings(self) -> str:
         """Where the rule was seen to be wrong, or was not tested, in a few words; empty if nowhere."""
-        asked = ((self.in_campaign, "of the campaign"), (self.in_context, "behind nominal messages"))
+        asked = ((self.in_campaign, "of the campaign"), (self.in_context, "that start with nominal messages"))
         found = [
             f"right in only {one.count} of {counted(one.total, 'trial')} {where}"
             for one, where in asked
@@ -618,7 +620,7 @@ class RuleRecord(Artefact):
             values = ", ".join(f"{name} = {value}" for name, value in self.own_mistake.items())
             found.append(f"wrong in {self.own_mistakes} of the trials that it was learnt from: {values}")
         if not found and self.balanced_accuracy is None:
-            found.append("half tested" if self.checks else "not tested")
+            found.append("tested with one outcome only" if self.checks else "not tested")
         return "; ".join(found)
 
     @property
@@ -632,12 +634,12 @@ class RuleRecord(Artefact):
             checks = counted(self.checks, "fresh check")
             accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {checks}{cases}"
         elif self.checks:
-            accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
+            accuracy = f"tested with one outcome only: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:
-            accuracy = "not tested: no fresh checks could be had"
+            accuracy = "not tested: no fresh checks were possible"
         if self.in_context is not None and self.in_context.total:
             one = self.in_context
-            accuracy += f", right in {one.count} of {counted(one.total, 'trial')} behind nominal messages"
+            accuracy += f", right in {one.count} of {counted(one.total, 'trial')} that start with nominal messages"
         if self.in_campaign is not None and self.in_campaign.total:
             one = self.in_campaign
             accuracy += f" and {one.count} of {one.total} of the campaign"
@@ -737,7 +739,7 @@ class ActivationRecord(Artefact):
             )
         if self.chance:
             points = counted(self.chance, "other point" if self.found else "point")
-            parts.append(f"at {points} it came, but was not shown to come more often there than with nominal inputs")
+            parts.append(f"it failed at {points}, but was not shown to fail more often there than with nominal inputs")
         again = (self.controls_others, "run", " with nominal inputs"), (self.replays_others, "replay", "")
         for others, what, where in ((self.others, "run", ""), *again):
             for signature, count in others.items():

@@ -104,7 +104,7 @@ PERMEABILITY = ChainStep(
     "riot_bus.chain.permeability:permeability",
     (
         StepOption("runs", 8, "Long runs of the whole system; half as many more if an effect may be chance.", min=2),
-        StepOption("prune", True, "Leave out what cannot reach by the declared graph."),  # noqa: FBT003
+        StepOption("prune", True, "Leave out what has no declared path to the relevant fields."),  # noqa: FBT003
     ),
     whole_system=True,
 )

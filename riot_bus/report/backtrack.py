@@ -25,10 +25,10 @@ def lines(record: BacktrackRecord) -> Iterator[str]:
     looked_at = counted(record.looked_at, "message", mark=",")
     of = f" of {record.messages:,}" if record.looked_at != record.messages else ""
     yield f"{', '.join(map(clean, record.targets))}: {looked_at}{of} in {counted(len(record.logs), 'log')}"
-    yield f"who reads and writes what is told by {clean(', '.join(record.told)) or 'nothing: it is inferred'}"
+    yield f"source of readers and writers of topics: {clean(', '.join(record.told)) or 'none, so they are inferred'}"
     for name, reason in record.targets.items():
         if reason:
-            yield f"{clean(name)} cannot be told of: {clean(reason)}"
+            yield f"{clean(name)} cannot be tested: {clean(reason)}"
     steps = {(step.source, step.target): step for step in record.steps}
     for tree in record.trees:
         yield ""
@@ -110,9 +110,9 @@ def _strength(one: EvidenceRecord) -> str:
 
 def _basis(tested: Sequence[EvidenceRecord]) -> str:
     shown = [one.detectable for one in tested if one.detectable is not None]
-    bound = f"; {share(max(shown))} or more would about have shown" if shown else ""
+    bound = f"; an effect of {share(max(shown))} or more would have shown about half of the time" if shown else ""
     if few := len(tested) - len(shown):
-        bound += f"{f', but {few} of them had' if shown else ';'} too few messages for any to show"
+        bound += f"{f', but {few} of them had' if shown else ';'} too few messages to show any effect"
     return f"{counted(len(tested), 'pair')} of fields, {_rests(tested)}{bound}"
 
 
@@ -138,7 +138,7 @@ def _ranking(record: BacktrackRecord) -> Iterator[str]:
     yield f"external fields, the most promising first ({counted(len(record.ranking), 'pair')} of fields):"
     for place, one in enumerate(found, start=1):
         arrow = f" -> {clean(one.target)}" if len(record.targets) > 1 else ""
-        what = ", how much it varies" if one.follows == "spread" else ""
+        what = ", the spread of the target follows it" if one.follows == "spread" else ""
         yield f"  {place}. {clean(one.source)}{arrow}{what}: {_strength(one)}"
     if not found:
         shows = "shows in these logs, which does not mean that none has an effect" if silent else "could be tested"
@@ -166,13 +166,13 @@ def _notes(record: BacktrackRecord) -> Iterator[str]:
     for note in record.notes:
         yield clean(note, limit=400)
     yield (
-        f"{counted(record.tested, 'pair')} of fields tested, for each field with a chance of at most "
-        f"{share(record.alpha)} that any other is named by accident;"
+        f"{counted(record.tested, 'pair')} of fields tested; for each field, the chance that any other is named by "
+        f"accident is at most {share(record.alpha)}"
     )
-    yield "shares are of what a field's own past leaves open, with intervals of 95 % over logs or stretches of them"
+    yield "shares are of what a field's own past does not explain; 95 % intervals are over logs or stretches of them"
     yield (
-        "nothing was perturbed: what drives two fields at once and is not in these logs may stand behind it"
-        "; `riot permeability` tries it"
+        "nothing was perturbed, so a common cause of two fields that is not in these logs may be the reason"
+        "; `riot permeability` tests that"
     )
 
 

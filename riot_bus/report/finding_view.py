@@ -195,12 +195,12 @@ class FindingView:
             told = again if activation.replays else "not replayed yet"
             if activation.replays_failed:
                 nominal = f"{activation.controls_failed} of {activation.controls}"
-                told += f", not for certain more often than with nominal inputs ({nominal})"
+                told += f", not significantly more often than with nominal inputs ({nominal})"
             return [TextPart("; one run of the whole system failed through "), *names, TextPart(f", but {told}")]
         if self.permeability is None:
             return [TextPart("; whether the outside world can cause this is not known")]
         if not self.permeability.edges:
-            return [TextPart("; of no external field could be told whether it reaches it")]
+            return [TextPart("; whether any external field reaches it could not be determined")]
         if not self.permeability.permeable:
             return [TextPart("; none of the external fields that were tested reaches it")]
         reached = [TextPart("; the outside world influences it through "), *names]

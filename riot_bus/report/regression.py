@@ -18,14 +18,14 @@ __all__ = ["file_stem", "regression_name", "write_regression_test"]
 _TEXT = '''\
 """{component} {what}.
 
-riot found this; this file is about the finding in its folder. It plays the shortest failing log there to fresh
-processes of {component}, as `riot reproduce` does: the test fails as long as the failure comes, and passes once
-it is mended.
+riot found this failure; the finding is the folder of this file. The test plays the shortest failing log there to
+fresh processes of {component}, as `riot reproduce` does: it fails as long as the failure occurs, and passes once
+it is fixed.
 
     pytest {name}
 
-It needs riot_bus and what it plays to, nothing else. To have it in a test suite, copy the whole folder there and
-call this file test_{stem}.py.
+It needs only riot_bus and the component that it tests. To use it in a test suite, copy the whole folder there and
+rename this file to test_{stem}.py.
 """
 
 import os

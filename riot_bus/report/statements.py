@@ -207,14 +207,14 @@ def _rule(view: FindingView) -> list[Statement]:
     if view.rule is None:
         return []
     return [
-        Statement("what the rule calls a failure, fails (precision)", *_proportion(view.rule.precision)),
-        Statement("what fails, the rule calls a failure (recall)", *_proportion(view.rule.recall)),
+        Statement("failures that the rule predicts occur (precision)", *_proportion(view.rule.precision)),
+        Statement("failures that occur are predicted by the rule (recall)", *_proportion(view.rule.recall)),
         *(
             Statement(told, *_proportion(rate, kind))
             for told, rate, kind in (
-                ("behind nominal messages, what the rule says is so", view.rule.in_context, "fresh trial"),
+                ("with nominal messages first, the rule is right", view.rule.in_context, "fresh trial"),
                 (
-                    f"in the campaign, what the rule says was so{_but(view.rule)}",
+                    f"in the campaign, the rule was right{_but(view.rule)}",
                     view.rule.in_campaign,
                     "earlier trial",
                 ),

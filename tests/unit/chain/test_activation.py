@@ -228,7 +228,7 @@ def test_a_system_that_fails_by_itself_as_often_is_not_activated(tmp_path: Path,
     assert (record.found, record.replays, record.region) == (None, 0, None)
     assert 0 < record.controls_failed < record.controls
     assert record.chance > 0
-    assert "but was not shown to come more often there than with nominal inputs" in record.summary
+    assert "but was not shown to fail more often there than with nominal inputs" in record.summary
     record.save(one.folder)
     told = write_report(one.folder).read_text()
     assert f"it failed at {record.chance} points, but not for certain more often: {record.controls_failed} of" in told

@@ -34,7 +34,7 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert (record.own_mistakes, record.own_mistake) == (0, {})
     assert (record.topics, record.context) == (("command",), ())
     assert not (one.folder / "context.mcap").exists()
-    told = f"on {record.checks} fresh checks, right in 24 of 24 trials behind nominal messages, {record.trials} trials)"
+    told = f"on {record.checks} fresh checks, right in 24 of 24 trials that start with nominal messages, {record.trials} trials)"
     assert record.summary.endswith(told)
 
 
@@ -61,9 +61,9 @@ def test_a_rate_without_trials_behind_it_is_not_told() -> None:
     rule = RuleRecord(
         text="isnan(x)", rule={}, python="", precision=rate, recall=rate, balanced_accuracy=1.0, checks=60, scale={}
     )
-    assert rule.summary == "fails when isnan(x) (half tested: 0 of 60 fresh checks failed, 0 trials)"
+    assert rule.summary == "fails when isnan(x) (tested with one outcome only: 0 of 60 fresh checks failed, 0 trials)"
     none = rule.model_copy(update={"checks": 0})
-    assert none.summary == "fails when isnan(x) (not tested: no fresh checks could be had, 0 trials)"
+    assert none.summary == "fails when isnan(x) (not tested: no fresh checks were possible, 0 trials)"
 
 
 @pytest.mark.parametrize(("rate", "false", "told"), [(0.9, 0.01, (18, 20)), (0.3, 0.0, (6, 20)), (1.0, 0.0, (4, 4))])

@@ -37,4 +37,4 @@ def test_text_json_and_dot(logs):
 def test_a_field_that_cannot_be_told_of_ends_with_5(logs):
     done = run(*logs, "--to", "unit:mode")
     assert done.exit_code == 5
-    assert "unit:mode cannot be told of: it never changes within a log" in done.output
+    assert "unit:mode cannot be tested: it never changes within a log" in done.output

@@ -28,7 +28,7 @@ def test_where_no_effect_was_found_it_is_told_what_that_means() -> None:
         )  # fmt: skip
 
     within = edge("within runs")
-    share = "a share of 0.12 is needed to show"
+    share = "an effect needs a share of 0.12 to show"
     assert within.limits == f"{share}, nominal values only, never one value for a whole run"
     assert edge("within runs", "between runs").limits == f"{share}, nominal values only"
     assert edge("within runs", "beyond nominal").limits == share

@@ -58,7 +58,7 @@ def test_what_has_failed_is_told_by_name_and_the_rest_in_a_line() -> None:
     assert effects.lines()[1:] == [
         "tried on topic b: 1 of 4 failed, 95 %: 0.0% to 81.0%",
         "tried on 2 other topics: 0 of 14 failed, 95 %: at most 52.0% of each",
-        "failed with others, not told apart, so in none of these shares: 2 on a, 1 on c",
+        "failed only together with others, so not counted in these shares: 2 on a, 1 on c",
     ]
 
 

@@ -21,7 +21,7 @@ def rate(count: int, total: int) -> ProportionRecord:
         ({}, ""),
         ({"in_campaign": rate(98, 98), "in_context": rate(23, 24)}, ""),
         ({"in_campaign": rate(77, 112)}, "right in only 77 of 112 trials of the campaign"),
-        ({"in_context": rate(8, 14)}, "right in only 8 of 14 trials behind nominal messages"),
+        ({"in_context": rate(8, 14)}, "right in only 8 of 14 trials that start with nominal messages"),
         (
             {"varied_mistakes": 10, "varied_checks": 19},
             "wrong in 10 of 19 checks with other values of all other fields",
@@ -31,7 +31,7 @@ def rate(count: int, total: int) -> ProportionRecord:
             {"own_mistakes": 1, "own_mistake": {"x": float("nan"), "mode": 1}},
             "wrong in 1 of the trials that it was learnt from: x = nan, mode = 1",
         ),
-        ({"balanced_accuracy": None, "checks": 60}, "half tested"),
+        ({"balanced_accuracy": None, "checks": 60}, "tested with one outcome only"),
         ({"balanced_accuracy": None, "checks": 0}, "not tested"),
     ],
 )

@@ -6,11 +6,13 @@ from tests.unit.report.backtracks import RECORD
 
 def test_text_says_what_each_step_rests_on():
     follows = "12 % (10 to 15 %), after 55 ms, p = 0.005, 1,200 messages of 4 logs"
-    silent = "1 pair of fields, 1,200 messages of 4 logs; 0.8 % or more would about have shown"
+    silent = (
+        "1 pair of fields, 1,200 messages of 4 logs; an effect of 0.8 % or more would have shown about half of the time"
+    )
     assert list(lines(RECORD)) == [
         "/unit:v, /unit:w: 6,000 messages of 21,258 in 4 logs",
-        "who reads and writes what is told by riot.toml",
-        "/unit:w cannot be told of: it never changes within a log",
+        "source of readers and writers of topics: riot.toml",
+        "/unit:w cannot be tested: it never changes within a log",
         "",
         "/unit",
         "└─ /map by planner",
@@ -38,10 +40,10 @@ def test_text_says_what_each_step_rests_on():
         "not recorded: /lost",
         "not looked at, as there were too many: /map:z",
         "28% of the time was looked at",
-        "68 pairs of fields tested, for each field with a chance of at most 1.0 % that any other is named by accident;",
-        "shares are of what a field's own past leaves open, with intervals of 95 % over logs or stretches of them",
-        "nothing was perturbed: what drives two fields at once and is not in these logs may stand behind it; "
-        "`riot permeability` tries it",
+        "68 pairs of fields tested; for each field, the chance that any other is named by accident is at most 1.0 %",
+        "shares are of what a field's own past does not explain; 95 % intervals are over logs or stretches of them",
+        "nothing was perturbed, so a common cause of two fields that is not in these logs may be the reason; "
+        "`riot permeability` tests that",
     ]
 
 
@@ -55,14 +57,14 @@ def test_nothing_found_is_not_none():
 def test_without_a_bound_few_messages_are_told():
     silent = RECORD.ranking[1].model_copy(update={"detectable": None})
     text = "\n".join(lines(RECORD.model_copy(update={"ranking": (silent,)})))
-    assert "too few messages for any to show" in text
+    assert "too few messages to show any effect" in text
 
 
 def test_pairs_without_a_bound_are_counted_apart() -> None:
     silent = RECORD.ranking[1]
     some = (silent, silent.model_copy(update={"detectable": None}))
     text = "\n".join(lines(RECORD.model_copy(update={"ranking": some})))
-    told = "0.8 % or more would about have shown, but 1 of them had too few messages for any to show"
+    told = "an effect of 0.8 % or more would have shown about half of the time, but 1 of them had too few messages to show any effect"
     assert f"2 pairs of fields, 1,200 messages of 4 logs; {told}" in text
 
 

@@ -36,7 +36,7 @@ def test_replays_have_to_fail_more_often_than_runs_with_nominal_inputs(
     assert view.severity == severity
     told = "".join(part.text for part in view.verdict())
     assert ("the outside world reaches it through" in told) == (severity == "activated")
-    nominal = f", not for certain more often than with nominal inputs ({controls[0]} of {controls[1]})."
+    nominal = f", not significantly more often than with nominal inputs ({controls[0]} of {controls[1]})."
     assert told.endswith(nominal) == (severity != "activated" and failed > 0)
 
 

@@ -54,9 +54,11 @@ def test_a_finding_has_what_its_page_has(tmp_path: Path) -> None:
     assert "`planner` crashes when `/map:x < 0`; " in text
     assert "At `rover/riot.toml:1`:" in text
     assert f"again     riot reproduce {tmp_path}" in text
-    assert ["what the rule calls a failure, fails (precision)", "98 of 100 fresh trials", "95 %: 93 to 100 %"] in cells(
-        text
-    )
+    assert [
+        "failures that the rule predicts occur (precision)",
+        "98 of 100 fresh trials",
+        "95 %: 93 to 100 %",
+    ] in cells(text)
     assert "**What was not tried**" in text
 
 

@@ -35,7 +35,7 @@ def test_a_rule_is_told_with_the_trials_behind_it_and_nothing_without_trials(tmp
     right = ProportionRecord(value=22 / 24, low=0.73, high=0.99, count=22, total=24)
     none = ProportionRecord(value=1.0, low=0.0, high=1.0)
     found = {one.claim: one for one in told(tmp_path, in_context=right, in_campaign=none)}
-    context = found["behind nominal messages, what the rule says is so"]
+    context = found["with nominal messages first, the rule is right"]
     assert context.evidence.replace("\N{NO-BREAK SPACE}", " ") == "22 of 24 fresh trials"
     assert context.confidence == "95 %: 73 to 99 %"
     assert not [claim for claim in found if "campaign" in claim]
@@ -146,7 +146,7 @@ def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
         assert any(one.claim == absent for one in statements(view)) == claimed
         told = "".join(part.text for part in view.verdict())
         assert ("none of the external fields that were tested reaches it" in told) == claimed
-        assert ("of no external field could be told whether it reaches it" in told) == (not claimed)
+        assert ("whether any external field reaches it could not be determined" in told) == (not claimed)
         assert any("1 external field not tested (no internal field had values" in gap for gap in not_tried(view))
         assert "What reaches /map_updates:z from outside: it had no value in any long run." in not_tried(view)
 
