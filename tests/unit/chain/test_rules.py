@@ -34,7 +34,8 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert (record.own_mistakes, record.own_mistake) == (0, {})
     assert (record.topics, record.context) == (("command",), ())
     assert not (one.folder / "context.mcap").exists()
-    told = f"on {record.checks} fresh checks, right in 24 of 24 trials that start with nominal messages, {record.trials} trials)"
+    context = "right in 24 of 24 trials that start with nominal messages"
+    told = f"on {record.checks} fresh checks, {context}, {record.trials} trials)"
     assert record.summary.endswith(told)
 
 
