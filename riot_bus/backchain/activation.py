@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -151,9 +152,9 @@ def activate(
     search = _Turns(
         _Search([Dimension(each, at) for at, each in enumerate(fields)], (seed,), methods), families, seed, methods
     )
-    points = [{each.name: one.get(each.name, each.usual) for each in fields} for one in promising]
-    may = [one for one in points if all(each.low <= one[each.name] <= each.high for each in fields)]
-    for one in may[:_PROMISING]:
+    elsewhere = ({each.name: one.get(each.name, each.usual) for each in fields} for one in promising)
+    allowed = (one for one in elsewhere if all(each.low <= one[each.name] <= each.high for each in fields))
+    for one in islice(allowed, _PROMISING):
         search.promise(one)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     known = [*fields, *(each.search for family in families for each in family)]

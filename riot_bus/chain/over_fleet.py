@@ -7,7 +7,6 @@ import json
 import logging
 import threading
 import time
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal
@@ -110,18 +109,20 @@ def run_over(
         waiting: SimpleQueue[LogEntry] = SimpleQueue()  # a signal that raises never leaves it locked, unlike futures
         for each in fresh:
             waiting.put(each)
-        answers: SimpleQueue[LogAnswer] = SimpleQueue()
+        answers: SimpleQueue[LogAnswer | BaseException] = SimpleQueue()
         count = min(workspace.jobs, len(fresh))
         threads = [threading.Thread(target=work.answer_all, args=(waiting, answers), daemon=True) for _ in range(count)]
         try:
             for thread in threads:
                 thread.start()
             for done in range(1, len(fresh) + 1):
-                found = answers.get()
-                known[found.place] = found
-                if found.answer != "error":
-                    store.put(keys[found.place], found)
-                step.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
+                answer = answers.get()
+                if isinstance(answer, BaseException):
+                    raise answer
+                known[answer.place] = answer
+                if answer.answer != "error":
+                    store.put(keys[answer.place], answer)
+                step.progress(done, len(fresh), f"{answer.answer} {answer.place[-50:]}")
         finally:
             work.stop()
             for thread in threads:
@@ -162,11 +163,15 @@ class _Work:
     def stop(self) -> None:
         self._stopping.set()
 
-    def answer_all(self, waiting: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer]) -> None:
-        """Try logs until there are no more, or it is stopped."""
-        with suppress(Empty, KeyboardInterrupt):
+    def answer_all(self, waiting: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer | BaseException]) -> None:
+        """Try logs until there are no more, or it is stopped; whatever else ends it is an answer, too."""
+        try:
             while not self._stopping.is_set():
                 answers.put(self.answer(waiting.get_nowait()))
+        except Empty:
+            pass
+        except BaseException as error:
+            answers.put(error)
 
     def answer(self, log: LogEntry) -> LogAnswer:
         """Try one log; what goes wrong is an answer too."""

@@ -27,11 +27,15 @@ def agent(
     logs: Annotated[
         Path | None,
         typer.Option(
-            "--logs", metavar="FOLDER", envvar="RIOT_AGENT_LOGS", help="Nothing outside of it is read or written."
+            "--logs",
+            metavar="FOLDER",
+            envvar="RIOT_AGENT_LOGS",
+            help="Folder of the robot's logs; no others are read or written.",
         ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(metavar="NAME", envvar="RIOT_ROBOT", help="Its name. [default: this machine's]")
+        str | None,
+        typer.Option(metavar="NAME", envvar="RIOT_ROBOT", help="Name of this robot. [default: this machine's name]"),
     ] = None,
     endpoint: Annotated[
         str,
@@ -42,7 +46,7 @@ def agent(
         typer.Option(
             metavar="ENDPOINT",
             envvar="RIOT_FLEET",
-            help="Router that gives commands. [default: that of the robot's bus]",
+            help="The fleet's router, through which commands come. [default: that of the robot's bus]",
         ),
     ] = None,
     cfg: Annotated[
@@ -50,7 +54,7 @@ def agent(
         typer.Option(
             metavar="KEY=VALUE",
             envvar="RIOT_CLIENT_CFG",
-            help="A Zenoh setting of clients of the robot's bus; KEY=@FILE for passwords; repeatable.",
+            help="A Zenoh setting for connections to the robot's bus; KEY=@FILE for passwords; repeatable.",
         ),
     ] = None,
     fleet_cfg: Annotated[
@@ -58,29 +62,29 @@ def agent(
         typer.Option(
             metavar="KEY=VALUE",
             envvar="RIOT_FLEET_CFG",
-            help="Of the client of the fleet's router, such as a certificate; KEY=@FILE for passwords; repeatable.",
+            help="A Zenoh setting for the connection to the fleet's router; KEY=@FILE for passwords; repeatable.",
         ),
     ] = None,
     allow: Annotated[
         list[str] | None,
-        typer.Option(metavar="play|record|nothing", help="What it may do; repeatable. [default: play and record]"),
+        typer.Option(
+            metavar="play|record|nothing", help="What this agent may do; repeatable. [default: play and record]"
+        ),
     ] = None,
     catalogue: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             envvar="RIOT_AGENT_CATALOGUE",
-            help="Where to keep what it knows of its logs, so that they are not read again at each start.",
+            help="File to keep what is known of the logs, so that they are not read again at each start.",
         ),
     ] = None,
-    keep_free: Annotated[
-        str, typer.Option(metavar="SIZE", help="So much of the disk is left free by recordings.")
-    ] = "512MiB",
+    keep_free: Annotated[str, typer.Option(metavar="SIZE", help="Disk space that recordings leave free.")] = "512MiB",
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Play and record logs on this robot, as commands from afar say: see `riot fleet play`.
+    """Play and record logs on this robot by remote command: see `riot fleet play`.
 
-    Runs until it is told to end. The link to the fleet's router may break at any time: it is made again.
+    Runs until it is told to end. If the link to the fleet's router breaks, it connects again.
     """
     from riot_bus.agent.names import default_robot
     from riot_bus.agent.options import PERMISSIONS, AgentOptions
@@ -116,20 +120,23 @@ def acl(
     roles: Annotated[
         list[str],
         typer.Argument(
-            metavar="ROLE[=USER]...", help="agent, controller or viewer, and who has this role; a role alone is a user."
+            metavar="ROLE[=USER]...",
+            help="agent, controller or viewer, and the user with this role; by default named like it.",
         ),
     ],
     *,
-    robot: Annotated[str, typer.Option(metavar="NAME", help="Only this robot; for agents: its own.")] = "*",
-    segment: Annotated[str, typer.Option(metavar="NAME", help="Of the fleet's router, in its riot.toml.")] = "fleet",
+    robot: Annotated[str, typer.Option(metavar="NAME", help="Robot that the rules are about; *: all.")] = "*",
+    segment: Annotated[
+        str, typer.Option(metavar="NAME", help="Segment of the fleet's router, as its riot.toml names it.")
+    ] = "fleet",
     certificates: Annotated[
         bool, typer.Option("--certificates", help="Users are common names of certificates (mutual TLS).")
     ] = False,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Print Zenoh's rules of access for a fleet's router: each role may do what it needs, all else is denied.
+    """Print Zenoh's access control rules for a fleet's router: each role may do what it needs, all else is denied.
 
-    As text for the riot.toml of `riot router`, as JSON for the configuration file of any Zenoh router.
+    --format text is for the riot.toml of `riot router`, --format json for the configuration file of any Zenoh router.
     """
     import json
 

@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="A file .tlog.")],
+    file: Annotated[Path, typer.Argument(help="The .tlog file to read.")],
     log: Annotated[Path, typer.Argument(help="The MCAP file to write.")],
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the log if it exists.")] = False,
@@ -34,7 +34,7 @@ def import_(
     ] = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Make a log of a file of another format: a telemetry log of MAVLink (.tlog).
+    """Convert a file of another format to a log: a MAVLink telemetry log (.tlog).
 
     Exit code 3: the file is damaged, and what could be read was written.
     """

@@ -30,7 +30,7 @@ def backchain(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Nominal logs (.mcap), or folders of bags.")],
     *,
     to: Annotated[
-        str, typer.Option("--to", metavar="FIELD|FINDING", help="Internal field, TOPIC:FIELD, or a finding's folder.")
+        str, typer.Option("--to", metavar="FIELD|FINDING", help="Internal field (TOPIC:FIELD), or folder of a finding.")
     ],
     system: Annotated[
         Path | None,
@@ -38,10 +38,10 @@ def backchain(
     ] = None,
     external: Annotated[
         list[str] | None,
-        typer.Option("--external", metavar="TOPIC", help="Topic that the outside controls; repeatable."),
+        typer.Option("--external", metavar="TOPIC", help="Topic that is controlled from outside; repeatable."),
     ] = None,
     delay: Annotated[
-        float, typer.Option("--delay", min=0.001, help="Longest delay of one step that is looked for, in seconds.")
+        float, typer.Option("--delay", min=0.001, help="Longest delay to look for in one step of a path, in seconds.")
     ] = 2.0,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Picture to draw: .svg, .png or .pdf.")
@@ -51,9 +51,9 @@ def backchain(
         _Form, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")
     ] = _Form.TEXT,
 ) -> None:
-    """Find, by nominal logs alone, which external fields an internal one follows, and by which ways. Nothing is run.
+    """Find which external fields an internal field follows, and along which paths, from nominal logs alone.
 
-    Exit code 5: the field cannot be told of by these logs.
+    Nothing is run. Exit code 5: these logs tell nothing about the field.
     """
     import json
 

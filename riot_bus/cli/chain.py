@@ -45,12 +45,14 @@ Trials = Annotated[
         "--trials",
         "-n",
         min=1,
-        help="Budget: injected trials of the unit. [default: 100, no limit if another end is given]",
+        help="Maximum number of injected trials of the unit. [default: 100, no limit if another option ends the test]",
         show_default=False,
     ),
 ]
-Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
-Covered = Annotated[bool, typer.Option("--covered", help="End when each value and fault was tried once.")]
+Seconds = Annotated[
+    float | None, typer.Option("--seconds", "-t", min=0.1, help="Time for trials of the unit, in seconds.")
+]
+Covered = Annotated[bool, typer.Option("--covered", help="End once each value and fault has been tried.")]
 
 
 class _StepGroup(TyperGroup):
@@ -202,11 +204,13 @@ def demo(
     seed: Seed = 0,
     jobs: Jobs = 0,
     executor: Executor = None,
-    budget: Annotated[int, typer.Option("--budget", min=1, help="Budget: injected trials of the unit.")] = 60,
+    budget: Annotated[int, typer.Option("--budget", min=1, help="Maximum number of injected trials.")] = 60,
     form: EventFormat = StreamFormat.TEXT,
-    system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system than the rover.")] = None,
+    system: Annotated[
+        Path | None, typer.Option("--system", "-s", help="System file to use instead of the rover's.")
+    ] = None,
 ) -> None:
-    """Run the whole chain on the rover, from a nominal recording to the inputs that make the system fail."""
+    """Run all steps on the example rover, from a nominal recording to the inputs that make the system fail."""
     from riot_bus.chain.demo import demo as run_demo
     from riot_bus.chain.demo import find_example
     from riot_bus.findings.records import CampaignRecord
@@ -231,7 +235,7 @@ def run_tests(
     seconds: Seconds = None,
     covered: Covered = False,
     whole_system: Annotated[
-        bool, typer.Option("--whole-system", help="Run the system and inject into what comes from outside.")
+        bool, typer.Option("--whole-system", help="Run the whole system and inject into what comes from outside.")
     ] = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
@@ -239,7 +243,7 @@ def run_tests(
     form: EventFormat = StreamFormat.TEXT,
     report: Reports = None,
 ) -> None:
-    """Test one unit, or the running system, with exceptional values and group failures into findings."""
+    """Test one unit, or the whole system, with exceptional values, and group failures into findings."""
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
@@ -267,11 +271,11 @@ def analyze(
     within: Annotated[
         str | None,
         typer.Option(
-            "--for", metavar="TIME", help="Time for all steps together, such as 30min; --trials does not count then."
+            "--for", metavar="TIME", help="Time for all steps together, such as 30min; --trials then has no effect."
         ),
     ] = None,
     further: Annotated[
-        list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")
+        list[str] | None, typer.Option("--step", help="Also run this step of another package; repeatable.")
     ] = None,
     prune: Annotated[
         bool, typer.Option("--prune/--no-prune", help="Leave out external topics with no path to the relevant fields.")
@@ -282,7 +286,7 @@ def analyze(
     form: EventFormat = StreamFormat.TEXT,
     report: Reports = None,
 ) -> None:
-    """Run the whole chain on a system; run it again to go on where it stopped."""
+    """Run all steps on a system, from test to report; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze_all
     from riot_bus.chain.robustness import test_unit, tested
     from riot_bus.chain.within import analyze_within
@@ -330,17 +334,24 @@ def reproduce(
     *,
     times: Annotated[
         int | None,
-        typer.Option("--times", min=1, help="Fresh trials. [default: as many as decide]", show_default=False),
+        typer.Option(
+            "--times",
+            min=1,
+            help="Number of fresh trials. [default: as many as it takes to decide]",
+            show_default=False,
+        ),
     ] = None,
     whole_system: Annotated[
         bool, typer.Option("--whole-system", help="Play the external messages to the whole system instead.")
     ] = False,
-    system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system file than recorded.")] = None,
+    system: Annotated[
+        Path | None, typer.Option("--system", "-s", help="System file to use instead of the recorded one.")
+    ] = None,
     jobs: Jobs = 0,
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Does a finding still fail? Exit 0 fixed, 1 still failing, 4 cannot be run, 5 not decided."""
+    """Check whether a finding still fails. Exit 0: fixed, 1: still failing, 4: cannot be run, 5: not decided."""
     from dataclasses import asdict
 
     from riot_bus.chain.reproduce import reproduce as run_again

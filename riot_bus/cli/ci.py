@@ -30,7 +30,7 @@ Units = Annotated[
     typer.Option("--unit", "-u", help="Unit to test; may be repeated. [default: all]", show_default=False),
 ]
 Baseline = Annotated[
-    Path, typer.Option("--baseline", "-b", envvar="RIOT_BASELINE", help="File of the findings that are known.")
+    Path, typer.Option("--baseline", "-b", envvar="RIOT_BASELINE", help="File that lists the known findings.")
 ]
 Strict = Annotated[
     bool, typer.Option("--strict", help="Exit 4 if something was not tested, 5 if something is inconclusive.")
@@ -43,7 +43,7 @@ Trials = Annotated[
 ]
 Keep = Annotated[
     Path | None,
-    typer.Option("--keep", metavar="DIR", help="Keep there what it takes to play these findings again."),
+    typer.Option("--keep", metavar="DIR", help="Folder for copies of what is needed to play these findings again."),
 ]
 
 
@@ -66,7 +66,7 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands."""
     group = typer.Typer(cls=_Group, no_args_is_help=True)
     group.callback()(lambda: None)
-    app.add_typer(group, name="ci", help="Tests of a repository: of each change, each night, and of what is fixed.")
+    app.add_typer(group, name="ci", help="Test a repository: each change, each night, and which findings are fixed.")
 
 
 def change(
@@ -74,7 +74,9 @@ def change(
     system: System = DEFAULT_SYSTEM,
     unit: Units = None,
     baseline: Baseline = DEFAULT_BASELINE,
-    minutes: Annotated[float, typer.Option("--minutes", "-m", min=0.01, help="Time for all units.")] = 5.0,
+    minutes: Annotated[
+        float, typer.Option("--minutes", "-m", min=0.01, help="Time for all units together, in minutes.")
+    ] = 5.0,
     trials: Trials = None,
     stop_early: Annotated[
         bool, typer.Option("--stop-early/--no-stop-early", help="End the test of a unit at its first new finding.")
@@ -102,7 +104,9 @@ def batch(
     system: System = DEFAULT_SYSTEM,
     unit: Units = None,
     baseline: Baseline = DEFAULT_BASELINE,
-    minutes: Annotated[float, typer.Option("--minutes", "-m", min=0.01, help="Time for all units.")] = 60.0,
+    minutes: Annotated[
+        float, typer.Option("--minutes", "-m", min=0.01, help="Time for all units together, in minutes.")
+    ] = 60.0,
     trials: Trials = None,
     update: Annotated[bool, typer.Option("--update", help="Add new findings to the baseline.")] = False,
     keep: Keep = None,
@@ -114,7 +118,7 @@ def batch(
     report: Reports = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Test for long, and explain what is found. Exit 1 if there is a finding that the baseline does not know."""
+    """Test for a long time, and explain what is found. Exit 1 if there is a finding that the baseline does not know."""
     from riot_bus.chain.ci import CiPlan, run_ci
     from riot_bus.chain.ci_baseline import accept as accepted
     from riot_bus.chain.ci_baseline import check_keep, moment
@@ -146,7 +150,7 @@ def prune(
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Which known findings are fixed? Exit 1 only if one that was marked as fixed fails again."""
+    """Say which known findings are fixed. Exit 1 only if one that was marked as fixed fails again."""
     from riot_bus.chain.ci_baseline import moment
     from riot_bus.chain.ci_baseline import prune as pruned
     from riot_bus.cli.chain import show
@@ -162,10 +166,12 @@ def prune(
 
 
 def accept(
-    findings: Annotated[list[Path], typer.Argument(metavar="FINDING...", help="Folders of findings, or of outputs.")],
+    findings: Annotated[
+        list[Path], typer.Argument(metavar="FINDING...", help="Folders of findings, or output folders.")
+    ],
     *,
     baseline: Baseline = DEFAULT_BASELINE,
-    note: Annotated[str | None, typer.Option(help="What people should know of them, such as a ticket.")] = None,
+    note: Annotated[str | None, typer.Option(help="Note on these findings, such as the number of a ticket.")] = None,
     keep: Keep = None,
 ) -> None:
     """Add findings to the baseline, so that they fail no build; those that were marked as fixed are open again."""

@@ -31,7 +31,7 @@ def check(
     system: System = Path("riot.toml"),
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Would the workers of a cluster take trials of a system? Exit code 4: none or not all would."""
+    """Check that the workers of a cluster would take trials of a system. Exit code 4: none or not all would."""
     from dataclasses import asdict
 
     from riot_bus.cluster.check import check_cluster

@@ -65,8 +65,8 @@ def register(app: typer.Typer) -> None:
     ctl.command()(status)
     ctl.command()(counts)
     groups: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
-        "intercept": ("What is intercepted.", {"add": intercept_add, "remove": intercept_remove}),
-        "plan": ("The injection plan.", {"load": plan_load, "clear": plan_clear}),
+        "intercept": ("Change what is intercepted.", {"add": intercept_add, "remove": intercept_remove}),
+        "plan": ("Load or clear the injection plan.", {"load": plan_load, "clear": plan_clear}),
     }
     for name, (text, commands) in groups.items():
         group = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
@@ -86,36 +86,36 @@ def connection(
 
 
 def status(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
-    """Segments and components, interceptors and their errors, plan, recording, counts, losses, ways around."""
+    """Show segments, components, interceptors and their errors, plan, recording, counts, losses and bypasses."""
     from riot_bus.control.status_text import status_lines
 
     _ask(context, form, "status", status_lines)
 
 
 def counts(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
-    """What happened to each topic so far."""
+    """Show what has happened to the messages of each topic so far."""
     from riot_bus.control.status_text import counts_lines
 
     _ask(context, form, "counts", counts_lines)
 
 
 def intercept_add(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
-    """Intercept more; natively routed messages are interrupted for about 100 ms."""
+    """Intercept more topics; natively routed messages are interrupted, and lost, for about 100 ms."""
     _ask(context, form, "intercept/add", payload=_json(keys=keys))
 
 
 def intercept_remove(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
-    """Intercept less."""
+    """Stop intercepting these topics."""
     _ask(context, form, "intercept/remove", payload=_json(keys=keys))
 
 
 def plan_load(
     context: typer.Context,
-    file: Annotated[Path, typer.Argument(help="The plan; it is read here and sent to the router.")],
+    file: Annotated[Path, typer.Argument(help="The plan; read on this machine and sent to the router.")],
     *,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Carry out another injection plan."""
+    """Replace the injection plan."""
     from riot_bus.control.remote import plan_payload
 
     payload, parameters = plan_payload(file)
@@ -123,7 +123,7 @@ def plan_load(
 
 
 def plan_clear(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
-    """Carry out no injection plan."""
+    """Stop injecting: remove the injection plan."""
     _ask(context, form, "plan/clear")
 
 

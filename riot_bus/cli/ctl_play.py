@@ -19,24 +19,24 @@ PlayerName = Annotated[
 
 def group() -> typer.Typer:
     """Return the commands."""
-    found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="A running player.")
+    found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Control a running player.")
     for each in (status, pause, resume, step, seek, rate, stop):
         found.command()(each)
     return found
 
 
 def status(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Where it is, and how late its messages are."""
+    """Show where the player is, and how late its messages are."""
     _tell(context, player, form, "status")
 
 
 def pause(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Pause."""
+    """Pause playing."""
     _tell(context, player, form, "pause")
 
 
 def resume(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Go on."""
+    """Go on playing after a pause."""
     _tell(context, player, form, "resume")
 
 
@@ -53,28 +53,28 @@ def step(
 
 def seek(
     context: typer.Context,
-    time: Annotated[float, typer.Argument(metavar="SECONDS", help="From the logs' beginning.")],
+    time: Annotated[float, typer.Argument(metavar="SECONDS", help="Time since the beginning of the logs.")],
     *,
     player: PlayerName = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Go on from another time."""
+    """Go on playing from another time."""
     _tell(context, player, form, "seek", time=time)
 
 
 def rate(
     context: typer.Context,
-    speed: Annotated[float, typer.Argument(metavar="RATE", help="0 is as fast as possible.")],
+    speed: Annotated[float, typer.Argument(metavar="RATE", help="1: as recorded; 0: as fast as possible.")],
     *,
     player: PlayerName = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Go on at another speed."""
+    """Go on playing at another speed."""
     _tell(context, player, form, "rate", rate=speed)
 
 
 def stop(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """End the play."""
+    """Stop playing."""
     _tell(context, player, form, "stop")
 
 

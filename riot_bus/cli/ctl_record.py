@@ -16,14 +16,18 @@ __all__ = ["group"]
 
 RecorderName = Annotated[
     str | None,
-    typer.Option("--recorder", metavar="NAME", envvar="RIOT_RECORDER", help="A riot record, if also routers answer."),
+    typer.Option(
+        "--recorder", metavar="NAME", envvar="RIOT_RECORDER", help="Control this riot record, even if a router answers."
+    ),
 ]
-LogPath = Annotated[str | None, typer.Argument(metavar="PATH", help="On that machine, in its folder of recordings.")]
+LogPath = Annotated[
+    str | None, typer.Argument(metavar="PATH", help="File on the recording machine, in its folder of recordings.")
+]
 
 
 def group() -> typer.Typer:
     """Return the commands."""
-    text = "The recording of a router, or of riot record where no router answers or --recorder names it."
+    text = "Control a router's recording, or riot record if no router answers or --recorder names one."
     found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
     for each in (start, stop, split, status, pause, resume, dump):
         found.command()(each)
@@ -33,7 +37,7 @@ def group() -> typer.Typer:
 def start(
     context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Record all that passes, into a new file only; riot record goes on when it is paused."""
+    """Record all that passes, into a new file; a paused riot record goes on."""
     _tell(context, recorder, form, "start", path=path)
 
 
@@ -50,24 +54,24 @@ def split(
 
 
 def status(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """What riot record does, and what it has lost; for a router's recording see riot ctl status."""
+    """Show what riot record does and what it has lost; for a router's recording see riot ctl status."""
     _tell(context, recorder, form, "status", only=True)
 
 
 def pause(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Let riot record record nothing."""
+    """Pause riot record."""
     _tell(context, recorder, form, "pause", only=True)
 
 
 def resume(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Let riot record go on."""
+    """Resume riot record after a pause."""
     _tell(context, recorder, form, "resume", only=True)
 
 
 def dump(
     context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Let riot record --ring write what it has kept."""
+    """Make riot record --ring write what it keeps in memory."""
     _tell(context, recorder, form, "dump", only=True, path=path)
 
 

@@ -27,9 +27,14 @@ _SHOWN = 8
 
 _System = Annotated[
     Path | None,
-    typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file whose unit's inputs are looked at."),
+    typer.Option(
+        "--system", "-s", envvar="RIOT_SYSTEM", help="System file; only the inputs of its unit are looked at."
+    ),
 ]
-_Log = Annotated[Path | None, typer.Option(metavar="LOG", help="Log to look at. [default: that of the system file]")]
+_Log = Annotated[
+    Path | None,
+    typer.Option(metavar="LOG", help="Log to check the dictionary against. [default: that of the system file]"),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -73,14 +78,14 @@ def list_all(
 
 
 def show(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A listed one, such as float64, or a file.")],
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A listed dictionary, such as float64, or a file.")],
     *,
     log: _Log = None,
     system: _System = None,
     unit: UnitName = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Show the values and mutations of a dictionary, and with a log which of its fields they apply to."""
+    """Show the values and mutations of a dictionary and, given a log, the fields in it that they apply to."""
     from riot_bus.chain.dictionaries import beside, find_dictionary, what_applies
 
     where = beside(log, system, unit)
@@ -104,7 +109,7 @@ def validate(
     unit: UnitName = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Say what is wrong with a dictionary file, and beside a log what of it can never apply. Exit code 2: something."""
+    """Check a dictionary file and, given a log, what of it can never apply. Exit code 2: something is wrong."""
     from riot_bus.chain.dictionaries import beside, wrong_with
 
     where = beside(log, system, unit)

@@ -30,11 +30,11 @@ def diff(
     tolerance: Tolerance = None,
     tolerances: ToleranceFile = None,
     propose: Annotated[
-        bool, typer.Option("--propose", help="Propose tolerances instead, from two nominal runs or more.")
+        bool, typer.Option("--propose", help="Propose tolerances instead, from two or more nominal runs.")
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="With --propose: write them there. [default: stdout]"),
+        typer.Option("--out", "-o", metavar="FILE", help="With --propose: file to write. [default: stdout]"),
     ] = None,
     topics: Annotated[
         list[str] | None, typer.Option(metavar="TOPIC", help="Compare these: names or key expressions; repeatable.")
@@ -48,12 +48,15 @@ def diff(
     ] = None,
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
     timing: Annotated[
-        float | None, typer.Option(min=0, metavar="SECONDS", help="Messages that come so much earlier or later differ.")
+        float | None,
+        typer.Option(
+            min=0, metavar="SECONDS", help="Also compare timing: messages may come this much earlier or later."
+        ),
     ] = None,
     order: Annotated[
-        bool, typer.Option("--order", help="The order of messages of different topics has to be the same, too.")
+        bool, typer.Option("--order", help="Also compare the order of messages of different topics.")
     ] = False,
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the result as an HTML page.")] = None,
     salvage: Salvage = False,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")

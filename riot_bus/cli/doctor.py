@@ -37,22 +37,26 @@ def doctor(
     ] = None,
     acl: Annotated[
         str | None,
-        typer.Option(metavar="ENDPOINT", help="See who can do what at a fleet's router, by trying it; some seconds."),
+        typer.Option(metavar="ENDPOINT", help="Try out who can do what at a fleet's router; takes some seconds."),
     ] = None,
     identity: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME:KEY=VALUE",
-            help="A Zenoh setting of one who tries it, for --acl; repeatable. Names that are roles (agent, controller, "
-            "viewer) are compared with what the role needs; one without any settings is tried too.",
+            help="A Zenoh setting of an identity that --acl tries; repeatable. One named like a role (agent, "
+            "controller, viewer) is compared with what the role needs; one without any settings is tried, too.",
         ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Whose keys, for --acl; its agent must not run. [default: none]")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="For --acl: robot whose keys are tried; its agent must not run. [default: a name that nobody has]",
+        ),
     ] = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """What about this host would spoil a run? Exit code 4: something would."""
+    """Check this host for what would spoil a run. Exit code 4: something would."""
     from dataclasses import asdict
 
     from riot_bus.doctor.checks import check

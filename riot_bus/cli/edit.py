@@ -35,9 +35,11 @@ def edit(
         str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
     ] = None,
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there; likewise.")] = None,
-    duration: Annotated[str | None, typer.Option(metavar="TIME", help="Keep so much, such as 90, 90s or 5min.")] = None,
+    duration: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Keep only this much, such as 90, 90s or 5min.")
+    ] = None,
     latched: Annotated[
-        bool, typer.Option("--latched", help="Begin with what latched topics have sent before --start.")
+        bool, typer.Option("--latched", help="Begin with the last messages of latched topics before --start.")
     ] = False,
     align: Annotated[bool, typer.Option("--align", help="Let all inputs begin at the same time.")] = False,
     keep: Annotated[
@@ -51,7 +53,7 @@ def edit(
     ] = None,
     drop: Annotated[
         list[str] | None,
-        typer.Option("--drop", "--exclude", metavar="'TOPIC ...'", help="Leave these out: likewise; repeatable."),
+        typer.Option("--drop", "--exclude", metavar="'TOPIC ...'", help="Leave out these; as for --keep; repeatable."),
     ] = None,
     change: Annotated[
         list[str] | None,
@@ -79,21 +81,21 @@ def edit(
         typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic, or all below it: '/a/**:=/b/**'."),
     ] = None,
     originals: Annotated[
-        bool, typer.Option("--originals/--no-originals", help="Keep what messages were before interceptors.")
+        bool, typer.Option("--originals/--no-originals", help="Also keep messages as they were before interceptors.")
     ] = True,
     salvage: Salvage = False,
     sort: Annotated[bool, typer.Option("--sort", help="Write by time, even if the input is in another order.")] = False,
     compression: Annotated[
-        str | None, typer.Option(metavar="zstd|lz4|none", help="Of the output. [default: as the input]")
+        str | None, typer.Option(metavar="zstd|lz4|none", help="Compression of the output. [default: as the input]")
     ] = None,
-    chunk_size: Annotated[str, typer.Option(metavar="SIZE", help="Of a chunk before compression.")] = "1MiB",
+    chunk_size: Annotated[str, typer.Option(metavar="SIZE", help="Size of a chunk before compression.")] = "1MiB",
     split_size: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="Begin another file then, such as 1GB.")
+        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
     ] = None,
     split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after so much of the log's time.")
+        str | None, typer.Option(metavar="TIME", help="Begin another file after this much of the log's time.")
     ] = None,
-    split_topics: Annotated[bool, typer.Option("--split-topics", help="A file for each topic.")] = False,
+    split_topics: Annotated[bool, typer.Option("--split-topics", help="Write a file for each topic.")] = False,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
@@ -103,11 +105,11 @@ def edit(
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Write nothing; say what would be kept.")] = False,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Make a log of logs: cut, drop, change, rename, merge, split, compress, recover.
+    """Make a new log from one or several: cut, drop, change, rename, merge, split, compress, recover.
 
-    Messages that are not touched keep their bytes. In this order: --start and --end, --keep, --drop, --set,
-    --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3: the input is
-    damaged; what can be read is written all the same.
+    Messages that are not touched keep their bytes. Options take effect in this order: --start and --end, --keep,
+    --drop, --set, --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3:
+    the input is damaged; what can be read is written all the same.
     """
     from riot_bus.config.arguments import parse_seconds, parse_size, parse_types
     from riot_bus.inject.injection_plan import InjectionPlan

@@ -20,8 +20,8 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[QUERY]...",
-        help="Such as robot=r7 topic=/odom type='nav_msgs/*' path='*/night/*' after=2026-11-01 before=7d "
-        "min-duration=5m max-duration=1h min-messages=100 lossless damaged gone; all must hold.",
+        help="Conditions, such as robot=r7 topic=/odom type='nav_msgs/*' path='*/night/*' after=2026-11-01 "
+        "before=7d min-duration=5m max-duration=1h min-messages=100 lossless damaged gone; all must hold.",
     ),
 ]
 
@@ -45,16 +45,16 @@ def index(
     catalogue: CatalogueFile = None,
     robot: Annotated[
         str | None,
-        typer.Option(help="Whose the logs are that do not say so. [default: as the folder below PLACE is called]"),
+        typer.Option(help="Robot of the logs that do not name one. [default: name of the folder directly below PLACE]"),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Logs that are read at once.")] = 4,
     prune: Annotated[bool, typer.Option("--prune", help="Forget logs that are gone.")] = False,
     scan: Annotated[
-        bool, typer.Option("--scan", help="Read all of each log, not its summary alone: finds all damage.")
+        bool, typer.Option("--scan", help="Read all of each log, not only its summary: finds all damage.")
     ] = False,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Add logs to the catalogue: what is new or has changed is read. Run it again at any time, also after a Ctrl-C.
+    """Add logs to the catalogue; only new or changed ones are read. Run it again at any time, also after Ctrl-C.
 
     Exit code 4: something could not be read.
     """
@@ -89,7 +89,7 @@ def list_logs(
     query: Words = None,
     *,
     catalogue: CatalogueFile = None,
-    limit: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
+    limit: Annotated[int, typer.Option(min=0, help="Maximum number of logs; 0: all.")] = 0,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """List logs, oldest first."""
@@ -106,7 +106,7 @@ def list_logs(
 
 
 def show(
-    log: Annotated[str, typer.Argument(help="Its number in the list, its path or URL, or how that ends.")],
+    log: Annotated[str, typer.Argument(help="Number in riot fleet list, path, URL, or the end of a path or URL.")],
     *,
     catalogue: CatalogueFile = None,
     form: Format = OutputFormat.TEXT,
@@ -133,20 +133,27 @@ def run(
     unit: UnitName = None,
     out: Out = Path("riot-out"),
     times: Annotated[int, typer.Option(min=1, help="Fresh trials of each log.")] = 1,
-    start_offset: Annotated[float, typer.Option(metavar="SECONDS", min=0, help="Leave out so much of each log.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="SECONDS", min=0, help="Play so much of each log.")] = None,
+    start_offset: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="Leave out this much at the beginning of each log.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(metavar="SECONDS", min=0, help="Play this much of each log.")
+    ] = None,
     anywhere: Annotated[
-        bool, typer.Option("--anywhere", help="Inject into all messages of a topic, whatever number or time it says.")
+        bool,
+        typer.Option(
+            "--anywhere", help="Inject into all messages of a topic, whatever numbers or times TESTCASE names."
+        ),
     ] = False,
-    again: Annotated[bool, typer.Option("--again", help="Try again what was tried before.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Try all logs again, also those with an answer.")] = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Replay a test case against the current software, with each matching log as its nominal input.
 
-    Answers are fixed, failed or error, log by log; they are kept in the output folder, so that the same command goes on
-    where it stopped. Exit code 0: all fixed. 1: one still fails. 4: for one there is no telling.
+    The answer for a log is fixed, failed or error. The first two are kept in the output folder, so that the same
+    command goes on where it stopped. Exit code 0: all are fixed. 1: at least one still fails. 4: at least one error.
     """
     from dataclasses import asdict
 

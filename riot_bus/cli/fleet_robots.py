@@ -17,18 +17,19 @@ __all__ = ["register"]
 
 INTERRUPTED = 130
 
-Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as riot fleet robots tells it.")]
+Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot, as riot fleet robots lists it.")]
 FleetEndpoint = Annotated[
     str,
     typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_FLEET", help="The fleet's router."),
 ]
 GiveUp = Annotated[
-    float, typer.Option(metavar="SECONDS", min=0.0, help="Leave when the robot was not heard for so long.")
+    float, typer.Option(metavar="SECONDS", min=0.0, help="Give up when nothing was heard of the robot for this long.")
 ]
 Grace = Annotated[
-    float, typer.Option(metavar="SECONDS", min=0.0, help="So long this command may be away before it counts as lost.")
+    float,
+    typer.Option(metavar="SECONDS", min=0.0, help="Time without contact after which this command counts as lost."),
 ]
-Detach = Annotated[bool, typer.Option("--detach", help="Leave when it has begun; nobody watches then.")]
+Detach = Annotated[bool, typer.Option("--detach", help="Return once it has begun; nobody watches it then.")]
 
 
 class Lost(StrEnum):
@@ -49,7 +50,7 @@ def register(fleet: typer.Typer) -> None:
 
 
 def robots(*, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT) -> None:
-    """List the robots that are there, and what they do."""
+    """List the robots that are there, and what they are doing."""
     from dataclasses import asdict
 
     from riot_bus.agent.remote_operation import find_robots
@@ -85,7 +86,7 @@ def logs(
 
 def play(
     robot: Robot,
-    log: Annotated[list[str], typer.Argument(metavar="LOG...", help="On the robot, in its folder of logs.")],
+    log: Annotated[list[str], typer.Argument(metavar="LOG...", help="Logs in the robot's folder of logs.")],
     *,
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Injections; the plan is read here and sent along.")
@@ -93,8 +94,8 @@ def play(
     rate_: Annotated[float, typer.Option("--rate", "-r", help="Speed; 0 is as fast as possible.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
     delay: Annotated[float, typer.Option("--delay", "-d", metavar="SECONDS", help="Wait before each pass.")] = 0.0,
-    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out so much at the beginning.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play so much of the logs' time.")] = None,
+    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out this much at the beginning.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play this much of the logs' time.")] = None,
     until: Annotated[str | None, typer.Option(metavar="TIME", help="End there, as for riot play.")] = None,
     align: Annotated[bool, typer.Option("--align", help="Let all logs begin at the same time.")] = False,
     topics: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Play these; repeatable.")] = None,
@@ -103,8 +104,13 @@ def play(
         list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic; repeatable.")
     ] = None,
     start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
-    clock: Annotated[float, typer.Option(metavar="HZ", min=0.0, help="Publish /clock so often.")] = 0.0,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="For subscribers, at most so long.")] = 2.0,
+    clock: Annotated[
+        float, typer.Option(metavar="HZ", min=0.0, help="Publish /clock at this frequency; 0: do not.")
+    ] = 0.0,
+    wait: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", min=0.0, help="Wait at most this long until all topics have subscribers."),
+    ] = 2.0,
     lockstep: Annotated[list[str] | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
     ack: Annotated[str | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
     quiet: Annotated[float, typer.Option(metavar="SECONDS", help="As for riot play.")] = 0.05,
@@ -121,9 +127,9 @@ def play(
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Let a robot play logs that it holds into its own bus, and follow it; Ctrl-C stops it.
+    """Make a robot play logs that it holds into its own bus, and follow its progress; Ctrl-C stops it.
 
-    Without this command (its machine off, the link broken) the robot stops after --grace seconds, unless
+    When the robot loses this command (its machine is off, the link is broken), it stops after --grace seconds, unless
     --on-lost-controller says otherwise. With --detach nobody watches, and it plays to the end. Exit code 3: messages
     were lost. 4: no answer, busy, or stopped by somebody else.
     """
@@ -164,17 +170,25 @@ def record(
     *,
     output: Annotated[
         str | None,
-        typer.Option("--output", "-o", metavar="FILE.mcap", help="On the robot, in its folder. [default: by date]"),
+        typer.Option(
+            "--output", "-o", metavar="FILE.mcap", help="File in the robot's folder of logs. [default: named by date]"
+        ),
     ] = None,
     exclude: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out; repeatable.")] = None,
-    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after so long, such as 10min.")] = None,
-    split_size: Annotated[str | None, typer.Option(metavar="SIZE", help="Begin another file then.")] = None,
-    split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after so long.")
+    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after this time, such as 10min.")] = None,
+    split_size: Annotated[
+        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
     ] = None,
-    max_files: Annotated[int, typer.Option(min=0, help="Delete the oldest of this recording; 0: keep all.")] = 0,
-    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Of chunks.")] = "zstd",
-    throttle: Annotated[list[str] | None, typer.Option(metavar="TOPIC=HZ", help="At most so many per second.")] = None,
+    split_duration: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin another file after this time.")
+    ] = None,
+    max_files: Annotated[
+        int, typer.Option(min=0, help="Keep only this many files of this recording, the newest; 0: all.")
+    ] = 0,
+    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Compression of chunks.")] = "zstd",
+    throttle: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC=HZ", help="Record at most this many messages per second.")
+    ] = None,
     start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
     latched: Annotated[
         bool, typer.Option("--latched/--no-latched", help="Fetch what publishers keep for late joiners.")
@@ -189,10 +203,10 @@ def record(
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Let a robot record its own bus into its folder of logs, and follow it; Ctrl-C ends the recording.
+    """Make a robot record its own bus into its folder of logs, and follow its progress; Ctrl-C ends the recording.
 
-    Without this command the robot goes on recording, unless --on-lost-controller says otherwise. Exit code 3: messages
-    were lost. 4: no answer, busy, or ended by somebody else.
+    When the robot loses this command, it goes on recording, unless --on-lost-controller says otherwise. Exit code 3:
+    messages were lost. 4: no answer, busy, or ended by somebody else.
     """
     from riot_bus.config.arguments import parse_seconds, parse_size
 
@@ -218,52 +232,52 @@ def record(
 def status(
     robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Say what a robot does, for whom, and how its last operation ended."""
+    """Show what a robot is doing, for whom, and how its last operation ended."""
     _steer(endpoint, cfg, robot, form, "status")
 
 
 def pause(
     robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Pause."""
+    """Pause what a robot is doing."""
     _steer(endpoint, cfg, robot, form, "pause")
 
 
 def resume(
     robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Go on."""
+    """Make a robot go on after a pause."""
     _steer(endpoint, cfg, robot, form, "resume")
 
 
 def seek(
     robot: Robot,
-    time: Annotated[float, typer.Argument(metavar="SECONDS", help="From the logs' beginning.")],
+    time: Annotated[float, typer.Argument(metavar="SECONDS", help="Time since the beginning of the logs.")],
     *,
     endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Go on from another time."""
+    """Make a robot go on playing from another time."""
     _steer(endpoint, cfg, robot, form, "seek", time=time)
 
 
 def rate(
     robot: Robot,
-    speed: Annotated[float, typer.Argument(metavar="RATE", help="0 is as fast as possible.")],
+    speed: Annotated[float, typer.Argument(metavar="RATE", help="1: as recorded; 0: as fast as possible.")],
     *,
     endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Go on at another speed."""
+    """Make a robot go on playing at another speed."""
     _steer(endpoint, cfg, robot, form, "rate", rate=speed)
 
 
 def stop(
     robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """End what a robot does, whoever began it."""
+    """Stop what a robot is doing, whoever started it."""
     _steer(endpoint, cfg, robot, form, "stop")
 
 

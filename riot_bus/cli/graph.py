@@ -36,7 +36,7 @@ def graph(
     ] = GraphFormat.TEXT,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Print each change until Ctrl-C.")] = False,
 ) -> None:
-    """Who talks to whom in the segments of a running router, and what is not known."""
+    """Show who talks to whom in the segments of a running router, and what is not known."""
     from riot_bus.control.component import client_cfg
     from riot_bus.control.remote import Remote, graphs
     from riot_bus.graph.render import render

@@ -30,29 +30,30 @@ def init(
     mavlink: Annotated[
         list[str] | None,
         typer.Option(
-            "--mavlink", metavar="URL", help="From who talks on a link, such as udpin:0.0.0.0:14550; repeatable."
+            "--mavlink", metavar="URL", help="Describe who is heard on a link, such as udpin:0.0.0.0:14550; repeatable."
         ),
     ] = None,
     link: Annotated[
         list[str] | None,
-        typer.Option(metavar="ADAPTER=URL", help="Likewise, with any adapter that hears systems on links; repeatable."),
+        typer.Option(metavar="ADAPTER=URL", help="Likewise, with any adapter that can listen to links; repeatable."),
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(metavar="FILE.mcap", help="From a recording alone, such as one of riot router.")
+        Path | None,
+        typer.Option(metavar="FILE.mcap", help="Describe what a recording shows, such as one of riot router."),
     ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     router: RouterName = None,
-    seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look.")] = 3.0,
+    seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look, in seconds.")] = 3.0,
     record: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.mcap", help="Keep what is seen meanwhile as the nominal log. Plain Zenoh only."),
+        typer.Option(metavar="FILE.mcap", help="Record what is seen, as the nominal log. Plain Zenoh only."),
     ] = None,
     start: Annotated[
         bool,
         typer.Option(
             "--start",
-            help="Then start each component once more, apart from those that run, to see what each reads and writes. "
-            "Plain Zenoh only.",
+            help="Then start each component once more, separately from those that run, to see what each reads and "
+            "writes. Plain Zenoh only.",
         ),
     ] = False,
     unit: Annotated[
@@ -61,19 +62,22 @@ def init(
             "--unit",
             "-u",
             metavar="NAME",
-            help="The component or node to test; else all that have inputs. MAVLink: the id of the system.",
+            help="Component or node to test, else all that have inputs; for MAVLink, the id of the system.",
         ),
     ] = None,
     external: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="What plays the outside world; repeatable. Else what only publishes."),
+        typer.Option(
+            metavar="NAME",
+            help="Component or node that plays the outside world, else all that only publish; repeatable.",
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_FILE,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in.
+    """Write a first riot.toml: the components, inputs, outputs and types that are seen, and what is left to fill in.
 
     Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """

@@ -49,7 +49,7 @@ def info(
         bool | None,
         typer.Option(
             "--scan/--no-scan",
-            help="Read all of it, or its summary alone if that is sound. [default: read it if it has at most 64 MiB]",
+            help="Read all of the log, or only its summary if that is sound. [default: all of it up to 64 MiB]",
             show_default=False,
         ),
     ] = None,
@@ -65,7 +65,7 @@ def info(
 ) -> None:
     """Say what a log holds: topics, types, counts, duration, and what is missing of a damaged one.
 
-    Exit code 3: something cannot be read, or the recorder lost messages by its own account.
+    Exit code 3: something cannot be read, or the recorder noted that it lost messages.
     """
     from riot_bus.log.info import log_info
     from riot_bus.log.reader import LogReader
@@ -98,7 +98,7 @@ def types(
     msg: _Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """List the types that are known, or the fields of a type, or those of the topics of a log."""
+    """List the known types, or the fields of a type, or the types and fields of the topics of a log."""
     import json
     from dataclasses import asdict
 
@@ -124,7 +124,8 @@ def export(
     log: Annotated[Path, typer.Argument(help="An MCAP file, or a folder with one.")],
     *,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="A file .csv or .parquet; or .tlog, of all messages.")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="File to write: .csv or .parquet, or .tlog for messages."),
     ],
     field: Annotated[
         list[str] | None,
@@ -139,14 +140,14 @@ def export(
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
     raw: Annotated[
-        bool, typer.Option("--raw", help="CSV: texts as they are, also those that a spreadsheet takes for formulas.")
+        bool, typer.Option("--raw", help="CSV: write texts as they are, even if a spreadsheet takes them for formulas.")
     ] = False,
     salvage: Salvage = False,
     type_: _Types = None,
     msg: _Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Write fields of a log as a table, one row per message; or its messages as a file .tlog of MAVLink.
+    """Write fields of a log as a table, one row per message; or its messages as a MAVLink .tlog file.
 
     Exit code 3: the log is damaged, and what could be read was written.
     """
@@ -186,12 +187,12 @@ def show(
         Path, typer.Argument(metavar="[LOG|FINDING]", help="A log, or the folder of a finding.")
     ] = DEFAULT_OUT,
     *,
-    most: Annotated[int, typer.Option("--most", min=1, help="Most messages that are shown.")] = 20,
+    most: Annotated[int, typer.Option("--most", min=1, help="Maximum number of messages to show.")] = 20,
     type_: _Types = None,
     msg: _Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Show the messages of a short log, of a finding the few that are needed, with what was changed marked."""
+    """Show the messages of a short log, or the few that a finding needs, and mark what was changed."""
     import json
 
     from riot_bus.chain.workspace import open_finding

@@ -60,7 +60,9 @@ Executor = Annotated[
     typer.Option("--executor", envvar="RIOT_EXECUTOR", help="Cluster whose workers execute trials: dask://HOST:PORT."),
 ]
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
-UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]
+UnitName = Annotated[
+    str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test, if there are several.")
+]
 Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")]
 EventFormat = Annotated[
     StreamFormat,
@@ -71,24 +73,26 @@ Reports = Annotated[
     typer.Option(
         "--report",
         metavar="NAME[=FILE]",
-        help="Keep a report up to date: junit, sarif, markdown, github, or of another package; may be repeated.",
+        help="Keep a report up to date: junit, sarif, markdown, github, or one of another package; repeatable.",
     ),
 ]
 Salvage = Annotated[
-    bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")
+    bool, typer.Option("--salvage", help="Also read messages of damaged chunks, as far as an index confirms them.")
 ]
 Tolerance = Annotated[
     list[str] | None,
     typer.Option(
         metavar="TOPIC[:PATH]=HOW_FAR",
-        help="TOPIC:PATH=0.01, =1% or =ignore: how far values may differ; TOPIC=5: how far counts may; repeatable.",
+        help="Allowed difference: of values TOPIC:PATH=0.01, =1% or =ignore; of counts TOPIC=5; repeatable.",
     ),
 ]
 ToleranceFile = Annotated[
     list[Path] | None,
-    typer.Option("--tolerances", metavar="FILE.toml", help="The same from a file of --propose; repeatable."),
+    typer.Option(
+        "--tolerances", metavar="FILE.toml", help="File of tolerances, as riot diff --propose writes it; repeatable."
+    ),
 ]
-Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds one.")]
+Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds just one.")]
 CatalogueFile = Annotated[
     Path | None,
     typer.Option(

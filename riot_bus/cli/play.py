@@ -45,8 +45,8 @@ def play(
     rate: Annotated[float, typer.Option("--rate", "-r", help="Speed; 0 is as fast as possible.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
     delay: Annotated[float, typer.Option("--delay", "-d", metavar="SECONDS", help="Wait before each pass.")] = 0.0,
-    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out so much at the beginning.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play so much of the logs' time.")] = None,
+    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out this much at the beginning.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play this much of the logs' time.")] = None,
     until: Annotated[
         str | None, typer.Option(metavar="TIME", help="End there: seconds from the beginning, or a date and time.")
     ] = None,
@@ -65,10 +65,10 @@ def play(
     hold: Annotated[bool, typer.Option("--hold", help="Stay at the end, for late joiners of latched topics.")] = False,
     clock: Annotated[
         float,
-        typer.Option(metavar="[HZ]", help="Publish /clock for ROS 2's simulated time, 40 times a second if not said."),
+        typer.Option(metavar="[HZ]", help="Publish /clock for ROS 2's simulated time; without HZ, 40 times a second."),
     ] = 0.0,
     wait: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Wait at most so long until all topics have subscribers.")
+        float, typer.Option(metavar="SECONDS", help="Wait at most this long until all topics have subscribers.")
     ] = 2.0,
     lockstep: Annotated[
         list[str] | None,
@@ -81,7 +81,7 @@ def play(
         float, typer.Option(metavar="SECONDS", help="Time without a message that counts as quiet, for --lockstep.")
     ] = 0.05,
     settle_timeout: Annotated[
-        float, typer.Option(metavar="SECONDS", help="After so long go on all the same, for --lockstep and --ack.")
+        float, typer.Option(metavar="SECONDS", help="Longest wait after a message, for --lockstep and --ack.")
     ] = 5.0,
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections into what is played.")
@@ -103,19 +103,23 @@ def play(
         typer.Option(metavar="TOPIC[=DEPTH]", help="Keep the last messages for late joiners, whatever was recorded."),
     ] = None,
     expect: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="Record what is answered, and compare it with this log.")
+        Path | None, typer.Option(metavar="LOG", help="Record the system's answers, and compare them with this log.")
     ] = None,
     expect_topics: Annotated[
         list[str] | None,
-        typer.Option(metavar="TOPIC", help="Compare these. [default: all of that log that are not played]"),
+        typer.Option(metavar="TOPIC", help="Compare these. [default: all of the --expect log that are not played]"),
     ] = None,
     expect_wait: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0, help="Wait at most so long for answers when all is played.")
+        float, typer.Option(metavar="SECONDS", min=0, help="Wait at most this long for answers when all is played.")
     ] = 10.0,
-    answers: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the answers there, for --expect.")] = None,
+    answers: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="With --expect: keep the answers in this file.")
+    ] = None,
     tolerance: Tolerance = None,
     tolerances: ToleranceFile = None,
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page about the answers.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="With --expect: also write the result as an HTML page.")
+    ] = None,
     salvage: Salvage = False,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")

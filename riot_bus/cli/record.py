@@ -28,48 +28,64 @@ def record(
     *,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
-    all_: Annotated[bool, typer.Option("--all", "-a", help="Record everything; so it is if no key is named.")] = False,
+    all_: Annotated[bool, typer.Option("--all", "-a", help="Record everything, as without any KEYEXPR.")] = False,
     exclude: Annotated[
         list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out: names or key expressions; repeatable.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.mcap", help="Where to. [default: by date and time]")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.mcap", help="File to write. [default: named by date and time]"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     bag: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Write a ROS 2 bag: a folder with metadata.yaml; ROS topics only."),
     ] = None,
-    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Of chunks.")] = "zstd",
-    chunk_size: Annotated[str, typer.Option(metavar="SIZE", help="A crash costs at most so much ...")] = "1MiB",
-    chunk_duration: Annotated[str, typer.Option(metavar="TIME", help="... or what came in so much time.")] = "1s",
-    durable: Annotated[bool, typer.Option("--durable/--no-durable", help="Also when the power fails.")] = True,
-    queue_size: Annotated[str, typer.Option(metavar="SIZE", help="How much may wait for a slow disk.")] = "256MiB",
+    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Compression of chunks.")] = "zstd",
+    chunk_size: Annotated[
+        str, typer.Option(metavar="SIZE", help="Write a chunk at this size; a crash costs at most one chunk.")
+    ] = "1MiB",
+    chunk_duration: Annotated[
+        str, typer.Option(metavar="TIME", help="Write a chunk at this age, even if it is smaller.")
+    ] = "1s",
+    durable: Annotated[
+        bool, typer.Option("--durable/--no-durable", help="Make sure that the file survives a power failure.")
+    ] = True,
+    queue_size: Annotated[
+        str, typer.Option(metavar="SIZE", help="Memory for messages that wait for a slow disk.")
+    ] = "256MiB",
     split_size: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="Begin another file then, such as 1GB.")
+        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
     ] = None,
     split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after so long, such as 10min.")
+        str | None, typer.Option(metavar="TIME", help="Begin another file after this time, such as 10min.")
     ] = None,
-    max_files: Annotated[int, typer.Option(min=0, help="Delete the oldest of this recording; 0: keep all.")] = 0,
+    max_files: Annotated[
+        int, typer.Option(min=0, help="Keep only this many files of this recording, the newest; 0: all.")
+    ] = 0,
     ring: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Keep the last so long in memory; write it only when told.")
+        str | None, typer.Option(metavar="TIME", help="Keep only the last TIME, in memory; write it only when told.")
     ] = None,
-    ring_size: Annotated[str, typer.Option(metavar="SIZE", help="Most memory for it.")] = "256MiB",
+    ring_size: Annotated[str, typer.Option(metavar="SIZE", help="Maximum memory for the ring.")] = "256MiB",
     dump_on: Annotated[
         list[str] | None,
-        typer.Option(metavar="'TOPIC where PREDICATE'", help="Write the ring when a message is so; repeatable."),
+        typer.Option(
+            metavar="'TOPIC where PREDICATE'", help="Write the ring when a message meets this condition; repeatable."
+        ),
     ] = None,
     monitors: Annotated[
         Path | None,
-        typer.Option(metavar="riot.toml", help="Write the ring when one of its [[monitors]] is violated."),
+        typer.Option(metavar="riot.toml", help="Write the ring when one of the [[monitors]] of this file is violated."),
     ] = None,
-    dump_after: Annotated[str, typer.Option(metavar="TIME", help="... and so much of what follows.")] = "0s",
+    dump_after: Annotated[
+        str, typer.Option(metavar="TIME", help="Wait this long before writing the ring, to include what follows.")
+    ] = "0s",
     start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
     throttle: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC=HZ", help="Record at most so many per second; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="TOPIC=HZ", help="Record at most this many messages per second; repeatable."),
     ] = None,
-    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after so long.")] = None,
+    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after this time.")] = None,
     latched: Annotated[
         bool, typer.Option("--latched/--no-latched", help="Fetch what publishers keep for late joiners.")
     ] = True,

@@ -22,7 +22,10 @@ def register(app: typer.Typer) -> None:
 
 
 def report(
-    finding: Finding = DEFAULT_OUT,
+    finding: Annotated[
+        Path,
+        typer.Argument(help="Folder of a finding, or an output folder; html, text and json take just one finding."),
+    ] = DEFAULT_OUT,
     *,
     form: Annotated[
         str,
@@ -39,7 +42,7 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="Where to write it. [default: a file in the folder, or stdout, as it is usual for the format]",
+            help="File to write. [default: by the format, a file in the folder or stdout]",
         ),
     ] = None,
     baseline: Annotated[
@@ -48,11 +51,11 @@ def report(
             "--baseline",
             "-b",
             metavar="FILE",
-            help="File of the findings that are known, as of riot ci; for formats of a campaign.",
+            help="File that lists the known findings, as for riot ci; only for formats of a campaign.",
         ),
     ] = None,
 ) -> None:
-    """Report a finding, or all findings of a campaign, as one self-contained HTML page unless asked otherwise."""
+    """Report a finding as one self-contained HTML page, or in another format; some report a whole campaign."""
     from riot_bus.chain.workspace import open_finding
     from riot_bus.plugins import REPORTS
     from riot_bus.report.campaign_view import is_output_folder
@@ -72,8 +75,12 @@ def report(
     append_summary(made, view)
 
 
-def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:
-    """List the findings of an output folder, each in a few lines, and what its campaign has come to."""
+def findings(
+    finding: Annotated[Path, typer.Argument(help="Output folder of a campaign.")] = DEFAULT_OUT,
+    *,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """List the findings of an output folder, each in a few lines, and the result of its campaign."""
     from riot_bus.report.campaign_view import is_output_folder, load_campaign
     from riot_bus.report.text import TextReport
     from riot_bus.vocabulary.counting import counted
@@ -131,11 +138,11 @@ def trials(
 
 def compare(
     old: Annotated[Path, typer.Argument(help="Output folder of the older campaign.")],
-    new: Annotated[Path, typer.Argument(help="Of the newer one.")],
+    new: Annotated[Path, typer.Argument(help="Output folder of the newer campaign.")],
     *,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Compare two campaigns: failures that are new, still come, or were not seen. Exit 1 if there are new ones."""
+    """Compare two campaigns: failures that are new, still occur, or were not seen. Exit 1 if there are new ones."""
     from riot_bus.findings.comparison import compare as compared
     from riot_bus.vocabulary.redaction import escape_control_chars
 

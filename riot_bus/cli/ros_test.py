@@ -25,7 +25,7 @@ def ros_test(
         str | None,
         typer.Option(
             metavar="REGEX",
-            help="Processes in the segment unit, all others are in system: programs, scripts, names of ROS nodes.",
+            help="Programs, scripts and ROS nodes of these names are in segment unit, all others in system.",
         ),
     ] = None,
     intercept: Annotated[
@@ -33,21 +33,25 @@ def ros_test(
         typer.Option(
             metavar="KEYEXPR",
             envvar="RIOT_INTERCEPT",
-            help="Topics that interceptors get; ROS names will do; repeatable.",
+            help="Topics to intercept; ROS names such as /odom will do; repeatable.",
         ),
     ] = None,
     intercept_services: Annotated[
         Texts,
         typer.Option(
-            metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions that they get; repeatable."
+            metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions to intercept; repeatable."
         ),
     ] = None,
     interceptor: Annotated[
-        Texts, typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="As of riot router; repeatable.")
+        Texts,
+        typer.Option(
+            metavar="'NAME key=value ...'|FILE.py[:NAME]", help="An interceptor, as for riot router; repeatable."
+        ),
     ] = None,
     inject: Annotated[Path | None, typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections.")] = None,
     record: Annotated[
-        Path | None, typer.Option(metavar="OUT.mcap|FOLDER", help="Record all that passes; in a folder by package.")
+        Path | None,
+        typer.Option(metavar="OUT.mcap|FOLDER", help="Record all that passes; in FOLDER, a log per package."),
     ] = None,
     dds: Annotated[
         bool, typer.Option("--dds", help="Nodes use DDS: each segment has a ROS domain of its own, and a bridge to it.")
@@ -69,9 +73,9 @@ def ros_test(
     in_: Annotated[Path | None, typer.Option("--in", hidden=True)] = None,
     account: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
-    """Run existing tests, unedited, through a router of their own; of colcon test, those of each package.
+    """Run existing tests, unedited, through a router of their own; with colcon test, one router for each package.
 
-    The exit status is the command's. At the end stderr says what passed through, and loudly so if nothing did.
+    The exit status is the command's. At the end, stderr says what passed through the router, or that nothing did.
     No process of the tests is left behind.
     """
     from riot_bus.bridge.program import end_as

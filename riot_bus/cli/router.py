@@ -30,7 +30,7 @@ SystemFile = Annotated[
 ]
 
 
-Host = Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")]
+Host = Annotated[str | None, typer.Option(help="The router's machine, for components on another one.")]
 ComponentCfg = Annotated[
     list[str] | None,
     typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."),
@@ -154,10 +154,10 @@ def router(
 
 
 def env(
-    segment_name: Annotated[str, typer.Argument(metavar="SEGMENT", help="The segment that the component shall use.")],
+    segment_name: Annotated[str, typer.Argument(metavar="SEGMENT", help="The segment that the component is to use.")],
     *,
     flavour: Annotated[
-        FlavourName, typer.Option(help="ROS 2 nodes, or programs that use Zenoh themselves.")
+        FlavourName, typer.Option(help="For ROS 2 nodes, or for programs that use Zenoh directly.")
     ] = FlavourName.RMW_ZENOH,
     host: Host = None,
     cfg: ComponentCfg = None,

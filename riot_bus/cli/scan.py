@@ -44,7 +44,7 @@ def scan(
         str, typer.Option(metavar="QUERY", help="Which logs of the catalogue, as for riot fleet list; '' for all.")
     ] = "",
     catalogue: CatalogueFile = None,
-    near: Annotated[int, typer.Option(min=1, max=1000, help="Moments of each log that are told.")] = 3,
+    near: Annotated[int, typer.Option(min=1, max=1000, help="How many of each log's nearest moments to list.")] = 3,
     within: Annotated[
         float, typer.Option(min=0, help="Distance below which a moment is a near miss, in nominal spreads.")
     ] = 1.0,
@@ -58,9 +58,9 @@ def scan(
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Say how near logs came to a finding's rule, by robot, the nearest first; or look at what a router passes on.
+    """Say how near logs came to meeting a finding's rule, by robot, nearest first; or watch what a router passes on.
 
-    What is found of logs of the catalogue is kept there, in place of an earlier scan for the same rule.
+    Results for logs of the catalogue are kept in it, and replace those of an earlier scan for the same rule.
 
     Exit code 1: the rule holds somewhere. 5: nothing could be judged.
     """

@@ -25,7 +25,7 @@ def execute(
         str,
         typer.Option(
             metavar="NAME[=ENDPOINT,...]",
-            help="The segment, and where it listens if nothing else tells.",
+            help="Name of the segment, optionally with where it listens.",
             show_default=False,
         ),
     ],
@@ -34,13 +34,13 @@ def execute(
     system: Annotated[
         Path | None,
         typer.Option(
-            "--system", "-s", metavar="FILE", help="System file that has the segment, whoever has started this."
+            "--system", "-s", metavar="FILE", help="System file that has the segment, also inside riot ros-test."
         ),
     ] = None,
 ) -> None:
     """Run a command in a segment, in place of this process and with its streams.
 
-    The segment is one of the router that runs this (riot ros-test); else one of riot.toml, or of a router without one.
+    The segment is one of the router that runs this (riot ros-test), else one that riot router would have here.
     It also works as a prefix: ros2 launch ... launch-prefix:='riot exec --segment unit --'
     """
     from riot_bus.control.segment_exec import become, environment_in

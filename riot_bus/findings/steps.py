@@ -78,15 +78,15 @@ MINIMIZE = ChainStep(
     "Shrink a finding's failing log to the few messages that are needed.",
     "riot_bus.findings.records:MinimalRecord",
     "riot_bus.chain.minimize:minimize",
-    (StepOption("budget", 2000, "Trials at most.", min=2),),
+    (StepOption("budget", 2000, "Maximum number of trials.", min=2),),
 )
 RELEVANCE = ChainStep(
     "relevance",
     "relevant fields",
-    "Find the fields that matter, each with two trials that differ in it alone.",
+    "Find the fields that matter, each shown by two trials that differ in it alone.",
     "riot_bus.findings.records:FieldsRecord",
     "riot_bus.chain.relevance:relevance",
-    (StepOption("budget", 1000, "Trials of the search at most.", min=2),),
+    (StepOption("budget", 1000, "Maximum number of trials of the search.", min=2),),
 )
 RULES = ChainStep(
     "rules",
@@ -117,7 +117,7 @@ ACTIVATE = ChainStep(
     (
         StepOption("budget", 200, "Runs of the whole system for the search; at most as many more confirm it.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
-        StepOption("study", "", "Share the search as a study of optuna, such as sqlite:///studies.db."),
+        StepOption("study", "", "Share the search as an Optuna study in this database, such as sqlite:///studies.db."),
     ),
     whole_system=True,
 )

@@ -102,7 +102,7 @@ class Launcher:
         self._lock = threading.RLock()
         self._processes: dict[int, ComponentProcess] = {}
         self._replies: list[dict[str, object]] = []
-        self._exited: list[dict[str, Any]] = []
+        self._ended: list[dict[str, Any]] = []
         self._servers: dict[tuple[object, ...], int] = {}
         self._supervisor = subprocess.Popen(
             [sys.executable, "-S", "-E", str(_SUPERVISOR), *([str(scratch)] if scratch is not None else [])],
@@ -176,7 +176,7 @@ class Launcher:
             process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, started, relayed=relayed)
             process.torn_down = not teardown
             self._processes[process.pid] = process
-            self._settle_exits()
+            self._settle_ends()
         return process
 
     def _told(self, fork: Fork) -> dict[str, object]:
@@ -234,6 +234,7 @@ class Launcher:
             self._send({"do": "kill_all"})
             self._reply()
             self._processes.clear()
+            self._ended.clear()  # of processes that nobody will know; others get their numbers
 
     def close(self) -> None:
         """Kill everything and end the supervisor."""
@@ -261,27 +262,22 @@ class Launcher:
         *lines, self._pending = (self._pending + received).split(b"\n")
         for line in lines:
             event = json.loads(line)
-            if event["event"] == "exited":
-                self._exited.append(event)
-            elif event["event"] == "torn down":
-                self._note_torn_down(event)
+            (self._ended if event["event"] in ("exited", "torn down") else self._replies).append(event)
+        self._settle_ends()
+
+    def _settle_ends(self) -> None:
+        """Note the ends of processes and of their teardowns; one may come before its process is known here."""
+        for event in list(self._ended):
+            process = self._processes.get(event["pid"])
+            if process is None:
+                continue
+            self._ended.remove(event)
+            if event["event"] == "torn down":
+                process.torn_down = True
+                if event["problem"]:
+                    _LOG.warning("the teardown of component %r failed: %s", process.name, event["problem"])
             else:
-                self._replies.append(event)
-        self._settle_exits()
-
-    def _note_torn_down(self, event: Mapping[str, Any]) -> None:
-        process = self._processes.get(event["pid"])
-        if process is not None:
-            process.torn_down = True
-            if event["problem"]:
-                _LOG.warning("the teardown of component %r failed: %s", process.name, event["problem"])
-
-    def _settle_exits(self) -> None:
-        for event in list(self._exited):
-            if event["pid"] in self._processes:
-                process = self._processes[event["pid"]]
                 status = event["status"]
                 process.status = 128 - status if process.relayed and _SIGNALLED <= status <= _LAST_SIGNALLED else status
                 process.stack = tuple((file, name) for file, name in event["stack"])
                 process.excess = tuple(event["excess"]) if event["excess"] else None
-                self._exited.remove(event)

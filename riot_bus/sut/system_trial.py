@@ -225,9 +225,9 @@ class SystemTrial:
                 return watch
 
             watch = watching(home)
-            outside = file.external.topics
-            internal = {parse_selector(text).topic for text in self.observe} - set(outside)
-            internal = {topic for topic in internal if not any(registry.matches(each, topic) for each in outside)}
+            controlled = file.external.topics
+            internal = {parse_selector(text).topic for text in self.observe} - set(controlled)
+            internal = {topic for topic in internal if not any(registry.matches(each, topic) for each in controlled)}
             for expression in context.topics(*sorted(internal)):
                 watch(expression, seen.append)
             if not case.messages and not going_on:

@@ -34,8 +34,7 @@ def mavlink(
         list[str] | None,
         typer.Argument(
             metavar="[-- PROGRAM [ARG]...]",
-            help="Is run behind the bridge, ends with it, and is a component with it; {port} is where the first link "
-            "listens.",
+            help="Program run behind the bridge, as one component with it; {port}: port of the first listening link.",
             show_default=False,
         ),
     ] = None,
@@ -46,7 +45,7 @@ def mavlink(
             "--link",
             "-l",
             metavar="[SEGMENT[/NAME]=]URL",
-            help="Such as udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, "
+            help="A link: udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, "
             "/dev/ttyACM0,115200, or a .tlog file; repeatable.",
         ),
     ] = None,
@@ -55,55 +54,67 @@ def mavlink(
         typer.Option(
             "--segment",
             metavar="NAME[=ENDPOINT]",
-            help="Segment of riot.toml, or of a router without one, or where it listens; repeatable.",
+            help="Segment to join: its name in riot.toml (else system or unit), or NAME=ENDPOINT; repeatable.",
         ),
     ] = None,
     system: Path | None = None,
     endpoint: Annotated[
-        str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the only segment listens.")
+        str | None,
+        typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the segment listens, if there is only one."),
     ] = None,
     cfg: Names = None,
     listen: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=ENDPOINT[,...]",
-            help="Without --segment and --endpoint, the bridge is its own router: a segment of it, and where that "
-            "listens; repeatable. [default: as of riot router]",
+            help="Own router (without --segment and --endpoint): a segment and where it listens; repeatable. "
+            "[default: as of riot router]",
         ),
     ] = None,
     intercept: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEYEXPR", help="Its own router: what goes through interceptors, such as COMMAND_LONG."),
+        typer.Option(metavar="KEYEXPR", help="Own router: what goes through interceptors, such as COMMAND_LONG."),
     ] = None,
     interceptor: Annotated[
         list[str] | None,
-        typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="Its own router: as of riot router."),
+        typer.Option(
+            metavar="'NAME key=value ...'|FILE.py[:NAME]", help="Own router: interceptor, as for riot router."
+        ),
     ] = None,
     inject: Annotated[
         Path | None,
-        typer.Option(metavar="PLAN.toml", help="Its own router: injections; their topics are intercepted."),
+        typer.Option(metavar="PLAN.toml", help="Own router: injections; their topics are intercepted."),
     ] = None,
-    record: Annotated[
-        Path | None, typer.Option(metavar="OUT.mcap", help="Its own router: record all that passes.")
-    ] = None,
+    record: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="Own router: record all that passes.")] = None,
     dialect: Annotated[
-        str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
+        str | None, typer.Option(metavar="NAME", help="MAVLink dialect, of those that pymavlink ships. [default: all]")
     ] = None,
     definitions: Annotated[
-        list[Path] | None, typer.Option("--xml", metavar="FILE", help="Defines further messages; repeatable.")
+        list[Path] | None,
+        typer.Option("--xml", metavar="FILE", help="XML file that defines more messages; repeatable."),
     ] = None,
     keys: Annotated[
-        str | None, typer.Option(metavar="TEMPLATE", help="Keys on the bus. [default: mavlink_raw/{link}/{sysid}/...]")
+        str | None,
+        typer.Option(
+            metavar="TEMPLATE", help="Template of the keys on the bus. [default: mavlink_raw/{link}/{sysid}/...]"
+        ),
     ] = None,
     duplicates: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Drop what came within this time already, over whatever link.")
+        float,
+        typer.Option(
+            metavar="SECONDS", help="Drop a frame that came within this time before, over any link; 0: drop none."
+        ),
     ] = 0.0,
     key_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Key of signed frames, for those that come late or are added.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="File with the key to re-sign signed frames that come late or are renumbered."
+        ),
     ] = None,
-    sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
+    sniffer: Annotated[int, typer.Option(metavar="SYSID", help="System that gets all frames; 0: none.")] = 0,
     mirror: Annotated[
-        MirrorForm | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
+        MirrorForm | None,
+        typer.Option(help="Also publish frames as JSON on mavlink/..., and take such, as mavlink-server does."),
     ] = None,
     form: str = "text",
 ) -> None:
@@ -114,8 +125,8 @@ def mavlink(
 
     riot bridge mavlink --inject plan.toml --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
 
-    That is a router, too, and the fastest way; riot ctl speaks to it. With --segment NAME or --endpoint ENDPOINT, the
-    bridge joins segments of a running riot router instead.
+    The bridge is then its own router, which is the fastest way; riot ctl works with it, too. With --segment NAME or
+    --endpoint ENDPOINT, the bridge joins segments of a running riot router instead.
     """
     from contextlib import ExitStack
 

@@ -25,46 +25,56 @@ def ros2(
     ] = 0,
     segment: Annotated[
         str | None,
-        typer.Option("--segment", metavar="NAME", help="Segment of riot.toml, or of a router without one."),
+        typer.Option("--segment", metavar="NAME", help="Segment to join: its name in riot.toml, else system or unit."),
     ] = None,
     system: Path | None = None,
     endpoint: Annotated[
-        str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where it listens, instead of its name.")
+        str | None,
+        typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the segment listens, instead of --segment."),
     ] = None,
     cfg: Names = None,
     topics: Annotated[
         Names,
         typer.Option(
             metavar="NAME",
-            help="Bridge only these, such as '/camera/**'; repeatable. [default: all that are not hidden]",
+            help="Bridge only these topics or actions, such as '/camera/**'; repeatable. [default: all not hidden]",
         ),
     ] = None,
     services: Annotated[
         Names,
-        typer.Option(metavar="NAME", help="Likewise. [default: all but those that every node has; actions, too]"),
+        typer.Option(
+            metavar="NAME",
+            help="Bridge only these services or actions; repeatable. [default: all but those that every node has]",
+        ),
     ] = None,
-    exclude: Annotated[Names, typer.Option(metavar="NAME", help="Leave these out; repeatable.")] = None,
+    exclude: Annotated[
+        Names, typer.Option(metavar="NAME", help="Leave out these topics, services and actions; repeatable.")
+    ] = None,
     zenoh_domain: Annotated[
-        int, typer.Option(help="ROS_DOMAIN_ID that stands in the keys; bridges that shall meet have the same.")
+        int, typer.Option(help="ROS_DOMAIN_ID in the keys on the segment; the same for bridges that are to meet.")
     ] = 0,
-    depth: Annotated[int, typer.Option(help="Messages that the bridge keeps for slow peers, by topic.")] = 1000,
-    latched: Annotated[int, typer.Option(help="Messages that it keeps for late joiners of latched topics.")] = 100,
+    depth: Annotated[int, typer.Option(help="Messages of each topic that the bridge keeps for slow peers.")] = 1000,
+    latched: Annotated[
+        int, typer.Option(help="Messages of each latched topic that the bridge keeps for late joiners.")
+    ] = 100,
     python: Annotated[
         str | None,
-        typer.Option(metavar="PYTHON", envvar="RIOT_ROS_PYTHON", help="Has rclpy. [default: the first on PATH]"),
+        typer.Option(
+            metavar="PYTHON", envvar="RIOT_ROS_PYTHON", help="Python that has rclpy. [default: the first on PATH]"
+        ),
     ] = None,
     setup: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", envvar="RIOT_ROS_SETUP", help="Is sourced before, such as /opt/ros/jazzy/setup.bash."
+            metavar="FILE", envvar="RIOT_ROS_SETUP", help="File to source first, such as /opt/ros/jazzy/setup.bash."
         ),
     ] = None,
     form: str = "text",
 ) -> None:
     """Join a ROS 2 domain, whatever its middleware, to a segment: topics, services and actions; until Ctrl-C.
 
-    Two bridges with different domains at two segments of `riot router` put it between the nodes of these domains. ROS
-    needs nothing but its own rclpy; on the segment, its nodes look like those of rmw_zenoh.
+    Two bridges, with different domains and on different segments, put `riot router` between the nodes of these domains.
+    ROS needs nothing but its own rclpy; on the segment, its nodes look like those of rmw_zenoh.
     """
     from riot_bus_ros2.bridge.bridge import Ros2Bridge
     from riot_bus_ros2.bridge.options import Ros2BridgeOptions

@@ -107,7 +107,7 @@ def test_a_run_that_has_failed_has_not_frozen(tmp_path: Path) -> None:
 def test_fields_are_constant_in_a_run(tmp_path: Path, design: Design, internal: str, external: str) -> None:
     one, system = driven(tmp_path)
     fields = external_fields(one.workspace)
-    edges, spent, untold = system.between(fields, range(24), alpha=0.01, design=design)
+    edges, spent, untold, _ = system.between(fields, range(24), alpha=0.01, design=design)
     assert untold == {}
     assert spent in (24, 48)
     assert len({case.seed for case in one.machine.executed}) == spent

@@ -151,9 +151,9 @@ def test_permeability_tells_what_gets_through_on_the_way(tmp_path: Path) -> None
     write_fields(one, SPEED)
     record = permeability(one.run(), one.folder)
     assert record.permeable == ("panel:knob",)
-    assert {(each.external, each.internal) for each in record.intermediate if each.permeable} == {
-        ("panel:knob", "mixed:half")
-    }
+    shares = {(each.external, each.internal): each.strength * each.permeable for each in record.intermediate}
+    assert shares["panel:knob", "mixed:half"] > 0.9
+    assert all(share < 0.1 for pair, share in shares.items() if pair != ("panel:knob", "mixed:half"))
     assert {each.internal for each in record.edges} == {SPEED}
     (path,) = record.paths
     assert [stage.field for stage in path.stages] == ["mixed:half", SPEED]

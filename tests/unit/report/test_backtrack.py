@@ -66,7 +66,6 @@ def test_pairs_without_a_bound_are_counted_apart() -> None:
     text = "\n".join(lines(RECORD.model_copy(update={"ranking": some})))
     told = "an effect of 0.8 % or more would have shown about half of the time"
     told += ", but 1 of them had too few messages to show any effect"
-    told += ", but 1 of them had too few messages to show any effect"
     assert f"2 pairs of fields, 1,200 messages of 4 logs; {told}" in text
 
 

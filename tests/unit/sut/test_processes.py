@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -141,6 +142,22 @@ def test_a_teardown_that_fails_is_told(launcher: Launcher, tmp_path: Path, caplo
         assert process.status == 0
     assert next(record.args for record in caplog.records) == ("fails", "status 4")
     assert "no-such-program" in caplog.text
+
+
+def test_ends_that_come_with_the_answer_to_the_start_are_not_lost(
+    launcher: Launcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    pump, link = launcher._pump, launcher._link
+
+    def late(timeout: float) -> None:
+        assert wait_until(lambda: b"torn down" in link.recv(1 << 16, socket.MSG_PEEK), WAIT_S)
+        pump(timeout)
+
+    monkeypatch.setattr(launcher, "_pump", late)
+    around = {"env": dict(os.environ), "cwd": tmp_path, "directory": tmp_path}
+    process = launcher.start("ends", ["true"], **around, teardown=["false"])
+    assert (process.status, process.torn_down) == (0, True)
+    assert caplog.records[0].args == ("ends", "status 1")
 
 
 def test_what_is_torn_down_when_riot_is_killed(tmp_path: Path) -> None:
