@@ -273,7 +273,7 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
         ("intercept/add", b"[]", "not a JSON object"),
         ("intercept/add", b"{" * 60_000, "not JSON"),
         ("intercept/add", b"\xff", "not UTF-8"),
-        ("intercept/add", b"x" * 70_000, "too many"),
+        ("intercept/add", b"x" * 70_000, "too large"),
         ("intercept/remove", b'{"kyes": []}', "did you mean 'keys'"),
         ("plan/load", b"\xff\xfe", "not UTF-8"),
         ("plan/load", b"a = " + b"[" * 5000, "not a TOML file"),

@@ -57,5 +57,5 @@ def test_names_in_words() -> None:
 
 @pytest.mark.parametrize("name", ["x", "", ":x", "a[1]:x"])
 def test_what_is_no_field_is_an_error(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"no field|not there"):
+    with pytest.raises(ConfigError, match=r"not the name of a field|not there"):
         LatestFields([name], ["a"], registry=TypeRegistry())

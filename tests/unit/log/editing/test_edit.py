@@ -187,7 +187,7 @@ def test_messages_that_cannot_be_changed_stay_and_are_told(tmp_path):
         ({"end": "4", "duration": 3.0}, "choose one"),
         ({"duration": 0.0}, "above 0"),
         ({"compression": "zip"}, "unknown compression"),
-        ({"split_bytes": 0}, "no size"),
+        ({"split_bytes": 0}, "at least 1 byte, not 0"),
     ],
 )
 def test_mistakes_are_explained_and_nothing_is_written(tmp_path, options, problem):
