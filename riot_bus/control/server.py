@@ -36,7 +36,7 @@ class Control:
     thread. So whatever others ask, and however often, an urgent command waits for its like alone. When a queue is full,
     the oldest question ends without an answer; this costs neither Python nor the link any time. Commands of the shared
     lanes are carried out one after another. Each question comes once, since questions do not cross the junction
-    (`config.access_control`). A question with wildcards means the commands that only read.
+    (`zenoh.session_config.access_control`). A question with wildcards means the commands that only read.
 
     Args:
         service: The router (or what else the commands are for), open; urgent commands may come beside others.

@@ -33,7 +33,7 @@ _numbering = threading.Lock()
 
 
 def begin_pinning(session: zenoh.Session) -> None:
-    """Let a session hold keys, until `end_holding`."""
+    """Let a session hold keys, until `end_pinning`."""
     _held[id(session)] = OrderedDict()
     _frequent[id(session)] = {}
 
