@@ -1,7 +1,7 @@
 """Robustness Inside-Out Testing (RIOT, Katz et al. 2020) on a message bus.
 
-The names below are what a script needs; each is imported when it is first asked for, so that `import riot_bus` costs
-nothing. The rooms behind them are described in ARCHITECTURE.md, plug-ins in docs/extending.md.
+The names below are what a script needs; each is imported on first use, so that `import riot_bus` costs nothing. The
+packages behind them are described in ARCHITECTURE.md, plug-ins in docs/extending.md.
 
 Example:
     >>> import riot_bus

@@ -1,4 +1,4 @@
-"""What happens while the chain works, as one stream of typed events that consoles, files and reports listen to."""
+"""Events of a running chain, as one typed stream that consoles, files and reports listen to."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class RunEvent:
     """One event; plain values only, so that it can be written as JSON."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON's kinds of values: the name of its class as `event`, and its attributes."""
+        """Return the event as JSON values: the name of its class as `event`, and its attributes."""
         return {"event": type(self).__name__, **asdict(self)}
 
 
 Listener = Callable[[RunEvent], None]
-"""Is told of everything that happens, in order, on the thread that does the work."""
+"""Called with every event, in order, on the thread that does the work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ class StepStarted(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class StepProgress(RunEvent):
-    """A step has got on.
+    """A step has made progress.
 
     Attributes:
-        done: Trials (or what else is counted) so far.
-        total: How many there will be; None if that is not known.
-        note: What goes on, for people.
+        done: Number of trials (or whatever is counted) so far.
+        total: Final number; None if it is not known.
+        note: Human-readable description of the current work.
         left: Seconds until it ends in any case; None if no time was given.
     """
 
@@ -70,11 +70,11 @@ class StepProgress(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class TimeLeft(RunEvent):
-    """How much is left of the time that was given for all of the work, told when a part of it begins.
+    """The remaining time for all of the work, reported when a part of it begins.
 
     Attributes:
-        seconds: So much is left.
-        total: So much was given.
+        seconds: Remaining time in seconds.
+        total: Given time in seconds.
     """
 
     seconds: float
@@ -83,13 +83,13 @@ class TimeLeft(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class TrialFinished(RunEvent):
-    """A trial has been answered, by executing it or by the store of earlier trials.
+    """A trial has a result, by executing it or from the store of earlier trials.
 
     Attributes:
         verdict: `pass`, `fail`, `error` or `unjudged`.
-        signature: The failure's, if it failed.
-        detail: What the first monitor saw, or what went wrong.
-        seconds: How long it took when it was executed.
+        signature: Signature of the failure, if it failed.
+        detail: Observation of the first monitor, or what went wrong.
+        seconds: Duration of its execution.
     """
 
     step: str
@@ -104,7 +104,7 @@ class CampaignStarted(RunEvent):
     """A unit's test begins.
 
     Attributes:
-        fingerprint: Of what is tested: a hash of the system file and of the code.
+        fingerprint: Hash of the system file and of the code under test.
     """
 
     unit: str
@@ -113,10 +113,10 @@ class CampaignStarted(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class FindingWritten(RunEvent):
-    """A distinct failure has got a folder.
+    """A distinct failure has been written to a folder.
 
     Attributes:
-        occurrences: Failing trials of the campaign with its signature.
+        occurrences: Number of failing trials of the campaign with its signature.
     """
 
     step: str
@@ -128,14 +128,14 @@ class FindingWritten(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class FindingReplayed(RunEvent):
-    """The log of a finding that was there before was played to fresh components.
+    """The log of an earlier finding was played to fresh components.
 
     Attributes:
-        folder: Where the log is kept.
-        title: What the finding is called.
+        folder: Folder that holds the log.
+        title: Title of the finding.
         answer: `still failing`, `fixed`, `failing otherwise`, or `not decided`.
-        text: What has become of it, in a line for people.
-        failed: Trials that failed as before.
+        text: Human-readable result in one line.
+        failed: Number of trials that failed as before.
     """
 
     folder: str
@@ -148,12 +148,12 @@ class FindingReplayed(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class StepFinished(RunEvent):
-    """A step has come to its end.
+    """A step has ended.
 
     Attributes:
-        text: What it has come to, in a line for people.
+        text: Human-readable result in one line.
         seconds: Time since it began.
-        trials: Trials that it asked for, whether executed now or earlier.
+        trials: Number of trials that it requested, whether executed now or earlier.
         folder: Folder that holds its record, if it wrote one.
         record: The record, as in its file.
     """
@@ -168,10 +168,10 @@ class StepFinished(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class StepStopped(RunEvent):
-    """A step cannot say anything about a finding, so the chain ends there.
+    """A step has no result for a finding, so the chain ends there.
 
     Attributes:
-        text: Why, for people.
+        text: Human-readable reason.
         folder: Folder of the finding.
     """
 
@@ -185,9 +185,9 @@ class CampaignFinished(RunEvent):
     """All trials of a unit's test are done.
 
     Attributes:
-        failing: Trials that failed.
+        failing: Number of trials that failed.
         exhausted: Whether the budget of trials was used up; False if time ran out first.
-        findings: Folders, most frequent failure first.
+        findings: Folders of the findings, most frequent failure first.
     """
 
     unit: str
@@ -203,8 +203,8 @@ class AnalysisFinished(RunEvent):
     """A finding has gone through the chain.
 
     Attributes:
-        report: The page about it.
-        stopped: Why the chain ended early; empty if it did not.
+        report: Report page of the finding.
+        stopped: Reason why the chain ended early; empty if it did not.
     """
 
     folder: str
@@ -216,7 +216,7 @@ class Listeners:
     """Passes events on to several listeners; the failure of one is reported once and stops nothing.
 
     Args:
-        listeners: Whom to tell, in this order.
+        listeners: Listeners in the order in which they are called.
     """
 
     def __init__(self, listeners: Iterable[Listener] = ()) -> None:
@@ -224,11 +224,11 @@ class Listeners:
         self._failed: set[int] = set()
 
     def __call__(self, event: RunEvent) -> None:
-        """Tell all listeners."""
+        """Pass an event to all listeners."""
         for place, listener in enumerate(self._listeners):
             try:
                 listener(event)
-            except Exception:  # a listener may raise anything, and the work goes on
+            except Exception:  # a listener may raise anything, but the work must continue
                 if place not in self._failed:
                     self._failed.add(place)
                     told = f"{getattr(listener, '__name__', type(listener).__name__)} on {type(event).__name__}"

@@ -1,4 +1,4 @@
-"""Options of plug-ins that are classes: what they declare, and instances made of what people wrote."""
+"""Options of plug-in classes: their declarations, and instances made from what users wrote."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REQUIRED = dataclasses.MISSING
 
 
 def options_of(kind: type) -> dict[str, tuple[str, Any]]:
-    """Return type (as declared, empty if it is not) and default of each option of a class; see `REQUIRED`."""
+    """Return declared type (empty if undeclared) and default of each option of a class; see `REQUIRED`."""
     if dataclasses.is_dataclass(kind):
         return {each.name: (_spelt(each.type), _default(each)) for each in dataclasses.fields(kind) if each.init}
     if not any("__init__" in vars(each) for each in kind.__mro__[:-1]):
@@ -43,9 +43,9 @@ def check_known(values: Mapping[str, Any], known: Mapping[str, Any], where: Call
     """Raise ConfigError at the first option that is not known.
 
     Args:
-        values: Options as they were written.
-        known: Names of the options that there are.
-        where: Returns the place of an option in the text that it was written in.
+        values: Options as the user wrote them.
+        known: The existing options by name.
+        where: Returns the place of an option in the user's text.
     """
     for key in values:
         if key not in known:
@@ -59,8 +59,8 @@ def instance_of(
 
     Args:
         kind: The class.
-        values: Options as they were written; the class has them all.
-        where: Returns the place of an option; of the whole for an empty name.
+        values: Options as the user wrote them; all exist in the class.
+        where: Returns the place of an option; for an empty name, that of all options.
         root: Folder that relative paths start from; None for the working folder.
 
     Raises:
@@ -70,7 +70,7 @@ def instance_of(
         hints = get_type_hints(
             kind if dataclasses.is_dataclass(kind) else vars(kind).get("__init__", kind), include_extras=True
         )
-    except Exception:  # a file's own annotations may name what is not imported
+    except Exception:  # annotations in a user's file may use names that are not imported
         hints = {}
     declared = options_of(kind)
     for name, (_, default) in declared.items():
@@ -87,7 +87,7 @@ def instance_of(
 
 
 def explained_option(error: ValidationError, where: Callable[[str], str], option: str = "") -> ConfigError:
-    """Turn pydantic's error about one option into one with place and value."""
+    """Return pydantic's error about one option as a ConfigError with place and value."""
     problem = error.errors()[0]
     option = option or (str(problem["loc"][0]) if problem["loc"] else "")
     text = problem["msg"].removeprefix("Value error, ")
@@ -116,6 +116,6 @@ def _validated(key: str, value: Any, hints: Mapping[str, Any], where: Callable[[
         validated = TypeAdapter(hints[key]).validate_python(value)
     except ValidationError as error:
         raise explained_option(error, where, key) from None
-    except PydanticUserError:  # a type that is only known to its author
+    except PydanticUserError:  # a custom type that pydantic does not know
         return value
     return root / validated if root is not None and isinstance(validated, Path) else validated

@@ -1,6 +1,6 @@
-"""Finds plug-ins of every kind by entry points: interceptors, codecs, monitors, steps; the built-in ones as any other.
+"""Finds plug-ins by entry points: interceptors, codecs, monitors, steps; built-in ones in the same way as others.
 
-A plug-in is imported only when somebody names it. Our own names cannot be taken by another package.
+A plug-in is imported only when it is named. Other packages cannot override the names of built-in plug-ins.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class PluginKind(NamedTuple):
     """One kind of plug-in.
 
     Attributes:
-        noun: What errors call one: "codec".
-        group: Its group of entry points: "riot_bus.types".
+        noun: Name of the kind in errors, such as "codec".
+        group: Its group of entry points, such as "riot_bus.types".
     """
 
     noun: str
@@ -59,8 +59,8 @@ class PluginKind(NamedTuple):
             where: Place of the text that names it, for errors.
 
         Raises:
-            ConfigError: Nothing installed has this name, or it cannot be imported.
-            RiotError: Importing it raised this; such as `MissingExtraError`.
+            ConfigError: No installed plug-in has this name, or it cannot be imported.
+            RiotError: The import raised it, for example `MissingExtraError`.
         """
         targets = self.targets()
         if name not in targets:
@@ -72,7 +72,7 @@ class PluginKind(NamedTuple):
             return getattr(found, attribute) if attribute else found
         except RiotError:
             raise
-        except Exception as error:  # the package is somebody else's and may raise anything
+        except Exception as error:  # a third-party package may raise anything
             hint = "mend or uninstall the package"
             text = f"{self.noun} {name!r} cannot be loaded: {error}"
             raise ConfigError(text, where=targets[name], hint=hint) from error
@@ -96,8 +96,8 @@ KINDS = (ADAPTERS, BRIDGES, CODECS, DICTIONARIES, FAULTS, INTERCEPTORS, MONITORS
 def _installed() -> tuple[Any, EntryPoints]:
     """Return the entry points of all packages, and our own.
 
-    Read once: each question to `entry_points` reads files of every package. And nobody is asked for the name of its
-    distribution, which would parse the whole of its metadata.
+    Read once, since each call of `entry_points` reads files of every package. The names of distributions are not read,
+    since that would parse all of their metadata.
     """
     from importlib.metadata import EntryPoints, PackageNotFoundError, distribution, entry_points  # slow to load
 

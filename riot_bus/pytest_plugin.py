@@ -1,7 +1,7 @@
 """The pytest plug-in: fixtures `riot`, `riot_router`, `riot_segment`, `riot_finding`, and the marker `riot`.
 
-How they are used: docs/pytest.md. Every pytest run where riot_bus is installed loads this file, so it imports
-nothing of the rest until a fixture is used.
+See docs/pytest.md for their use. Every pytest run loads this file if riot_bus is installed, so it imports the rest
+of riot_bus only when a fixture is used.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Let tests with our marker use the fixture, before others of the test alone: they may start what it is for."""
+    """Make marked tests use the fixture before other function-scoped ones, which may start the program under test."""
     if not isinstance(item, pytest.Function) or item.get_closest_marker("riot") is None:
         return
     names, known = item.fixturenames, item._fixtureinfo.name2fixturedefs
@@ -67,7 +67,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Forget the log of a test when all of it has passed; not if somebody has ended the tests."""
+    """Delete the log of a test if no phase failed, unless all logs are kept or the run was interrupted."""
     result = yield
     log, outcomes = item.stash.get(_LOG, None), item.stash.get(_OUTCOMES, {})
     kept = item.config.getoption("--riot-record") == "always" or "failed" in outcomes.values()
@@ -89,7 +89,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Say of a failed test where its log is, how it is done again, and what riot has noticed."""
+    """Add to a failed test's report its log, the command that repeats it, and what riot noticed."""
     report = yield
     outcomes = item.stash.setdefault(_OUTCOMES, {})
     outcomes[call.when] = report.outcome
@@ -98,7 +98,7 @@ def pytest_runtest_makereport(
         again = f"pytest {shlex.quote(str(item.config.rootpath / item.nodeid))} --riot-seed {one.seed}"
         told = {"log": str(log) if log is not None else "", "again": again}
         properties = [(f"riot-{name}", text) for name, text in told.items() if text]
-        for each in (item, report):  # JUnit's XML has those of the last report, which gets the item's
+        for each in (item, report):  # JUnit XML shows the properties of the last report, which are the item's
             each.user_properties += [one for one in properties if one not in each.user_properties]
         notes = one.unshown() if call.when == "call" and "ended" in outcomes else []
         lines = [
@@ -126,13 +126,13 @@ def riot_router(request: pytest.FixtureRequest) -> Iterator[LiveRouter]:
 
 @pytest.fixture(scope="session")
 def riot_segment(riot_router: LiveRouter) -> Callable[[str], LiveSegment]:
-    """How to get into a segment, by its name: endpoint, configuration file, environment."""
+    """Function from a segment's name to its endpoint, configuration file and environment variables."""
     return riot_router.segment
 
 
 @pytest.fixture
 def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[RouterTest]:
-    """What a test intercepts, injects and sees; at its end, what it asked for must have happened."""
+    """What a test intercepts, injects and sees; the test fails if something that it asked for did not happen."""
     from riot_bus.log.run import run_facts
     from riot_bus.log.writer import LogWriter
     from riot_bus.testing.fixture import router_test
@@ -165,7 +165,7 @@ def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[Ro
             one.inject(*wanted["plan"])
         yield one
         problems = one.problems()
-        if problems and item.stash[_OUTCOMES].get("call") == "passed":  # of another one the report says it
+        if problems and item.stash[_OUTCOMES].get("call") == "passed":  # a failed call reports them itself
             pytest.fail("riot: " + "\n".join(problems), pytrace=False)
 
 
@@ -189,7 +189,7 @@ def riot_finding(request: pytest.FixtureRequest) -> Callable[..., Reproduction]:
 
 
 def _marked(item: pytest.Item) -> dict[str, Any]:
-    """Return what markers want: the closest one says the segment, all of them plans and topics."""
+    """Return what the markers ask for: the segment that the closest one names, and the plans and topics of all."""
     plans: list[Any] = []
     topics: list[str] = []
     segment: str | None = None
@@ -209,7 +209,7 @@ def _several(given: Any) -> Sequence[Any]:
 
 
 def _folder_of(item: pytest.Item) -> Path:
-    """Return where a test's files are kept: with the test's name, as far as file systems allow, and a hash of it."""
+    """Return the path of a test's files: its name, as far as file systems allow, and a hash of it."""
     folder = item.config.getoption("--riot-record-dir") or item.config.rootpath / "riot-logs"
     name = re.sub(r"[^A-Za-z0-9_.\-]+", "_", item.nodeid).strip("_.")[-_LONGEST_NAME:]
     return Path(folder) / f"{name}-{hashlib.sha256(item.nodeid.encode()).hexdigest()[:6]}"

@@ -1,4 +1,4 @@
-"""MAVLink for riot: names of keys, types of frames by dialect, by the user's XML, and by the definitions of a log."""
+"""MAVLink adapter: forms keys, finds message types in a dialect, the user's XML or the definitions of a log."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
 class MavlinkAdapter:
-    """Implements `Adapter` and some of `riot_bus.types.capabilities` for frames of MAVLink, one in each payload.
+    """Implements `Adapter` and some of `riot_bus.types.capabilities` for MAVLink frames, one in each payload.
 
     Args:
-        options: A dialect's name, or some of `dialect=NAME;key_file=FILE;template=KEY`: the key that signs what was
-            changed of signed frames, and how keys are made (see `riot_bus_mavlink.keys`).
+        options: A dialect's name, or any of `dialect=NAME;key_file=FILE;template=KEY`: the key that re-signs changed
+            signed frames, and the template of the keys on the bus (see `riot_bus_mavlink.keys`).
 
     Raises:
         MissingExtraError: pymavlink or fastcrc is not installed.
@@ -59,7 +59,7 @@ class MavlinkAdapter:
         self._types: dict[str, MavlinkType] = {}
         self._from_schemas: dict[Schema, MavlinkType | None] = {}
         if "dialect" in chosen:
-            load_dialect(self._dialect_name)  # a wrong name is told at once
+            load_dialect(self._dialect_name)  # reports a wrong name at once
 
     @cached_property
     def dialect(self) -> Dialect:
@@ -67,19 +67,19 @@ class MavlinkAdapter:
         return load_dialect(self._dialect_name, self._files)
 
     def topic(self, key: str) -> TopicName | None:
-        """Return the key itself and the type that it names, None if the template does not fit it."""
+        """Return the key and the type that it names, None if it does not match the template."""
         parsed = self.template.parse(key)
         return None if parsed is None else TopicName(key, PREFIX + parsed.message)
 
     def key_expression(self, topic: str) -> str | None:
-        """Return an expression for `HEARTBEAT` from anybody, or for `1/1/HEARTBEAT` and `1/*/HEARTBEAT`."""
+        """Return the key expression of `HEARTBEAT` (any source), `1/1/HEARTBEAT` or `1/*/HEARTBEAT`."""
         match = _SHORT.fullmatch(topic)
         if match is None or self.dialect.message(match[3]) is None:
             return None
         return self.template.expression("*", match[1] or "*", match[2] or "*", match[3])
 
     def load(self, files: Sequence[Path]) -> None:
-        """Take in dialects: XML files, which may include those that pymavlink ships.
+        """Load dialects from XML files, which may include those that pymavlink ships.
 
         Raises:
             ConfigError: A file is missing or wrong; then nothing changes.
@@ -107,9 +107,9 @@ class MavlinkAdapter:
         return [PREFIX + message.name for message in self.dialect.messages.values()]
 
     def type_of_schema(self, schema: Schema) -> MavlinkType | None:
-        """Return the type by a log's definition, which holds for that log whatever is known here.
+        """Return the type that a log's definition describes; in that log it overrides the loaded dialect.
 
-        If the definition is the same as here, the type knows more: parameters of commands, all enums.
+        If both agree on the message, the dialect's type is returned, which also knows command parameters and all enums.
         """
         if schema.encoding != ENCODING:
             return None
@@ -118,11 +118,11 @@ class MavlinkAdapter:
         return self._from_schemas[schema]
 
     def unpacker(self) -> TlogUnpacker:
-        """Return what takes a telemetry log apart; its messages come over a link called `tlog`."""
+        """Return an unpacker of telemetry logs; its messages belong to a link called `tlog`."""
         return TlogUnpacker(self.dialect, self.template)
 
     def packed(self, message: Message) -> bytes | None:
-        """Return the record of a frame in a telemetry log, None if a message is none."""
+        """Return a message as a record of a telemetry log, None if it is not a MAVLink frame."""
         if message.kind == "delete" or message.payload[:1] not in (b"\xfe", b"\xfd"):
             return None
         try:
@@ -137,7 +137,7 @@ class MavlinkAdapter:
     def listen(
         self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]
     ) -> HeardSystem:
-        """Listen to links of MAVLink for a while; the unit is the id of a system."""
+        """Listen to MAVLink links for some seconds; `unit` is the id of a system."""
         from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_lines, sketch_toml
         from riot_bus_mavlink.survey import listen
 

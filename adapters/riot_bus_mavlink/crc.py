@@ -13,7 +13,7 @@ __all__ = ["load_crc"]
 
 
 def load_crc() -> Callable[[bytes, int], int]:
-    """Return what goes on with a checksum, 0xFFFF at first, over more bytes.
+    """Return a function that continues a checksum (initially 0xFFFF) over more bytes.
 
     Raises:
         MissingExtraError: fastcrc is not installed.

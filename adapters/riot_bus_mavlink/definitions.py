@@ -1,4 +1,4 @@
-"""What a dialect says of a message: fields with their places, units, enums and markers."""
+"""Definitions of messages in a dialect: fields with their places, units, enums and markers."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ SIZES = {
     "char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "float": 4,
     "int64_t": 8, "uint64_t": 8, "double": 8,
 }  # fmt: skip
-"""Bytes of one element, by the name that a type has in dialects."""
+"""Bytes of one element, by the name of its type in dialects."""
 
 _TYPES = {"char": "string", "float": "float32", "double": "float64"}
 
 
 class DialectError(ValueError):
-    """A message cannot be as it is defined."""
+    """The definition of a message is impossible."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldText:
-    """A field as a dialect's file has it.
+    """A field as a dialect's file defines it.
 
     Attributes:
-        name: Such as `lat`.
-        type: Such as `int32_t`, one of `SIZES`.
-        array: Number of elements, 0 if it is no array.
-        extension: Whether it is not sent in MAVLink 1, and no part of the checksum.
-        unit: As it is written there: `degE7`, `cdeg`, `mm`, `d%`.
-        enum: Name of the enum that its values are of.
-        bitmask: Whether these are flags, in any combination.
+        name: Name of the field, such as `lat`.
+        type: Type of an element, one of `SIZES`, such as `int32_t`.
+        array: Number of elements, 0 if it is not an array.
+        extension: Whether it is absent in MAVLink 1 and does not count for `crc_extra`.
+        unit: Unit as written in the file: `degE7`, `cdeg`, `mm`, `d%`.
+        enum: Name of the enum of its values.
+        bitmask: Whether its values are flags, in any combination.
         invalid: The marker for "not known": `UINT16_MAX`, `NaN`, `[NaN:]`.
         low: Smallest sensible value.
         high: Largest sensible value.
@@ -68,7 +68,7 @@ class FieldText:
 
     @property
     def size(self) -> int:
-        """Bytes that it takes."""
+        """Number of bytes that it takes."""
         return SIZES[self.type] * (self.array or 1)
 
     @property
@@ -79,7 +79,7 @@ class FieldText:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A field, and at which byte of the payload it begins."""
+    """A field and its offset in the payload."""
 
     field: FieldText
     offset: int
@@ -95,12 +95,12 @@ class MessageTable:
     """A message of a dialect.
 
     Attributes:
-        id: 0 to 16777215.
-        name: Such as `GLOBAL_POSITION_INT`.
+        id: Message id, 0 to 16777215.
+        name: Name of the message, such as `GLOBAL_POSITION_INT`.
         places: Its fields in the order of its definition.
         base_size: Bytes of its payload in MAVLink 1.
         size: Bytes of its payload in MAVLink 2, before trailing zeros are cut off.
-        crc_extra: What stands for the definition in the checksum.
+        crc_extra: CRC extra byte, which stands for the definition in the checksum.
     """
 
     id: int
@@ -112,14 +112,14 @@ class MessageTable:
 
     @property
     def targets(self) -> tuple[int | None, int | None]:
-        """At which bytes of the payload `target_system` and `target_component` are, None where there is none."""
+        """Payload offsets of `target_system` and `target_component`, None where there is none."""
         system, component = (self.places.get(name) for name in ("target_system", "target_component"))
         return (None if system is None else system.offset, None if component is None else component.offset)
 
 
 @dataclass(frozen=True, slots=True)
 class Param:
-    """What a parameter of a command means: one of the seven of MAV_CMD."""
+    """Definition of one of the seven parameters of a command in MAV_CMD."""
 
     index: int
     label: str = ""
@@ -158,10 +158,10 @@ class EnumTable:
 
 
 def make_message(message_id: int, name: str, fields: Sequence[FieldText]) -> MessageTable:
-    """Return a message with the places of its fields: larger types first, extensions in their order at the end.
+    """Return a message with the places of its fields: larger types first, extensions last, in their order.
 
     Raises:
-        DefinitionError: Two fields have the same name, or the fields do not fit in a payload.
+        DialectError: Two fields have the same name, or the fields do not fit in a payload.
         MissingExtraError: fastcrc is not installed.
     """
     base = sorted((each for each in fields if not each.extension), key=lambda each: -SIZES[each.type])

@@ -1,4 +1,4 @@
-"""Dialects: the messages and enums of one that pymavlink ships, and of the user's own files."""
+"""Dialects: messages and enums, from those that pymavlink ships and from the user's own files."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Dialect:
     """The messages that are known.
 
     Args:
-        name: Of the dialect.
-        parts: What its files define; what comes later replaces messages of the same id or name, and adds to enums.
+        name: Name of the dialect.
+        parts: Contents of its files; later ones replace messages with the same id or name, and add to enums.
     """
 
     def __init__(self, name: str, parts: Iterable[DialectFile]) -> None:
@@ -57,7 +57,7 @@ class Dialect:
         return self._enums
 
     def crc_extra(self, message_id: int) -> int | None:
-        """Return what stands for a message's definition in its checksum, None if the message is unknown."""
+        """Return a message's CRC extra byte, None if the message is unknown."""
         return self._extras.get(message_id)
 
     def name_of(self, message_id: int) -> str:
@@ -79,7 +79,7 @@ class Dialect:
         return None if number is None else self._messages[number]
 
     def targets(self, message_id: int) -> tuple[int | None, int | None]:
-        """Return at which bytes of the payload the target system and component are, None where there is none.
+        """Return the payload offsets of target system and target component, None where there is none.
 
         Bytes beyond the end of a payload are zeros that were cut off.
         """
@@ -106,7 +106,7 @@ def dialect_names() -> list[str]:
 
 
 def load_dialect(name: str = DEFAULT, files: Sequence[Path] = ()) -> Dialect:
-    """Load a dialect that pymavlink ships, and files of the user's.
+    """Load a dialect that pymavlink ships, and the user's files.
 
     Args:
         name: Such as `all` or `ardupilotmega`; empty for none.
@@ -149,7 +149,7 @@ def _shipped_file(name: str) -> Path:
 
 
 def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
-    """Read a file and those that it includes, each once, into `parts`; includers come last."""
+    """Read a file and those that it includes, each once, into `parts`; a file comes after its includes."""
     place = file.resolve()
     if place in parts:
         return
@@ -160,7 +160,7 @@ def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", where=str(file)) from error
     found = parse_dialect(data, where=str(file))
-    parts[place] = DialectFile()  # holds its place, so that circles end
+    parts[place] = DialectFile()  # placeholder, so that circular includes end
     for include in found.includes:
         _read(_included(include, file), parts)
     del parts[place]

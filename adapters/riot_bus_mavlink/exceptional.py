@@ -1,4 +1,4 @@
-"""Values worth trying in a field, as its definition tells: enums, markers, units, limits, parameters of commands."""
+"""Values worth trying in a field, from its definition: enums, markers, units, limits, parameters of commands."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def exceptional_values(
         message: The definition.
         enums: The enums of the dialect.
         payload: A sample; it tells which command the parameters belong to.
-        path: Of the field, or of an element of an array.
+        path: Path of the field, or of an element of an array.
     """
     name, _, index = path.partition("[")
     place = message.places.get(name)
@@ -89,7 +89,7 @@ def invalid_values(text: str, index: int = 0) -> list[float]:
 
 
 def why_brittle(message: MessageTable, path: str) -> str | None:
-    """Return why a field should be left alone, empty if it need not be, None if its name is to decide."""
+    """Return why a field should not be changed, empty if it may be, None if its name is to decide."""
     if path == "header.sequence":
         return "sequence number"
     if path in _ADDRESSES:
@@ -104,9 +104,9 @@ def why_brittle(message: MessageTable, path: str) -> str | None:
 
 
 def allows_nan(message: MessageTable, path: str) -> bool:
-    """Return whether NaN says in a field that its value is not known, or that a parameter is not used.
+    """Return whether NaN in a field means that its value is not known, or that a parameter is not used.
 
-    Of parameters, the command protocol says so for all commands: https://mavlink.io/en/services/command.html
+    The command protocol defines this for the parameters of all commands: https://mavlink.io/en/services/command.html
     """
     name, _, index = path.partition("[")
     place = message.places.get(name)

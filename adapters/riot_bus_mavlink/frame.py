@@ -1,8 +1,8 @@
 """Frames of MAVLink 1 and 2 as bytes, and finding them in a stream.
 
-A frame is `FE len seq sys comp id` (MAVLink 1) or `FD len incompat compat seq sys comp id id id` (2), so many bytes of
-payload, a checksum over all of this but the first byte and over one more that stands for the message's definition
-(`crc_extra`), and in signed frames of MAVLink 2 a signature of 13 bytes.
+A frame is `FE len seq sys comp id` (MAVLink 1) or `FD len incompat compat seq sys comp id id id` (2), then `len` bytes
+of payload, a checksum over all of this except the first byte and over one extra byte that stands for the message's
+definition (`crc_extra`), and, in signed frames of MAVLink 2, a signature of 13 bytes.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ _EXTRA = [bytes([number]) for number in range(256)]
 
 
 class Frame(NamedTuple):
-    """One frame as it came, and what its header says.
+    """One frame as it was received, with the values of its header.
 
     Attributes:
         raw: All bytes, from the first one (FE or FD) to the checksum or signature.
-        version: 1 or 2.
-        sequence: Number at the sender, 0 to 255.
+        version: Version of MAVLink, 1 or 2.
+        sequence: Sequence number of the sender, 0 to 255.
         system: Id of the sending system.
         component: Id of the sending component.
-        message_id: Which message it is.
+        message_id: Id of its message.
         signed: Whether a signature follows the checksum.
     """
 
@@ -83,15 +83,15 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class StreamCounts:
-    """What came out of a stream; `bytes` is the sum of `frame_bytes`, `junk_bytes` and what waits for more.
+    """Counts of a stream; `bytes` is the sum of `frame_bytes`, `junk_bytes` and the bytes of incomplete frames.
 
     Attributes:
-        frames: Frames that were passed on.
-        unknown: Those of them whose message is unknown, so that their checksum could not be checked.
-        bad_crc: What looked like a frame but has a wrong checksum.
+        frames: Number of frames that were passed on.
+        unknown: Number of these whose message is unknown, so that their checksum could not be checked.
+        bad_crc: Number of apparent frames with a wrong checksum.
         bytes: Number of all bytes.
-        frame_bytes: In frames that were passed on.
-        junk_bytes: In nothing that was passed on.
+        frame_bytes: Number of bytes in frames that were passed on.
+        junk_bytes: Number of bytes that were not passed on.
     """
 
     frames: int = 0
@@ -103,25 +103,25 @@ class StreamCounts:
 
 
 class FrameKind(Protocol):
-    """What is known of frames of one message from one component."""
+    """Kind of frames: one message from one component."""
 
     @property
     def extra(self) -> bytes:
-        """The message's extra byte of the checksum."""
+        """The message's CRC extra byte."""
 
 
 KindT = TypeVar("KindT", bound=FrameKind)
 
 
 class Framer:
-    """Finds frames in a stream of bytes, however it is split; after damage it goes on with the next whole frame.
+    """Finds frames in a stream of bytes, however it is split; after damage it continues with the next whole frame.
 
-    A frame with a wrong checksum is junk; the search goes on after its first byte, so that no frame is lost to bytes
-    that only look like the beginning of one. A frame of an unknown message has no checksum that could be checked; it is
-    taken before what begins like a frame or, if nothing follows, after one, or as all that came at once.
+    A frame with a wrong checksum is junk; the search continues after its first byte, so that no frame is lost to bytes
+    that only look like the beginning of one. The checksum of an unknown message cannot be checked; its frame is taken
+    if the next bytes begin like a frame or, if nothing follows, if it follows a frame or is all that came at once.
 
     Args:
-        crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
+        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
 
     Raises:
         MissingExtraError: fastcrc is not installed.
@@ -136,7 +136,7 @@ class Framer:
 
     @property
     def pending(self) -> int:
-        """Bytes that wait for the rest of their frame."""
+        """Number of bytes that wait for the rest of their frame."""
         return len(self._rest)
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -145,12 +145,12 @@ class Framer:
         return self._scan(self._rest + data if self._rest else data, ended=False)
 
     def known(self, packets: Sequence[bytes], first: int, kinds: Mapping[bytes, KindT]) -> list[KindT]:
-        """Take packets as long as each is one whole frame, unsigned and of MAVLink 2, of a kind that is known.
+        """Take packets as long as each is exactly one unsigned frame of MAVLink 2, of a known kind.
 
         Args:
-            packets: What came, each by itself.
-            first: Where to begin.
-            kinds: By the bytes at `KIND`.
+            packets: Packets as they were received.
+            first: Index of the first packet to take.
+            kinds: Known kinds, by the bytes at `KIND`.
 
         Returns:
             The kinds of the packets that were taken; none while the rest of a frame is awaited.
@@ -178,7 +178,7 @@ class Framer:
         return taken
 
     def flush(self) -> list[Frame]:
-        """Return the whole frames in what waits for more, which never comes; the rest of it is junk."""
+        """Return the whole frames among the pending bytes at the end of the stream; the rest is junk."""
         return self._scan(self._rest, ended=True) if self._rest else []
 
     def _scan(self, data: bytes, *, ended: bool) -> list[Frame]:
@@ -240,7 +240,7 @@ def parse_frame(data: bytes) -> Frame:
     """Return the one frame that these bytes are; its checksum is not checked.
 
     Raises:
-        PayloadError: They are no frame, or more than one.
+        PayloadError: The bytes are not a frame, or more than one.
     """
     size = len(data)
     if is_plain(data):
@@ -280,16 +280,16 @@ def seal(head: bytes, payload: bytes, crc_extra: int) -> bytes:
 def pack_frame(
     message_id: int, payload: bytes, crc_extra: int, *, version: int, sequence: int, system: int, component: int
 ) -> bytes:
-    """Return an unsigned frame; of MAVLink 2, trailing zeros of the payload are cut off.
+    """Return an unsigned frame; in MAVLink 2, trailing zeros of the payload are cut off.
 
     Args:
-        message_id: At most 255 in MAVLink 1.
-        payload: At most 255 bytes, in MAVLink 1 without fields of extensions.
-        crc_extra: Of the message.
-        version: 1 or 2.
-        sequence: Taken modulo 256.
-        system: Of the sender, 0 to 255.
-        component: Of the sender, 0 to 255.
+        message_id: Id of the message, at most 255 in MAVLink 1.
+        payload: At most 255 bytes, in MAVLink 1 without extension fields.
+        crc_extra: CRC extra byte of the message.
+        version: Version of MAVLink, 1 or 2.
+        sequence: Sequence number, taken modulo 256.
+        system: System id of the sender, 0 to 255.
+        component: Component id of the sender, 0 to 255.
 
     Raises:
         ValueError: A number is out of range.
@@ -316,14 +316,14 @@ def _checksum(data: bytes, crc_extra: int) -> int:
 
 
 def _next_start(data: bytes, at: int) -> int:
-    """Return where the next byte is that may begin a frame, or the end."""
+    """Return the index of the next byte that may begin a frame, or the end."""
     old, new = data.find(V1, at), data.find(V2, at)
     size = len(data)
     return min(size if old < 0 else old, size if new < 0 else new)
 
 
 def frame_length(data: bytes, at: int) -> int:
-    """Return how long the frame at a place is: at least 8 if its header is not whole, -1 if this is no frame."""
+    """Return the length of the frame at a place: at least 8 if its header is incomplete, -1 if it is not a frame."""
     if data[at] == V1:
         return 8 + data[at + 1] if at + 1 < len(data) else 8
     if at + 2 >= len(data):
@@ -335,7 +335,7 @@ def frame_length(data: bytes, at: int) -> int:
 
 
 def _unsigned(raw: bytes) -> Frame:
-    """Return what an unsigned frame of MAVLink 2 is, without a detour through the arguments of `Frame`."""
+    """Return an unsigned frame of MAVLink 2, faster than by calling `Frame` with its arguments."""
     number = raw[7] | raw[8] << 8 | raw[9] << 16
     return _new(Frame, (raw, 2, raw[4], raw[5], raw[6], number, False))
 

@@ -23,7 +23,7 @@ _HINT = f"write it like {TEMPLATE!r}"
 
 
 class Parsed(NamedTuple):
-    """What a key says; parts that the template lacks are empty, or None."""
+    """The parts of a key; those that the template lacks are empty, or None."""
 
     link: str
     system: int | None
@@ -32,13 +32,13 @@ class Parsed(NamedTuple):
 
 
 class KeyTemplate:
-    """How keys are made of links, senders and messages, and taken apart again.
+    """Template that forms keys from links, senders and messages, and parses them.
 
     Args:
         text: Chunks, each a placeholder ({link}, {sysid}, {compid}, {MESSAGE}) or literal; {MESSAGE} is needed.
 
     Raises:
-        ConfigError: The text is no such template.
+        ConfigError: The text is not a valid template.
     """
 
     def __init__(self, text: str = TEMPLATE) -> None:
@@ -68,7 +68,7 @@ class KeyTemplate:
         return "/".join(parts.get(chunk, chunk) for chunk in self._chunks)
 
     def parse(self, key: str) -> Parsed | None:
-        """Return what a key says, None if it is of another kind."""
+        """Return the parts of a key, None if it does not match the template."""
         match = self._pattern.fullmatch(key)
         if match is None:
             return None

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["PREFIX", "MavlinkType"]
 
 PREFIX = "mavlink/"
-"""What names of types begin with: `mavlink/HEARTBEAT`."""
+"""Prefix of type names, as in `mavlink/HEARTBEAT`."""
 
 _V2 = bytes([V2])
 _BYTE = struct.Struct("<B")
@@ -50,13 +50,13 @@ class MavlinkType:
     """Frames of one message, of MAVLink 1 and 2.
 
     Fields of the message have their own names; those of the header are `header.sequence`, `header.system_id` and
-    `header.component_id`. The frame's length and checksum follow whatever is patched. Frames whose checksum is wrong
-    are opaque, so that no change makes a damaged frame good.
+    `header.component_id`. A patch updates the frame's length and checksum. Frames whose checksum is wrong are opaque,
+    so that no change makes a damaged frame valid.
 
     Args:
-        message: Its definition.
+        message: Definition of the message.
         enums: The enums that its fields refer to.
-        signer: Signs what was changed of a signed frame, with the time that it has; without it such are not changed.
+        signer: Re-signs a changed signed frame with the timestamp that it has; without it, they are not changed.
     """
 
     encoding = ENCODING
@@ -76,7 +76,7 @@ class MavlinkType:
         return schema_of(self.name, self.message, self._enums)
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
-        """List the fields of the message in the order of its definition, and those of the header before them."""
+        """List the fields of the header, then those of the message in the order of its definition."""
         parts = self._parts(payload)
         found = [Leaf(path, "uint8", payload[places[parts.version - 1]]) for path, places in HEADER.items()]
         body = self._body(payload, parts)
@@ -107,7 +107,7 @@ class MavlinkType:
         return slot.read(payload[parts.start : parts.end])
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the frame with some values replaced, its length and checksum renewed, and signed if it was."""
+        """Return the frame with some values replaced and new length and checksum, re-signed if it was signed."""
         parts = self._parts(payload)
         if not changes:
             return payload
@@ -128,11 +128,11 @@ class MavlinkType:
     rebuild = patch
 
     def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
-        """Return what sets a field to always the same value.
+        """Return a function that sets a field to a fixed value.
 
         Args:
-            path: A field.
-            value: What it is set to.
+            path: Path of the field.
+            value: Value that it is set to.
         """
         slot = None if path in HEADER else self._slot(path)
         if slot is None or isinstance(slot, Place):
@@ -144,7 +144,7 @@ class MavlinkType:
 
         def patch(payload: bytes) -> bytes:
             stop = len(payload) - 2
-            # The usual frame: unsigned, of MAVLink 2, and its length stays since what ends it is not changed.
+            # The usual frame: unsigned, of MAVLink 2, and its length stays since its last byte is not changed.
             if stop > last and payload[0] == V2 and payload[1] == stop - 10 and payload[2] == 0:
                 check = payload[stop] | payload[stop + 1] << 8
                 if payload[stop - 1] and payload[7:10] == number and crc(payload[1:stop] + extra, 0xFFFF) == check:
@@ -153,7 +153,7 @@ class MavlinkType:
             parts = self._parts(payload)
             body = self._body(payload, parts)
             if end > len(body):
-                return self.patch(payload, {path: value})  # says what is wrong
+                return self.patch(payload, {path: value})  # raises an error that says what is wrong
             body = b"%b%b%b" % (body[:start], packed, body[end:])
             return self._closed(payload, parts, payload[: parts.start], body)
 
@@ -212,7 +212,7 @@ class MavlinkType:
         return exceptional_values(self, self.message, self._enums, payload, path)
 
     def brittle(self, path: str) -> str | None:
-        """Return why a field should be left alone, as `riot_bus.types.capabilities.KnowsBrittleFields` says."""
+        """Return why a field should not be changed, as `riot_bus.types.capabilities.KnowsBrittleFields` says."""
         return why_brittle(self.message, path)
 
     def allows_non_finite(self, path: str) -> bool:
@@ -220,7 +220,7 @@ class MavlinkType:
         return allows_nan(self.message, path)
 
     def _parts(self, payload: bytes) -> _Parts:
-        """Return where the parts of a frame are; raises PayloadError if it is none of this message."""
+        """Return where the parts of a frame are; raises PayloadError if it is not a frame of this message."""
         size = len(payload)
         first = payload[0] if size >= 12 or (size >= 8 and payload[0] == V1) else 0
         if first == V2:
@@ -266,7 +266,7 @@ class MavlinkType:
         return self._signer.sign(frame, payload[-13], int.from_bytes(payload[-12:-6], "little"))
 
     def _body(self, payload: bytes, parts: _Parts) -> bytes:
-        """Return the payload of a frame, of MAVLink 2 with the zeros that were cut off."""
+        """Return the payload of a frame; in MAVLink 2, zeros that were cut off are restored."""
         body = payload[parts.start : parts.end]
         return body.ljust(self.message.size, b"\0") if parts.version == 2 else body
 

@@ -1,4 +1,4 @@
-"""Definitions of single messages as they are kept in logs: a dialect of one message and the enums that it refers to."""
+"""Message definitions as stored in logs: a dialect with one message and the enums that it refers to."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def schema_of(name: str, message: MessageTable, enums: Mapping[str, EnumTable]) 
 
 
 def parse_schema(schema: Schema) -> DialectFile | None:
-    """Return what a log says of one message, None if this is no such definition."""
+    """Return the definition of a message from a log's schema, None if it is not such a definition."""
     if schema.encoding != ENCODING or not schema.data:
         return None
     try:
@@ -37,7 +37,7 @@ def parse_schema(schema: Schema) -> DialectFile | None:
 
 
 def _lines(message: MessageTable, enums: Mapping[str, EnumTable]) -> Iterator[str]:
-    from xml.sax.saxutils import quoteattr  # which brings HTTP and TLS along
+    from xml.sax.saxutils import quoteattr  # imported late: it imports HTTP and TLS
 
     fields = [place.field for place in message.places.values()]
     named = sorted({field.enum for field in fields} & enums.keys())

@@ -1,6 +1,6 @@
-"""Signatures of MAVLink 2: a link id, a time that only grows, and the first bytes of a hash with a secret key.
+"""Signatures of MAVLink 2: a link id, an increasing timestamp, and the first bytes of a hash with a secret key.
 
-Anybody who knows the key can sign; receivers accept what is newer than the last message of the same sender and link.
+Anyone who knows the key can sign; receivers accept what is newer than the last message of the same sender and link.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_k
 KEY_BYTES = 32
 _HASH_BYTES = 6
 _EPOCH = 1_420_070_400
-"""2015-01-01 UTC, where the time of signatures begins, in seconds since the Unix epoch."""
+"""2015-01-01 UTC, the epoch of signature timestamps, in seconds since the Unix epoch."""
 _TICK = 10_000
 _MOST_TICKS = (1 << 48) - 1
 _MOST_STREAMS = 1 << 14
@@ -31,10 +31,10 @@ class Signer:
     """Signs frames, and checks signatures.
 
     Args:
-        key: The secret.
+        key: The secret key.
 
     Raises:
-        ConfigError: It does not have 32 bytes.
+        ConfigError: The key does not have 32 bytes.
     """
 
     def __init__(self, key: bytes) -> None:
@@ -49,9 +49,9 @@ class Signer:
         """Return a frame with its signature.
 
         Args:
-            body: From FD to the checksum, with the flag of signed frames in its header.
-            link: 0 to 255.
-            time: 0 to 2**48 - 1, see `ticks`.
+            body: The frame from FD to the checksum, with the flag of signed frames in its header.
+            link: Id of the link, 0 to 255.
+            time: Timestamp, 0 to 2**48 - 1, see `ticks`.
         """
         head = b"%b%c%b" % (body, link, time.to_bytes(6, "little"))
         return head + self._hash(head)
@@ -69,13 +69,13 @@ class Signer:
 
 
 class Renewer:
-    """Keeps the times of signatures growing when frames were delayed, repeated, added, or played from a log.
+    """Keeps signature timestamps increasing when frames were delayed, repeated, added, or played from a log.
 
-    Each sender (system and component) has a time of its own on each link. Of 16384 of them, the one that was heard
-    first is forgotten when another one comes.
+    Each sender (system and component) has its own timestamp on each link. When there are 16384 of them and another one
+    comes, the one heard first is forgotten.
 
     Args:
-        signer: Knows the key.
+        signer: Signer with the key.
     """
 
     def __init__(self, signer: Signer) -> None:
@@ -84,19 +84,19 @@ class Renewer:
 
     @property
     def last(self) -> Mapping[bytes, int]:
-        """The last time by link, system and component (3 bytes)."""
+        """The last timestamp by link, system and component (3 bytes)."""
         return self._last
 
     def renew(self, raw: bytes, *, now: int = 0) -> bytes:
-        """Return a frame as it may be sent now: as it is if its time has grown, else signed with a later time.
+        """Return a frame as it may be sent now: unchanged if its timestamp increased, else re-signed with a later one.
 
         Args:
-            raw: One frame. Those that are not signed, or not with this key, stay as they are: nobody gets a signature
-                here who has none.
-            now: The least time that it should have, see `ticks`; 0 for what is not played from a log.
+            raw: One frame. A frame that is not signed, or not with this key, stays unchanged: it never gets a valid
+                signature here.
+            now: Smallest timestamp that it should have, see `ticks`; 0 unless it is played from a log.
 
         Raises:
-            PayloadError: This is no frame, or there is no later time.
+            PayloadError: The bytes are not a frame, or there is no later timestamp.
         """
         if len(raw) < 12 + SIGNATURE or raw[0] != V2 or raw[2] != SIGNED or not self._signer.made(raw):
             return raw
@@ -118,14 +118,14 @@ def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: i
     """Return an unsigned frame of MAVLink 2 with a signature.
 
     Args:
-        raw: The frame.
-        signer: Knows the key.
-        crc_extra: Of its message.
+        raw: The frame to be signed.
+        signer: Signer with the key.
+        crc_extra: CRC extra byte of its message.
         link: Id of the link, 0 to 255.
-        time: See `ticks`.
+        time: Timestamp, see `ticks`.
 
     Raises:
-        PayloadError: It is no frame of MAVLink 2, or it is signed.
+        PayloadError: It is not a frame of MAVLink 2, or it is already signed.
     """
     frame = parse_frame(raw)
     if frame.version != 2 or frame.signed:
@@ -135,12 +135,12 @@ def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: i
 
 
 def ticks(unix_nanoseconds: int) -> int:
-    """Return a time as signatures have it: units of 10 microseconds since 2015-01-01 UTC."""
+    """Return a time as a signature timestamp: units of 10 microseconds since 2015-01-01 UTC."""
     return max(0, unix_nanoseconds - _EPOCH * 1_000_000_000) // _TICK
 
 
 def time_of(frame: Frame) -> int:
-    """Return the time in the signature of a signed frame, in ticks."""
+    """Return the timestamp in the signature of a signed frame, in ticks."""
     return int.from_bytes(frame.raw[-12:-6], "little")
 
 
@@ -167,7 +167,7 @@ def read_key(file: Path) -> bytes:
     if len(data) == KEY_BYTES and not (
         data.endswith(b"\n") and data[:-1].isascii() and data[:-1].decode().isprintable()
     ):
-        return data  # else it is a passphrase of 31 characters and the end of its line
+        return data  # otherwise, it is a 31-character passphrase with a line end
     try:
         text = data.decode().strip()
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""A first system file from what was heard on links; pure. What links cannot tell is marked with FILL IN."""
+"""First draft of a system file from what was heard on links, without I/O; gaps are marked with FILL IN."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ __all__ = ["LinkComponent", "Sketch", "sketch", "sketch_json", "sketch_lines", "
 
 OUTSIDE, INSIDE = "outside", "inside"
 UNIT = "unit"
-"""Name of the unit, and of the link that it is behind."""
+"""Name of the unit and of its link."""
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 
 
 @dataclass(frozen=True, slots=True)
 class LinkComponent:
-    """A component of the system file: those who are behind a link, or the unit.
+    """Component of the system file: all senders behind a link, or the unit.
 
     Attributes:
-        name: In the system file.
-        who: What they say of themselves, one text for each system and component.
+        name: Name in the system file.
+        who: Descriptions from their own messages, one for each system and component.
         url: The link; empty for the unit.
-        link: Name of the link, which stands in keys; `unit` for the unit.
-        topics: Keys of their messages, and how many frames came a second.
+        link: Name of the link in keys; `unit` for the unit.
+        topics: Keys of their messages, each with the number of frames per second.
     """
 
     name: str
@@ -64,15 +64,15 @@ def sketch(
 ) -> Sketch:
     """Return what was heard as parts of a system.
 
-    What is tested is the system that the user names; else one without an autopilot, such as a ground station, if others
-    were heard, too; else one that was not heard. All others are the outside world.
+    The unit under test is the system that the user names; otherwise one without an autopilot, such as a ground station,
+    if others were heard, too; otherwise one that was not heard. All others are the outside world.
 
     Args:
         survey: What was heard.
         specs: The links.
-        dialect: The messages that are known.
-        seconds: How long it was listened.
-        unit: System id of what is to be tested.
+        dialect: The known messages.
+        seconds: Duration of listening.
+        unit: System id of the unit under test; None to choose.
 
     Raises:
         EnvironmentFaultError: Nothing was heard.
@@ -140,12 +140,12 @@ def _entry(dialect: Dialect, enum: str, value: int) -> str:
 
 
 def sketch_json(found: Sketch) -> dict[str, Any]:
-    """Return the sketch as JSON's kinds of values."""
+    """Return the sketch as JSON values."""
     return {"outside": [asdict(part) for part in found.outside], "unit": asdict(found.unit), "skipped": found.skipped}
 
 
 def sketch_lines(found: Sketch) -> list[str]:
-    """Return a line for each part, for people."""
+    """Return a human-readable line for each part."""
     return [
         f"{part.name}  {'inside' if part is found.unit else 'outside'}  {len(part.topics)} topics  "
         f"{', '.join(part.who) or 'not heard'}"

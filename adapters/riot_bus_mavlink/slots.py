@@ -50,7 +50,7 @@ class NumberSlot:
         """Return the bytes of a value; integers wrap, floats overflow to infinity.
 
         Raises:
-            PayloadError: It is no number, or no finite one for an integer.
+            PayloadError: The value is not a number, or not finite for an integer.
         """
         if isinstance(value, str | bytes):
             raise PayloadError(f"{value!r} is no {self.kind}", where=self.path)
@@ -80,15 +80,15 @@ class TextSlot:
         return self.offset + self.size
 
     def read(self, body: bytes) -> Scalar:
-        """Return the text; bytes that are no UTF-8 become surrogates."""
+        """Return the text; bytes that are not UTF-8 become surrogates."""
         data = body[self.offset : self.offset + self.size].partition(b"\0")[0]
         return data.decode(errors="surrogateescape")
 
     def pack(self, value: Scalar) -> bytes:
-        """Return the bytes of a text, filled with NULs; what is too long is cut.
+        """Return the bytes of a text, padded with NULs or cut to the size of the array.
 
         Raises:
-            PayloadError: It is no text, or cannot be encoded.
+            PayloadError: The value is not text, or cannot be encoded.
         """
         if not isinstance(value, str):
             raise PayloadError(f"{value!r} is no text", where=self.path)

@@ -1,4 +1,4 @@
-"""Who talks on links of MAVLink, and what they say."""
+"""Survey of MAVLink links: which components send what."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Speaker:
         link: Name of the link over which it was heard first.
         kind: Value of `MAV_TYPE` in its heartbeat, None if there was none.
         autopilot: Value of `MAV_AUTOPILOT` there.
-        messages: Frames by message id.
-        targets: Systems that it has written to.
+        messages: Number of frames by message id.
+        targets: Systems that it has sent frames to.
     """
 
     link: str
@@ -50,14 +50,14 @@ class Speaker:
 
 
 class LinkSurvey:
-    """Takes in frames.
+    """Collects who sends which frames.
 
     Args:
         targets: Returns the offsets of target system and component of a message type.
 
     Attributes:
-        speakers: By system and component.
-        skipped: Frames of more speakers or kinds than can be looked at.
+        speakers: Components that were heard, by system and component id.
+        skipped: Number of frames that exceed the limits of speakers or kinds.
     """
 
     def __init__(self, targets: Callable[[int], tuple[int | None, int | None]]) -> None:
@@ -66,7 +66,7 @@ class LinkSurvey:
         self._targets = targets
 
     def see(self, frame: Frame, link: str) -> None:
-        """Take in a frame that came over a link."""
+        """Record a frame that came over a link."""
         source = frame.system, frame.component
         speaker = self.speakers.get(source)
         if speaker is None:
@@ -92,10 +92,10 @@ def listen(
     """Listen to links for a while; nothing is sent.
 
     Args:
-        links: As `parse_link` takes them.
-        dialect: The messages that are known.
+        links: Links in the form that `parse_link` takes.
+        dialect: The known messages.
         seconds: Time to listen, seconds.
-        warn: Told in a line what does not work.
+        warn: Called with one line for each problem.
 
     Returns:
         What was heard, and the links.

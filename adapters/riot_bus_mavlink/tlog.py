@@ -1,6 +1,6 @@
-"""Telemetry logs (.tlog), as ground stations write them: each frame after its time, 8 bytes of microseconds since 1970.
+"""Telemetry logs (.tlog) of ground stations: each frame follows its time, 8 bytes of microseconds since 1970.
 
-Ground stations keep the number of the link in the last two bits of the time.
+Ground stations store the number of the link in the last two bits of the time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["ENCODING", "LINK", "TlogCounts", "TlogReader", "TlogRecord", "TlogUn
 LINK = "tlog"
 """The name of the link over which messages of a telemetry log come."""
 ENCODING = "application/octet-stream;mavlink"
-"""The encoding of frames on the bus, as mavlink-server has it."""
+"""The encoding of frames on the bus, the same as in mavlink-server."""
 
 _TIME = 8
 _LEAST, _MOST = 10**15, 5 * 10**15
@@ -38,12 +38,12 @@ class TlogRecord(NamedTuple):
 
 @dataclass(slots=True)
 class TlogCounts:
-    """What a log held; `bytes` is the sum of `frame_bytes`, `junk_bytes` and what waits for more.
+    """Counts of a log; `bytes` is the sum of `frame_bytes`, `junk_bytes` and the bytes of incomplete records.
 
     Attributes:
-        records: Frames with a time.
-        unknown: Those of them whose message is unknown, so that their checksum could not be checked.
-        bad_crc: Records whose frame has a wrong checksum, and which the next record follows all the same.
+        records: Number of frames with a time.
+        unknown: Number of these whose message is unknown, so that their checksum could not be checked.
+        bad_crc: Number of records whose frame has a wrong checksum although the next record follows it.
         bytes: Number of all bytes.
         frame_bytes: Number of bytes in records.
         junk_bytes: Number of bytes in no record.
@@ -58,10 +58,10 @@ class TlogCounts:
 
 
 class TlogReader:
-    """Takes a telemetry log apart, however it is read; after damage it goes on with the next sound record.
+    """Splits a telemetry log into records, in pieces of any size; after damage it continues with the next valid record.
 
     Args:
-        crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
+        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
@@ -72,7 +72,7 @@ class TlogReader:
 
     @property
     def pending(self) -> int:
-        """Bytes that wait for the rest of their record."""
+        """Number of bytes that wait for the rest of their record."""
         return len(self._rest)
 
     def feed(self, data: bytes) -> list[TlogRecord]:
@@ -81,7 +81,7 @@ class TlogReader:
         return self._scan(self._rest + data, ended=False)
 
     def flush(self) -> list[TlogRecord]:
-        """Return what is left when the file has ended; the rest of it is junk."""
+        """Return the remaining records at the end of the file; all other bytes are junk."""
         return self._scan(self._rest, ended=True)
 
     def _scan(self, data: bytes, *, ended: bool) -> list[TlogRecord]:
@@ -92,7 +92,7 @@ class TlogReader:
             begin = at + _TIME
             wanted = 8 if begin >= size else frame_length(data, begin) if data[begin] in (V1, V2) else -1
             if wanted >= 0 and begin + wanted + _TIME >= size and not ended:
-                break  # what follows tells whether a damaged record is one
+                break  # the next bytes show whether this is a damaged record
             record = None
             end = begin + wanted
             if wanted >= 0 and end <= size:
@@ -146,7 +146,7 @@ class TlogUnpacker:
         return [self._message(record) for record in self._reader.feed(data)]
 
     def end(self) -> Sequence[Message]:
-        """Return what is left when the file has ended."""
+        """Return the remaining messages at the end of the file."""
         return [self._message(record) for record in self._reader.flush()]
 
     def loss(self) -> str:

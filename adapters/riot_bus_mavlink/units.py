@@ -1,4 +1,4 @@
-"""Values worth trying by unit: where an angle wraps, where a share is more than the whole, below absolute zero."""
+"""Values worth trying by unit: angles that wrap, shares above the whole, temperatures below absolute zero."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _NAMES = {
     "MiB": ("byte", 1 / 1024**2),
     "m/s*5": ("m/s", 5),
 }
-"""Units that are not a prefix and a base: the base, and how many of them make one of it."""
+"""Units that are not a prefix and a base: the base unit, and how many of the unit make one of it."""
 
 _PREFIXES = {"n": 1e9, "u": 1e6, "m": 1e3, "c": 1e2, "d": 10, "da": 0.1, "h": 1e-2, "k": 1e-3, "M": 1e-6}
 _PREFIXED = re.compile(r"(da|[numcdhkM])(.+)")

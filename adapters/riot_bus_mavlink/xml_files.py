@@ -1,4 +1,4 @@
-"""Reading dialects: the XML in which messages and enums of MAVLink are defined."""
+"""Reader of dialects, the XML files that define messages and enums of MAVLink."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _MOST_ID = (1 << 24) - 1
 
 @dataclass(slots=True)
 class DialectFile:
-    """What one file defines, and the names of the files that it includes."""
+    """Definitions in one file, and the names of the files that it includes."""
 
     includes: list[str] = field(default_factory=list)
     messages: list[MessageTable] = field(default_factory=list)
@@ -51,14 +51,14 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_dialect(data: bytes, *, where: str) -> DialectFile:
-    """Read the XML of a dialect; what it includes is not read.
+    """Read the XML of a dialect, without the files that it includes.
 
     Args:
-        data: The file.
-        where: Names it in errors.
+        data: Content of the file.
+        where: Name of the file in errors.
 
     Raises:
-        ConfigError: It is no XML, or defines something that cannot be.
+        ConfigError: The file is not XML, or defines something impossible.
         MissingExtraError: fastcrc is not installed.
     """
     if len(data) > _MOST_BYTES:

@@ -49,7 +49,7 @@ class Ros2Adapter:
         self._from_schemas: dict[Schema, CdrType | None] = {}
 
     def topic(self, key: str) -> TopicName | None:
-        """Return the ROS name of a key, and its type; also the name that a key expression stands for."""
+        """Return the ROS name and the type of a key; for a key expression, the name that it stands for."""
         parsed = parse_data_key(key)
         if parsed is not None:
             return TopicName(parsed.topic, parsed.type_name)
@@ -57,11 +57,11 @@ class Ros2Adapter:
         return None if name is None else TopicName(name)
 
     def key_expression(self, topic: str) -> str | None:
-        """Return an expression for `/odom` in any domain, with any type and hash."""
+        """Return the key expression of a topic such as `/odom` in any domain, with any type and hash."""
         return key_expression(topic)
 
     def action_parts(self, name: str) -> str | None:
-        """Return an expression for the topics and services of an action."""
+        """Return a key expression of the topics and services of an action."""
         return action_parts(name)
 
     def call_type(self, type_name: str, part: str) -> str | None:
@@ -69,11 +69,11 @@ class Ros2Adapter:
         return call_type(type_name, part)
 
     def announcement(self, token: str) -> Announcement | None:
-        """Return what a node, publisher, subscriber, service or action announces."""
+        """Return what the token of a node, publisher, subscriber, service or action announces."""
         return announcement_of(token)
 
     def load(self, files: Sequence[Path]) -> None:
-        """Register .msg, .srv, .action and .idl files in a layout `pkg/msg/Name.msg`, or directories that hold such.
+        """Register .msg, .srv, .action and .idl files in a layout `pkg/msg/Name.msg`, or directories of them.
 
         Raises:
             ConfigError: A file is missing, misplaced, does not parse, or names an unknown type.
@@ -94,10 +94,10 @@ class Ros2Adapter:
         return found
 
     def type_of_key(self, key: str) -> MessageType | None:
-        """Return the type that a key names; its definition is one whose hash is the key's.
+        """Return the type that a key names, by a definition with the key's hash.
 
-        A key without a hash comes from Humble, so Humble's definition goes before those of later distributions. If no
-        definition has the key's hash, the type is opaque.
+        A key without a hash comes from Humble, so Humble's definition takes precedence over those of later
+        distributions. If no definition has the key's hash, the type is opaque.
         """
         call = part_of(key)
         if call is not None:
@@ -106,7 +106,7 @@ class Ros2Adapter:
         return None if parsed is None else self._hashed(parsed.type_name, parsed.type_hash)
 
     def missing(self, key: str) -> bool:
-        """Return whether a topic's key has a type and a hash, and no definition here has that hash."""
+        """Return whether a topic's key has a type and a hash, but no known definition has that hash."""
         parsed = parse_data_key(key)
         if parsed is None or parsed.type_hash is None or "/srv/" in parsed.type_name:
             return False
@@ -129,7 +129,7 @@ class Ros2Adapter:
         return [name for name in self.store.names() if "/msg/" in name or self._is_message(name, self.store)]
 
     def type_of_schema(self, schema: Schema) -> MessageType | None:
-        """Return the type by the definitions of a log, which hold for that log whatever is installed here."""
+        """Return the type that a log's definitions describe; in that log they override what is installed."""
         if schema.encoding not in ("ros2msg", "ros2idl"):
             return None
         if schema not in self._from_schemas:
@@ -150,7 +150,7 @@ class Ros2Adapter:
         return () if found is None or "/srv/" not in found.type_name else server_tokens(found, zid, entity)
 
     def stamp(self, attachment: bytes) -> Stamp | None:
-        """Return what an attachment of rmw_zenoh says."""
+        """Return the content of an attachment of rmw_zenoh."""
         return stamp_of(attachment)
 
     def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
@@ -189,13 +189,13 @@ class Ros2Adapter:
             return types[name, wanted]
         except KeyError:
             found = self._make_hashed(name, wanted)
-            if len(types) >= _CACHED:  # keys are what strangers make of them
+            if len(types) >= _CACHED:  # any peer can make up new keys
                 types.clear()
             types[name, wanted] = found
             return found
 
     def _forget(self) -> None:
-        """Look types up again; whoever is at it writes what may have become wrong where nobody reads it."""
+        """Look types up again; a lookup in progress writes its outdated result where nothing reads it."""
         self._types, self._by_hash = {}, {}
 
     def _make_hashed(self, name: str, wanted: str | None) -> CdrType | None:
@@ -221,7 +221,7 @@ class Ros2Adapter:
 
     @staticmethod
     def _is_message(name: str, store: TypeStore) -> bool:
-        """Return whether this is known and no service or action, which have no payloads of their own."""
+        """Return whether this is a known message, not a service or action, which have no payloads of their own."""
         if name.count("/") != 2 or store.definition(name) is None:
             return False
         kind = name.split("/")[1]

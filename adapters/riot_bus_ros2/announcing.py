@@ -1,4 +1,4 @@
-"""Who takes part in a ROS 2 system, by the liveliness tokens of rmw_zenoh and of zenoh-bridge-ros2dds; pure."""
+"""Participants of a ROS 2 system, from the liveliness tokens of rmw_zenoh and zenoh-bridge-ros2dds, without I/O."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _ACTIONS = ("AS", "AC")
 
 
 def announcement_of(token: str, *, namespace: str = "/") -> Announcement | None:
-    """Return what a token announces, None if it is nothing of ROS 2.
+    """Return what a token announces, None if it is not a token of ROS 2.
 
     Args:
         token: The token's key.
-        namespace: Of the bridges.
+        namespace: ROS namespace of the bridges.
 
     Example:
         >>> announcement_of("@/3f/@ros2_lv/AS/dock/nav_msgs§action§Dock").action

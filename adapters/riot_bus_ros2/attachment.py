@@ -22,7 +22,7 @@ _GID = 16
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Number of the message at its publisher, nanoseconds since the Unix epoch, and who the publisher is."""
+    """Sequence number of the message, its timestamp in nanoseconds since the Unix epoch, and its publisher's gid."""
 
     sequence: int
     source_time: int

@@ -1,4 +1,4 @@
-"""CDR payloads of ROS 2: an offset walker that reads and patches scalars where they lie."""
+"""CDR payloads of ROS 2: finds the offsets of scalars, and reads and patches them in place."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class CdrType:
 
     Args:
         name: Type name such as `nav_msgs/msg/Odometry`.
-        store: Where its definition and those of its parts are found.
-        schema: The definition as a log has it; by default written from `store`.
-        opaque: Why the definition is not to be trusted, if so.
+        store: Source of its definition and those of its parts.
+        schema: The definition from a log; by default written from `store`.
+        opaque: Reason why the definition cannot be trusted; empty if it can.
     """
 
     encoding = "cdr"
@@ -80,7 +80,7 @@ class CdrType:
 
     @property
     def type_hash(self) -> str:
-        """The RIHS01 hash that stands in rmw_zenoh's keys."""
+        """The RIHS01 hash that is part of rmw_zenoh's keys."""
         return self._store.type_hash(self.name)
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
@@ -195,11 +195,11 @@ class CdrType:
             raise
 
     def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
-        """Return what sets a field to always the same value, None unless its place is the same in all payloads.
+        """Return a function that sets a field to a fixed value, None unless its place is the same in all payloads.
 
         Args:
-            path: A scalar field.
-            value: What it is set to.
+            path: Path of a scalar field.
+            value: Value that it is set to.
         """
         plan = self._plans.get(path) or self._plan(path)
         target = plan.target
@@ -213,7 +213,7 @@ class CdrType:
         def patch(payload: bytes) -> bytes:
             packed = data.get(payload[:2])
             if packed is None or len(payload) < end:
-                return self.patch(payload, {path: value})  # says what is wrong
+                return self.patch(payload, {path: value})  # raises an error that says what is wrong
             return b"%b%b%b" % (payload[:start], packed, payload[end:])
 
         return patch
@@ -256,7 +256,7 @@ def _count_of(payload: Data) -> Unpack:
 
 
 def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
-    """Return the payload with bytes overwritten at some offsets; of a single one, it is copied once."""
+    """Return the payload with bytes overwritten at some offsets; for a single offset, it is copied only once."""
     if len(splices) == 1:
         position, packed = splices[0]
         view = memoryview(payload)
@@ -285,7 +285,7 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
     if isinstance(node, Struct):
         if node.jump is not None and node.jump.first == NOTHING:
             return position
-        if position > len(data):  # nested empty messages may be more than anybody can walk over
+        if position > len(data):  # there may be too many nested empty messages to visit
             raise IndexError
         for name, each in node.fields.items():
             if name == PLACEHOLDER:

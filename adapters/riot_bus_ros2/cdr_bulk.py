@@ -1,7 +1,7 @@
 """One field of many CDR payloads at once: the walk of `cdr_plan`, with arrays for positions.
 
-Where a walk runs into anything odd (a place beyond the payload, a count that is too large), the payload is left to
-`CdrType.read`, so that there is one judge of what decodes. Positions are counted from the beginning of a payload.
+If a walk meets anything odd (a place beyond the payload, a count that is too large), the payload is left to
+`CdrType.read`, which alone decides what decodes. Positions are counted from the beginning of a payload.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 __all__ = ["elements", "gather"]
 
-_FEW = 32  # so few payloads are walked faster one by one
-_FAR = 1 << 40  # what fields of fixed size may add without int64 overflowing
+_FEW = 32  # fewer payloads than this are walked faster one by one
+_FAR = 1 << 40  # largest step over fields of fixed size that cannot overflow int64
 _STRIDE = 1 << 30
-_SHORT = 64  # elements of an array, on the average, below which arrays are read together
+_SHORT = 64  # average number of elements below which arrays are read together
 _BATCH = 1 << 14
 
 
 def gather(way: Way, payloads: Payloads) -> Gathered:
     """Return the field at the end of a way for each of n payloads, shape (n,).
 
-    The values have the field's own numpy type; text is an array of str objects, lengths are uint32 (of arrays whose
-    length is fixed, int64).
+    The values have the field's own numpy type; text is an array of str objects, lengths are uint32 (int64 for arrays of
+    fixed length).
     """
     values = _blank(way.target, len(payloads))
     valid = np.zeros(len(payloads), np.bool_)
@@ -61,11 +61,11 @@ def gather(way: Way, payloads: Payloads) -> Gathered:
 
 
 def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
-    """Yield all elements of an array of numbers, some payloads at a time; those that are damaged are left out.
+    """Yield all elements of an array of numbers, some payloads at a time; damaged payloads are left out.
 
     Args:
         way: Path from the message to the array.
-        payloads: Any number.
+        payloads: Any number of payloads.
     """
     target = way.target
     assert isinstance(target, Array)
@@ -114,7 +114,7 @@ class _Walk:
     Positions, counts and `ok` have the shape (n,), or (1,) as long as they are the same for all.
 
     Attributes:
-        absent: Payloads that surely lack what is looked for: their array is too short.
+        absent: Payloads that certainly lack the wanted element: their array is too short.
     """
 
     def __init__(self, payloads: Payloads, order: str) -> None:
@@ -125,7 +125,7 @@ class _Walk:
         self._counts = _view(payloads.buffer, order + "u4")
 
     def locate(self, way: Way) -> tuple[Positions, Mask]:
-        """Go all the way."""
+        """Return the positions at the end of a way."""
         position, ok = np.full(1, ORIGIN, np.int64), np.ones(1, np.bool_)
         for move in way.moves:
             if isinstance(move, Element):
@@ -158,7 +158,7 @@ class _Walk:
             yield view[np.repeat(first, some) + number.size * inside]
 
     def skip(self, what: Table | Node, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
-        """Pass a field."""
+        """Return the positions after a field."""
         if isinstance(what, tuple):
             return self._within(position + _numbers(what)[position & 7], ok)
         if what.jump is not None:
@@ -173,7 +173,7 @@ class _Walk:
             return position, np.zeros_like(ok)
         assert isinstance(what, Struct)
         for part in what.parts:
-            if not ok.any():  # nested messages may be more than anybody can walk over
+            if not ok.any():  # there may be too many nested messages to visit
                 break
             position, ok = self.skip(part, position, ok)
         return position, ok
@@ -186,7 +186,7 @@ class _Walk:
         return self._elements(element.array.element, np.full(1, element.index, np.int64), position, ok)
 
     def read(self, target: Node, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
-        """Return what stands there."""
+        """Return the values at the positions."""
         if isinstance(target, Array):
             _, ok = self.skip(target, position, ok)
             count, _, ok = self._length_of(target, position, ok)
@@ -203,7 +203,7 @@ class _Walk:
         return self._put(found, ok, values)
 
     def _put(self, found: NDArray[Any], ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
-        """Return what was found as values of all payloads."""
+        """Return the found numbers as values of all payloads."""
         found, ok = np.broadcast_arrays(found, ok)
         np.copyto(values, found, where=ok, casting="unsafe")
         return values, ok
@@ -246,7 +246,7 @@ class _Walk:
         return self._count(position, ok)
 
     def _elements(self, node: Node, count: Positions, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
-        """Pass so many elements."""
+        """Return the positions after `count` elements."""
         if node.jump is not None:
             if node.jump.stride > _STRIDE:
                 raise OverflowError
@@ -268,7 +268,7 @@ class _Walk:
 
 
 def _once(numbers: NDArray[Any]) -> NDArray[Any]:
-    """Return shape (1,) for numbers that are all the same."""
+    """Return numbers that are all equal with shape (1,), and others unchanged."""
     return numbers[:1] if len(numbers) and (numbers == numbers[0]).all() else numbers
 
 

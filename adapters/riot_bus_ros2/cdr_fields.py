@@ -1,4 +1,4 @@
-"""The fields of a ROS 2 type, read off its layout."""
+"""The fields of a ROS 2 type, derived from its layout."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _fields(node: Node, path: str, length: int, unit: str, known: dict[int, bool
 
 
 def _has_fields(node: Node, known: dict[int, bool]) -> bool:
-    """Return whether there is anything to list; nested empty messages may be more than anybody can walk over."""
+    """Return whether there is anything to list, since there may be too many nested empty messages to visit."""
     if isinstance(node, Struct):
         if id(node) not in known:
             known[id(node)] = any(

@@ -1,11 +1,11 @@
-"""How CDR lays a ROS 2 type out: what a field of fixed size adds to a position, and where fields of variable size end.
+"""CDR layout of a ROS 2 type: what a field of fixed size adds to a position, and where fields of variable size end.
 
 Source: OMG CDR (formal/02-06-51, 15.3) and DDS-RTPS 10.2 for the encapsulation header. Each primitive is aligned to its
 size, counted from after the 4-byte header; strings and sequences begin with a 32-bit count.
 
 What a field of fixed size adds to the position depends only on the position modulo 8, so any run of such fields is one
 `Jump`: a table of eight numbers. Arrays of them are crossed in one step, whatever their length. A field of variable
-size is passed together with the tables before and after it, since calls cost the most.
+size is skipped in one call together with the tables before and after it, since calls cost the most.
 """
 
 from __future__ import annotations
@@ -65,16 +65,16 @@ NOTHING: Table = (0,) * 8
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """How far fields of fixed size reach: from each position modulo 8 the first time, `stride` each further time.
+    """Size of fields of fixed size: by position modulo 8 for the first element, `stride` for each further one.
 
-    The stride is one number: after the first element the position modulo the largest alignment is always the same.
+    One stride is enough: after the first element, the position modulo the largest alignment is always the same.
     """
 
     first: Table
     stride: int
 
     def over(self, position: int, count: int) -> int:
-        """Return the position after so many elements."""
+        """Return the position after `count` elements."""
         return position + self.first[position & 7] + (count - 1) * self.stride if count else position
 
 
@@ -83,7 +83,7 @@ def _jump(first: Table) -> Jump:
 
 
 def then(before: Table, after: Table) -> Table:
-    """Return what two runs of fields of fixed size, one after the other, add to a position."""
+    """Return what two consecutive runs of fields of fixed size add to a position."""
     return tuple(step + after[(at + step) & 7] for at, step in enumerate(before))
 
 
@@ -139,7 +139,7 @@ class Text:
     """A string: count of bytes with the terminator, the bytes, a zero.
 
     Args:
-        most: Upper bound of its bytes; 0 if there is none. Payloads are not held to it.
+        most: Upper bound of its bytes; 0 if there is none. Payloads are not checked against it.
     """
 
     type = "string"
@@ -152,7 +152,7 @@ class Text:
 
     @staticmethod
     def passing(before: Table, after: Table) -> Step:
-        """Return the step over a string with what stands before and after it."""
+        """Return the step over a string and the runs before and after it."""
         before = then(before, _TO_COUNT)
 
         def step(data: Data, position: int, count: Unpack) -> int:
@@ -163,12 +163,12 @@ class Text:
         return step
 
     def read(self, data: Data, position: int, count: Unpack) -> Scalar:
-        """Return the text; bytes that are no UTF-8 become surrogates."""
+        """Return the text; bytes that are not UTF-8 become surrogates."""
         start, end = self.span(data, position, count)
         return bytes(data[start:end]).decode(errors="surrogateescape")
 
     def span(self, data: Data, position: int, count: Unpack) -> tuple[int, int]:
-        """Return from where to where the text goes, without its terminator."""
+        """Return start and end of the text, without its terminator."""
         size = count(data, position)[0]
         start = position + 4
         end = start + size
@@ -178,7 +178,7 @@ class Text:
 
 
 class Opaque:
-    """What has an unknown size, so that it cannot be passed; `reason` says why."""
+    """A part of unknown size, which cannot be skipped; `reason` says why."""
 
     jump: Jump | None = None
 
@@ -186,16 +186,16 @@ class Opaque:
         self.reason = reason
 
     def error(self) -> PayloadError:
-        """Return what is raised by whoever would have to pass it."""
+        """Return the error to raise where the part would have to be skipped."""
         return PayloadError(f"opaque: {self.reason}")
 
     def skip(self, data: Data, position: int, count: Unpack) -> int:
-        """Raise it."""
+        """Raise the error."""
         del data, position, count
         raise self.error()
 
     def passing(self, before: Table, after: Table) -> Step:
-        """Return the step that raises it."""
+        """Return the step that raises the error."""
         del before, after
         return self.skip
 
@@ -216,7 +216,7 @@ class Array:
         self.skip = self.passing(NOTHING, NOTHING) if self.jump is None else pass_table(self.jump.first)
 
     def passing(self, before: Table, after: Table) -> Step:
-        """Return the step over the array, which has no fixed size, with what stands before and after it."""
+        """Return the step over the array, which has no fixed size, and the runs before and after it."""
         length, jump, one = self.length, self.element.jump, self.element.skip
         if length is not None:
 
@@ -255,7 +255,7 @@ class Array:
 class Struct:
     """A message: fields in order; `parts` are the same with runs of fixed size joined.
 
-    `before` is for whoever looks for ways to fields.
+    `before` is used by the search for ways to fields.
     """
 
     def __init__(self, name: str, fields: dict[str, Node]) -> None:
@@ -266,11 +266,11 @@ class Struct:
         self.parts = joined(moves)
         first, *rest = self.parts or [NOTHING]
         self.jump: Jump | None = _jump(first) if isinstance(first, tuple) and not rest else None
-        self._steps = pass_through(self.parts)  # made once: a type may stand in another one very often
+        self._steps = pass_through(self.parts)  # made once: a type may occur in another one very often
         self.skip = self._steps[0] if len(self._steps) == 1 else self.passing(NOTHING, NOTHING)
 
     def passing(self, before: Table, after: Table) -> Step:
-        """Return the step over the message with what stands before and after it."""
+        """Return the step over the message and the runs before and after it."""
         steps = self._steps
 
         def step(data: Data, position: int, count: Unpack) -> int:
@@ -283,16 +283,16 @@ class Struct:
 
 
 Varying = Text | Array | Struct | Opaque
-"""What may have no fixed size."""
+"""Nodes that may have no fixed size."""
 Node = Number | Varying
 MoveT = TypeVar("MoveT")
 
 
 class Passed(Protocol):
-    """What has no fixed size and can be passed."""
+    """A part without fixed size that can be skipped."""
 
     def passing(self, before: Table, after: Table) -> Step:
-        """Return the step over it with what stands before and after it."""
+        """Return the step over it and the runs before and after it."""
         ...
 
 
@@ -300,10 +300,10 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
     """Return the layout of a type; parts that are unknown or not supported are opaque.
 
     Args:
-        name: The type.
-        store: Where definitions are found.
+        name: Name of the type.
+        store: Source of the definitions.
         outer: The types that it is nested in.
-        done: Layouts by name, filled on the way.
+        done: Finished layouts by name, to which new ones are added.
     """
     if name in done:
         return done[name]
@@ -330,14 +330,14 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
 
 
 def over(node: Node) -> Table | Varying:
-    """Return what a field adds to a position, or the field itself if only a payload tells."""
+    """Return what a field adds to a position, or the field itself if that depends on the payload."""
     if isinstance(node, Number):
         return node.jump.first
     return node if node.jump is None else node.jump.first
 
 
 def joined(moves: Iterable[MoveT]) -> list[MoveT]:
-    """Return the same with tables that stand next to each other as one, and without those that add nothing."""
+    """Return the moves with adjacent tables joined, and without tables that add nothing."""
     found: list[Any] = []
     for move in moves:
         last = found[-1] if found else None
@@ -349,7 +349,7 @@ def joined(moves: Iterable[MoveT]) -> list[MoveT]:
 
 
 def pass_through(moves: Iterable[Table | Passed]) -> list[Step]:
-    """Return the steps that do all of these; tables are done with the fields of variable size around them."""
+    """Return the steps for all moves; tables are joined with the neighbouring fields of variable size."""
     found: list[Step] = []
     before, pending = NOTHING, None
     for move in joined(moves):
@@ -379,7 +379,7 @@ def length_of(array: Array, data: Data, position: int, count: Unpack) -> tuple[i
 
 
 def skip_elements(node: Node, number: int, data: Data, position: int, count: Unpack) -> int:
-    """Return where so many elements end."""
+    """Return where `number` elements end."""
     if node.jump is not None:
         return node.jump.over(position, number)
     for _ in range(number):

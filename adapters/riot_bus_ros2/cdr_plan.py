@@ -1,4 +1,4 @@
-"""The way to one field of a CDR payload: what is fixed is known beforehand, the rest are steps from place to place."""
+"""The way to one field of a CDR payload: a precomputed fixed part, and steps from place to place for the rest."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _FEW_PARTS = 64
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """Go to one element of an array."""
+    """Move to one element of an array."""
 
     array: Array
     index: int
 
     def passing(self, before: Table, after: Table) -> Step:
-        """Return the step to it, with what stands before the array and after the elements that are passed."""
+        """Return the step to it, including the runs before the array and after the skipped elements."""
         array, index, jump = self.array, self.index, self.array.element.jump
 
         def step(data: Data, position: int, count: Unpack) -> int:
@@ -68,12 +68,12 @@ class Element:
 
 
 Move = Table | Varying | Element
-"""One part of a way: add what a table says, pass a field, or go to an element."""
+"""One part of a way: add a table's entry, skip a field, or go to an element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """How to reach one field from the beginning of a payload, whatever the payload, and what stands there."""
+    """The moves from the beginning of any payload to one field, and the field's node."""
 
     moves: tuple[Move, ...]
     target: Node
@@ -81,7 +81,7 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class FieldPlan:
-    """How to reach one field: a place known beforehand, steps from there, and what stands at the end."""
+    """Plan to reach one field: a precomputed place, the steps from there, and the field's node."""
 
     start: int
     steps: tuple[Step, ...]
@@ -135,7 +135,7 @@ def make_plan(way: Way) -> FieldPlan:
 
 
 def _before(record: Struct, name: str) -> Sequence[Move]:
-    """Return how to pass the fields before the named one; cached for all fields unless the record has many parts."""
+    """Return the moves over the fields before the named one; cached for all fields unless the record has many parts."""
     if len(record.parts) > _FEW_PARTS:
         found: list[Move] = []
         for other, node in record.fields.items():

@@ -1,8 +1,8 @@
 """Changes of a CDR payload that move what follows: text of another size, and sequences with more or fewer elements.
 
-What comes before the change stays as it is, and so does what follows if it moves by a multiple of eight bytes. Else it
-is copied field by field, with other padding: values that no codec would give back, such as text that is no UTF-8 or a
-boolean of 7, stay what they are, and so do bytes after the end.
+Bytes before the change stay unchanged, and so do those after it if they move by a multiple of eight bytes. Otherwise
+they are copied field by field, with new padding: values that no codec would reproduce, such as text that is not UTF-8
+or a boolean of 7, stay unchanged, and so do bytes after the end.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Sc
 
     Args:
         root: Layout of the type.
-        count: Reader of counts, by the byte order.
-        patch: Changes what fits in place.
-        payload: One message.
+        count: Reader of counts, in the payload's byte order.
+        patch: Makes the changes that fit in place.
+        payload: Payload of one message.
         changes: New values by path; all paths are known to exist in the type.
 
     Raises:
@@ -64,7 +64,7 @@ def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Sc
 
 
 def with_text(root: Struct, count: Unpack, payload: bytes, path: str, text: bytes) -> bytes:
-    """Return the payload with other text in a string."""
+    """Return the payload with new text in a string."""
     check_size(len(payload) + len(text), path)
     place = _Place(root, parse_path(path).steps, payload, count)
     writer = _Writer(payload, count, (place.start + 3) & -4)
@@ -73,7 +73,7 @@ def with_text(root: Struct, count: Unpack, payload: bytes, path: str, text: byte
 
 
 def resized(root: Struct, count: Unpack, payload: bytes, path: str, length: int) -> bytes:
-    """Return the payload with so many elements in a sequence."""
+    """Return the payload with `length` elements in a sequence."""
     place = _Place(root, parse_path(path).steps, payload, count)
     array = place.node
     assert isinstance(array, Array)
@@ -101,7 +101,7 @@ class _Place:
         node: The field.
         start: Where it may begin: before its padding.
         end: Offset of its end in the payload.
-        rest: What follows, from the inside outwards: each node so many times.
+        rest: Nodes that follow, from the inside outwards, each with its number of repetitions.
     """
 
     def __init__(self, root: Struct, steps: tuple[str | int, ...], data: Data, count: Unpack) -> None:
@@ -133,7 +133,7 @@ class _Place:
 
 
 class _Writer:
-    """Writes a payload from the parts of another one; positions modulo eight decide about padding."""
+    """Writes a payload from the parts of another one; positions modulo eight determine the padding."""
 
     def __init__(self, data: bytes, count: Unpack, begin: int) -> None:
         self.data, self.count = data, count
@@ -151,7 +151,7 @@ class _Writer:
         return bytes(self.out)
 
     def copy(self, node: Node, position: int, times: int) -> int:
-        """Copy so many fields and return where they end in the old payload."""
+        """Copy a field `times` times in a row and return where the last one ends in the old payload."""
         if not times or (node.jump is not None and node.jump.first == NOTHING):
             return position
         if not (len(self.out) - position) & 7:
@@ -181,7 +181,7 @@ class _Writer:
         return self._take((position + 3) & -4, end)
 
     def repeat(self, times: int, write: Callable[[], object]) -> None:
-        """Write an element so many times; where it begins at the same position modulo eight again, all is repeated."""
+        """Write an element `times` times; once a position modulo eight recurs, the bytes since then are repeated."""
         out = self.out
         begun: dict[int, tuple[int, int]] = {}
         done = 0

@@ -1,4 +1,4 @@
-"""Units of fields in common_interfaces, which their definitions give in comments (and REP 103)."""
+"""Units of fields in common_interfaces, from comments in their definitions and from REP 103."""
 
 from __future__ import annotations
 
@@ -48,4 +48,4 @@ UNITS: dict[str, dict[str, str]] = {
     "stereo_msgs/msg/DisparityImage": {"t": "m", "f": "px", "min_disparity": "px", "max_disparity": "px"},
     "visualization_msgs/msg/Marker": {"scale": "m"},
 }  # fmt: skip
-"""Unit by type and field; a field of a type that has none of its own, such as `Vector3`, takes that of where it is."""
+"""Unit by type and field; fields of a type without own units, such as `Vector3`, take the enclosing field's unit."""

@@ -1,4 +1,4 @@
-"""Services and actions of packages that every ROS 2 installation has: fields alone, without constants and comments.
+"""Services and actions of packages that every ROS 2 installation has: fields only, without constants and comments.
 
 rosbags' stores hold the messages of these packages, but no services.
 """

@@ -1,7 +1,7 @@
 """Definitions of ROS 2 interfaces from text: .msg, .srv, .action and .idl files, and the schemas of logs.
 
-rosbags parses; what its version 0.11 lacks is here: `wstring`, services and actions with the messages that rosidl makes
-of them, and limits for text from strangers.
+rosbags parses; this module adds what its version 0.11 lacks: `wstring`, services and actions with the messages that
+rosidl makes of them, and limits for untrusted text.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Field(NamedTuple):
     """One field.
 
     Attributes:
-        name: Its name.
+        name: Name of the field.
         content: Base type such as `float64`, or a message type's name.
-        is_message: Whether it is the latter.
-        is_array: Whether it is an array or a sequence of such.
-        length: Of an array; None for a sequence.
+        is_message: Whether `content` is a message type.
+        is_array: Whether it is an array or a sequence of `content`.
+        length: Length of an array; None for a sequence.
         most: Upper bound of a sequence's length; 0 if there is none.
         most_bytes: Upper bound of a string's length; 0 if there is none.
     """
@@ -116,14 +116,14 @@ def parse_file(text: str, name: str, suffix: str) -> dict[str, Definition]:
 
     Args:
         text: Content of the file.
-        name: Such as `pkg/srv/Name`.
-        suffix: Of the file: `.msg`, `.srv`, `.action` or `.idl`.
+        name: Name of the interface, such as `pkg/srv/Name`.
+        suffix: Suffix of the file: `.msg`, `.srv`, `.action` or `.idl`.
 
     Returns:
-        What it defines: for services and actions all messages that rosidl makes of them.
+        The definitions by name; for services and actions, all messages that rosidl makes of them.
 
     Raises:
-        DefinitionError: It does not parse, or defines something else than the file's name says.
+        DefinitionError: The text does not parse, or does not define what the file's name says.
     """
     parse = {".msg": parse_msg, ".srv": _parse_srv, ".action": _parse_action}.get(suffix)
     found = parse_idl(text) if parse is None else parse(text, name)
@@ -136,7 +136,7 @@ def parse_file(text: str, name: str, suffix: str) -> dict[str, Definition]:
 def parse_recorded(text: str, name: str) -> dict[str, Definition]:
     """Parse a log's `ros2msg` schema: a definition and its dependencies.
 
-    For the events of a service rosbag2 writes the text of the .srv file. Raises DefinitionError.
+    For service events, rosbag2 writes the text of the .srv file. Raises DefinitionError.
     """
     text = text.replace("\r\n", "\n")
     event = _EVENT.fullmatch(name)
@@ -149,7 +149,7 @@ def parse_recorded(text: str, name: str) -> dict[str, Definition]:
     found = parse_msg(text, name)
     if "/msg/" in name:
         return found
-    interface = interface_of(name)  # its parts are called as messages are: see `schema_text`
+    interface = interface_of(name)  # its parts are named like messages: see `schema_text`
     chunks = interface.split("/")
     if len(chunks) != 3:
         raise DefinitionError(f"{name!r} is no name of a type")
@@ -177,7 +177,7 @@ def parse_idl(text: str) -> dict[str, Definition]:
     """Parse an .idl file, or a log's `ros2idl` schema: sections, each after a line of `=` and its name.
 
     Raises:
-        DefinitionError: It does not parse, or has nested parentheses or shifts, which take rosbags' parser too long.
+        DefinitionError: The text does not parse, or has nested parentheses or shifts, which are too slow in rosbags.
     """
     from rosbags.typesys import get_types_from_idl
 
@@ -215,7 +215,7 @@ def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Definition]:
 
 
 def _mended(field: Any, rename: Callable[[str], str]) -> Any:
-    """Return a field with `wstring` as a base type, and with other names of types."""
+    """Return a field with `wstring` as a base type, and with renamed types."""
     name, (kind, content) = field
     if kind >= _ARRAY:
         return name, (kind, (_mended((name, content[0]), rename)[1], content[1]))
@@ -226,7 +226,7 @@ def _mended(field: Any, rename: Callable[[str], str]) -> Any:
 
 
 def _respelled(name: str) -> str:
-    """Return `pkg/srv/Name` for what rosbags makes of it, `pkg/srv/msg/Name`."""
+    """Return `pkg/srv/Name` for rosbags' form of it, `pkg/srv/msg/Name`."""
     return re.sub(r"/srv/msg/", "/srv/", name)
 
 
@@ -249,7 +249,7 @@ def _parts(text: str, name: str, suffixes: tuple[str, ...]) -> dict[str, Definit
 
 
 def _service(name: str) -> dict[str, Definition]:
-    """Return what rosidl adds to a service: its event, and the three together, of which the hash in keys is made."""
+    """Return what rosidl adds to a service: its event, and the combination of all three that is hashed for keys."""
     request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
     return {
         event: _message(info=_INFO, request=_one_at_most(request), response=_one_at_most(response)),

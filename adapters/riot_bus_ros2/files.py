@@ -21,7 +21,7 @@ _SUFFIXES = tuple(f".{kind}" for kind in KINDS)
 
 
 def load_files(files: Sequence[Path], store: TypeStore) -> None:
-    """Register files, or all in directories, in a layout as above.
+    """Register files, or all files in directories, in the layout shown above.
 
     Raises:
         ConfigError: A file is missing, misplaced, does not parse, or names an unknown type.
@@ -73,7 +73,7 @@ def _read(file: Path) -> dict[str, Definition]:
 
 
 def _first_bad_line(file: Path, name: str) -> int | None:
-    """Return the first line that is no .msg file on its own; None if each is."""
+    """Return the number of the first line that is not valid as a .msg file on its own; None if all are."""
     for number, line in enumerate(file.read_text().splitlines(), 1):
         if line.strip() == "---":
             continue

@@ -1,6 +1,6 @@
 """The global id of a ROS endpoint over rmw_zenoh: XXH3 (128 bits, no seed) of its liveliness token.
 
-Only graph tools and message information show it, so speed does not matter here. Written after the specification
+Only graph tools and message information show it, so speed does not matter here. Written from the specification
 (github.com/Cyan4973/xxHash, doc/xxhash_spec.md), for texts of more than 16 bytes, which tokens always are.
 """
 

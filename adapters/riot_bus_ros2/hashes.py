@@ -1,4 +1,4 @@
-"""RIHS01 hashes of types, which stand in rmw_zenoh's keys, in DDS's user data and in bags.
+"""RIHS01 hashes of types, which are used in rmw_zenoh's keys, in DDS's user data and in bags.
 
 Source: REP 2011 and 2016, and `type_description_interfaces/msg/FieldType`. rosbags has such a function too, but its
 version 0.11 is wrong about `char` and lacks `wstring`.
@@ -36,11 +36,11 @@ def type_hash(name: str, closure: Mapping[str, Definition]) -> str:
     """Return the hash of a type.
 
     Args:
-        name: The type.
-        closure: Its definition, and those of all types in it, and no others.
+        name: Name of the type.
+        closure: Its definition and those of all types in it, and no others.
 
     Raises:
-        KeyError: A field's base type is none of ROS 2's.
+        KeyError: A field's base type does not exist in ROS 2.
     """
     others = [_described(other, closure[other]) for other in sorted(closure) if other != name]
     description = {"type_description": _described(name, closure[name]), "referenced_type_descriptions": others}

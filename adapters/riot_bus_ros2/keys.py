@@ -50,11 +50,11 @@ class DataKey:
     """A topic or service of one ROS domain; `type_hash` is None where the distribution has none.
 
     Attributes:
-        domain: `ROS_DOMAIN_ID`.
+        domain: ROS domain (`ROS_DOMAIN_ID`).
         topic: Full name, such as `/robot1/odom`.
-        type_name: Such as `nav_msgs/msg/Odometry`.
-        type_hash: Such as `RIHS01_df66...`.
-        suffix: Of buffer-aware endpoints: empty, `_buf_cpu` or `_buf/<gid>`.
+        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
+        type_hash: Hash of its type, such as `RIHS01_df66...`.
+        suffix: Suffix of buffer-aware endpoints: empty, `_buf_cpu` or `_buf/<gid>`.
     """
 
     domain: int
@@ -65,7 +65,7 @@ class DataKey:
 
 
 def parse_data_key(key: str) -> DataKey | None:
-    """Return what a key says, None if it is not rmw_zenoh's.
+    """Return the parts of a key, None if it is not one of rmw_zenoh.
 
     Example:
         >>> parse_data_key("0/robot1/odom/nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported").topic
@@ -91,7 +91,7 @@ def build_data_key(key: DataKey) -> str:
 
 
 def ros_type(dds: str) -> str | None:
-    """Return `std_msgs/msg/String` for `std_msgs::msg::dds_::String_`, None for what is no type of ROS."""
+    """Return `std_msgs/msg/String` for `std_msgs::msg::dds_::String_`, None if it is not a type of ROS."""
     match = _TYPE.fullmatch(dds)
     return None if match is None else "/".join(match.groups())
 
@@ -107,14 +107,14 @@ def dds_type(name: str) -> str:
 def key_expression(topic: str, *, domain: int | None = None) -> str | None:
     """Return the key expression of a ROS name in any domain, with any type, hash and suffix.
 
-    That the chunk of the type is one keeps longer names out: `/odom` does not mean `/odom/filtered`.
+    The type takes exactly one chunk, which excludes longer names: `/odom` does not match `/odom/filtered`.
 
     Args:
         topic: Name that begins with `/`; Zenoh's wildcards are allowed.
-        domain: Only this ROS domain.
+        domain: ROS domain to match; None for any.
 
     Returns:
-        None if the text is no ROS topic name.
+        None if the text is not a ROS topic name.
 
     Example:
         >>> key_expression("/odom")
@@ -126,7 +126,7 @@ def key_expression(topic: str, *, domain: int | None = None) -> str | None:
 
 
 def name_of_expression(expression: str) -> str | None:
-    """Return the ROS name that `key_expression` was asked for, in any domain; None for other expressions.
+    """Return the ROS name that `key_expression` was called with, in any domain; None for other expressions.
 
     Example:
         >>> name_of_expression("*/odom/$*::dds_::$*/*/**")
@@ -151,9 +151,9 @@ class ActionPart:
     """One of the topics and services that an action consists of.
 
     Attributes:
-        is_service: Whether it is a service; else a topic.
-        ending: What its type adds to the name of the action's; empty if all actions have the same type here.
-        type_name: Full name of that type.
+        is_service: Whether it is a service rather than a topic.
+        ending: Ending that its type's name adds to the action's; empty if the type is the same for all actions.
+        type_name: Full name of that common type.
     """
 
     is_service: bool
@@ -168,13 +168,13 @@ ACTION_PARTS = {
     "feedback": ActionPart(is_service=False, ending="_FeedbackMessage"),
     "status": ActionPart(is_service=False, type_name="action_msgs/msg/GoalStatusArray"),
 }
-"""By their names below `<action>/_action/`. Source: the design article on actions (design.ros2.org)."""
+"""Action parts by their names below `<action>/_action/`. Source: the design article on actions (design.ros2.org)."""
 
 _ACTION = re.compile(rf"(?P<action>/.+)/_action/(?P<part>{'|'.join(ACTION_PARTS)})")
 
 
 def action_of(name: str) -> tuple[str, str] | None:
-    """Return action and part of the name of a topic or service, None if it belongs to no action.
+    """Return action and part from the name of a topic or service, None if it does not belong to an action.
 
     Example:
         >>> action_of("/fibonacci/_action/feedback")
@@ -197,11 +197,11 @@ def action_parts(action: str, type_name: str) -> dict[str, str]:
 
 
 def action_type(part: str, type_name: str) -> str | None:
-    """Return the action's type by that of a part; None if all actions have the same type there, or it does not fit.
+    """Return an action's type from that of a part; None if the part's type is the same for all actions or does not fit.
 
     Args:
-        part: Such as `feedback`.
-        type_name: Such as `example_interfaces/action/Fibonacci_FeedbackMessage`.
+        part: Name of the part, such as `feedback`.
+        type_name: Type of the part, such as `example_interfaces/action/Fibonacci_FeedbackMessage`.
     """
     ending = ACTION_PARTS[part].ending
     return type_name.removesuffix(ending) if ending and type_name.endswith(ending) else None

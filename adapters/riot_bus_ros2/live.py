@@ -1,6 +1,6 @@
-"""Definitions that nodes tell: the service `<node>/get_type_description`, which nodes can have since Iron.
+"""Definitions from nodes: the service `<node>/get_type_description`, which nodes can have since Iron.
 
-Source: REP 2016, and `type_description_interfaces`. What a node tells is believed if it has the key's hash.
+Source: REP 2016, and `type_description_interfaces`. A node's definition is accepted if it has the key's hash.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ _TEXTS = {number: base for base, number in BOUNDED.items()}
 def ask_nodes(
     name: str, wanted: str, services: Mapping[str, Version], ask: Ask, store: TypeStore
 ) -> dict[str, Definition]:
-    """Ask nodes for a type, one after the other; nothing if none knows.
+    """Ask nodes for a type, one after the other; return nothing if none knows it.
 
     Args:
-        name: The type, such as `pkg/msg/Name`.
+        name: Name of the type, such as `pkg/msg/Name`.
         wanted: Its RIHS01 hash.
-        services: Of `services_of`.
-        ask: Puts a question.
-        store: Knows the service's own type.
+        services: Result of `services_of`.
+        ask: Sends a request to a service.
+        store: Store that knows the service's own type.
     """
     payload = question(name, wanted, store)
     for service, version in list(services.items())[:_MOST_NODES]:
@@ -63,10 +63,10 @@ def ask_nodes(
 
 
 def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict[str, Version]:
-    """Return the keys of the services that tell the types of nodes that publish on a key, and how they are to be asked.
+    """Return the type description services of nodes that publish on a key, each with its attachment version.
 
-    A node that gets an attachment of another version than its own may die of it. So only those are asked whose version
-    is known: by a message that has the gid of one of its publishers, or if it alone publishes on the key.
+    A node may crash if it gets an attachment of another version than its own. So only nodes of known version are asked:
+    by a message with the gid of one of its publishers, or because it alone publishes on the key.
 
     Args:
         key: Zenoh key of a topic.
@@ -105,7 +105,7 @@ def _said(heard: Iterable[bytes]) -> dict[bytes, Version]:
 
 
 def question(name: str, wanted: str, store: TypeStore) -> bytes:
-    """Return the payload of a request, without the texts of the definitions."""
+    """Return the payload of a request that does not ask for the source texts of definitions."""
     from riot_bus_ros2.cdr import CdrType
 
     empty = b"\0\1\0\0" + bytes(9)  # two texts and a boolean
@@ -116,7 +116,7 @@ def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[st
     """Return the definitions that a reply holds: of the type, and of all types in it.
 
     Raises:
-        PayloadError: It is no reply of this service.
+        PayloadError: It is not a reply of this service.
         DefinitionError: The node does not know the type, or the description is not complete, or has another hash.
     """
     message = store.decode(reply, f"{SERVICE}_Response")

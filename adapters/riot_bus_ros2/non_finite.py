@@ -17,15 +17,15 @@ _FIELDS: Final = {
     "sensor_msgs/msg/NavSatFix": r"altitude",
     "sensor_msgs/msg/Range": r"range",
 }
-"""By the comments of the definitions; ranges by REP 117 (https://ros.org/reps/rep-0117.html)."""
+"""Taken from comments in the definitions; ranges from REP 117 (https://ros.org/reps/rep-0117.html)."""
 
 
 def allows_non_finite(type_name: str, path: str) -> bool:
-    """Return whether NaN or an infinity in a field says "not measured", "no echo" or the like.
+    """Return whether NaN or an infinity in a field means "not measured", "no echo" or the like.
 
     Args:
-        type_name: Such as `sensor_msgs/msg/LaserScan`.
-        path: A field of it, or an element of an array.
+        type_name: Name of the type, such as `sensor_msgs/msg/LaserScan`.
+        path: Path of a field, or of an element of an array.
     """
     fields = _FIELDS.get(type_name)
     return fields is not None and re.fullmatch(fields, path) is not None

@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 NODE = "riot_play"
-"""The ROS node as which a player is seen."""
+"""Name of the ROS node that a player appears as."""
 
 CLOCK_TOPIC, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 _HASH = re.compile(r"RIHS[0-9]{2}_[0-9a-f]+")
@@ -56,13 +56,13 @@ def offer_of(
     domain: int | None,
     type_hash: Callable[[RecordedTopic, str], str | None],
 ) -> Offer | None:
-    """Return how to publish a topic, None if it is no ROS topic.
+    """Return how to publish a topic, None if it is not a ROS topic.
 
     Args:
-        topic: What was recorded: a topic of a bag, or a key of rmw_zenoh's.
+        topic: The recorded topic: a topic of a bag, or a key of rmw_zenoh.
         name: Another name for it.
         domain: Another ROS domain; by default that of the key, else that of `ROS_DOMAIN_ID`, else 0.
-        type_hash: Returns the hash of a type where the bag does not say it.
+        type_hash: Returns the hash of a type that the bag does not contain.
     """
     if domain is not None and not 0 <= domain <= _LARGEST_DOMAIN:
         raise ConfigError(f"{domain} is no ROS domain", hint="give a number such as 0")
@@ -87,9 +87,9 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
     """Return how to publish `/clock`.
 
     Args:
-        topics: What is played; nodes that want it listen in the same domain, and name types alike.
+        topics: The played topics; their subscribers use the same domain and the same form of type names.
         domain: Another ROS domain than theirs.
-        type_hash: Of rosgraph_msgs/msg/Clock.
+        type_hash: Hash of rosgraph_msgs/msg/Clock.
     """
     keys = (parse_data_key(topic.key) for topic in topics if topic.keyed)
     example = next((key for key in keys if key is not None), None)
@@ -101,10 +101,10 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
 
 
 def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
-    """Return the tokens of the node and of the publisher, and what makes its attachments.
+    """Return the tokens of the node and of the publisher, and the function that makes its attachments.
 
     Args:
-        key: What it publishes.
+        key: Data key that it publishes on.
         qos: QoS of the publisher.
         zid: Id of the Zenoh session.
         entity: Number of the publisher in it, from 1; the node is number 0.
@@ -138,7 +138,7 @@ def _offer(key: DataKey, qos: RosQos) -> Offer:
 
 
 def ros_type_of(topic: RecordedTopic) -> str | None:
-    """Return the type of a recorded topic such as `nav_msgs/msg/Odometry`, None if it is none of ROS 2."""
+    """Return the type of a recorded topic, such as `nav_msgs/msg/Odometry`, None if it is not a ROS 2 type."""
     type_name = normal_name(topic.schema.name)
     known = topic.encoding == "cdr" and topic.schema.encoding in _SCHEMAS and _TYPE.fullmatch(type_name) is not None
     return type_name if known else None
@@ -163,7 +163,7 @@ def _default_domain() -> int:
 
 
 def full_name(name: str) -> str:
-    """Return a topic name of a bag with the slash that it should have."""
+    """Return a topic name of a bag with its leading slash."""
     return name if name.startswith("/") else f"/{name}"
 
 
@@ -173,7 +173,7 @@ def _attachment(gid: bytes, recorded: bytes | None, sequence: int, time: int) ->
         try:
             version = parse_attachment(recorded).version
         except PayloadError:
-            return recorded  # somebody has spoilt it on purpose
+            return recorded  # it was corrupted on purpose
     return build_attachment(Attachment(sequence, time, gid, 1 if version == 1 else 2))
 
 

@@ -1,4 +1,4 @@
-"""The messages that a ROS 2 message is made of."""
+"""The messages nested in a ROS 2 message."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[M
     """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
 
     Args:
-        name: The type.
+        name: Name of the type.
         fields_of: Returns a type's fields; raises KeyError if it is unknown.
 
     Raises:
         KeyError: A type is unknown.
     """
     found = [MessagePart("", name)]
-    for part in found:  # grows while it is walked through
+    for part in found:  # grows during the loop
         if part.path.count(".") >= _DEEPEST:
             break
         for field in fields_of(part.type_name):

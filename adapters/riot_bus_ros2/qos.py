@@ -1,7 +1,7 @@
 """Quality of service as bags record it and as rmw_zenoh announces it.
 
 rosbag2 writes a YAML list of the profiles of all publishers of a topic: with names (Jazzy and later) or with the
-numbers of rmw (before). Of this list no more is needed than lines tell, so no YAML reader is.
+numbers of rmw (before). Reading it line by line is enough here, so no YAML parser is needed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability|liveliness)
 _DURATION = re.compile(
     r"^[-\s]+(deadline|lifespan|liveliness_lease_duration):\s+sec:\s*(\d{1,20})\s+nsec:\s*(\d{1,10})\s*$", re.MULTILINE
 )
-_ENDLESS_S = 2_147_483_647  # DDS's own infinity, which some bags have
+_ENDLESS_S = 2_147_483_647  # infinity in DDS, found in some bags
 _UNKNOWN_DEPTH = 10
 _ALL = 1 << 16
 _DEFAULT_DEPTH = 42
@@ -46,11 +46,11 @@ class AnnouncedQos:
         reliability: 1 reliable, 2 best effort.
         durability: 1 transient local, 2 volatile.
         history: 1 keep last, 2 keep all.
-        depth: Of the history.
-        deadline: Seconds and nanoseconds.
-        lifespan: Seconds and nanoseconds.
+        depth: Depth of the history.
+        deadline: Longest time between two messages, in seconds and nanoseconds.
+        lifespan: Lifespan of messages, in seconds and nanoseconds.
         liveliness: 1 automatic, 3 manual by topic.
-        lease: Of the liveliness, in seconds and nanoseconds.
+        lease: Lease duration of the liveliness, in seconds and nanoseconds.
     """
 
     reliability: int = 1
@@ -64,7 +64,7 @@ class AnnouncedQos:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read the last chunk of a token; what is empty, missing or no number has rmw_zenoh's default.
+        """Parse the last chunk of a token; parts that are empty, missing or not numbers get rmw_zenoh's default.
 
         Args:
             text: `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, durations as `s,ns`.
@@ -89,7 +89,7 @@ class AnnouncedQos:
         )
 
     def token(self) -> str:
-        """Return the chunk of a token; what is rmw_zenoh's default is left empty.
+        """Return the chunk of a token; values that equal rmw_zenoh's default are left empty.
 
         Example:
             >>> AnnouncedQos(durability=1, depth=1).token()
@@ -139,12 +139,12 @@ class RosQos:
     """The quality of service of one publisher.
 
     Attributes:
-        latched: Transient local: late joiners get the last messages.
-        depth: How many messages are kept; without meaning if all are.
+        latched: Whether late joiners get the last messages (transient local).
+        depth: Number of messages that are kept; meaningless if all are.
         deadline: Longest time between two messages, in seconds and nanoseconds.
-        lifespan: How long messages are of use.
-        by_topic: Whether only publishing shows that it lives.
-        lease: How long that holds.
+        lifespan: Time for which messages are useful.
+        by_topic: Whether only publishing shows that the publisher is alive.
+        lease: Time for which it then counts as alive.
     """
 
     reliable: bool = True
@@ -158,12 +158,12 @@ class RosQos:
 
     @property
     def kept(self) -> int:
-        """How many messages a latched publisher keeps for late joiners."""
+        """Number of messages that a latched publisher keeps for late joiners."""
         return _ALL if self.keep_all else self.depth
 
     @property
     def announced(self) -> AnnouncedQos:
-        """The same as rmw_zenoh announces it."""
+        """The same QoS in the form that rmw_zenoh announces."""
         return AnnouncedQos(
             reliability=1 if self.reliable else 2,
             durability=1 if self.latched else 2,
@@ -176,7 +176,7 @@ class RosQos:
         )
 
     def token(self) -> str:
-        """Return the part of a liveliness token; what is rmw's default is left empty.
+        """Return the part of a liveliness token; values that equal rmw's default are left empty.
 
         Example:
             >>> RosQos(latched=True, depth=1).token()
@@ -186,12 +186,12 @@ class RosQos:
 
 
 def parse_offered(text: str) -> RosQos:
-    """Return one profile that serves the subscribers of all recorded ones; of nothing, rmw's usual one.
+    """Return one profile that suits the subscribers of all recorded publishers; for empty text, rmw's default.
 
-    One publisher stands for all that were recorded, so it keeps the last messages of all of them.
+    One publisher replaces all recorded ones, so it keeps the last messages of all of them.
 
     Args:
-        text: `offered_qos_profiles` of a bag's channel.
+        text: Value of `offered_qos_profiles` of a bag's channel.
     """
     profiles: list[dict[str, str]] = []
     for name, value in _SETTING.findall(text):

@@ -1,7 +1,7 @@
 """Names, tokens and attachments of zenoh-bridge-ros2dds, which joins DDS systems of ROS 2 to Zenoh.
 
-A key is the name of a topic, service or action without its first slash, behind the namespace that the bridge may have:
-no domain, type or hash. Types are told by liveliness tokens:
+A key is the bridge's namespace, if any, followed by the name of a topic, service or action without its first slash:
+no domain, type or hash. Liveliness tokens announce the types:
 
     @/<zid>/@ros2_lv/<MP|MS>/<key>/<type>/[K]:<reliability>:<durability>:<history>,<depth>[:<user data>]
     @/<zid>/@ros2_lv/<SS|SC|AS|AC>/<key>/<type>
@@ -55,8 +55,8 @@ def key_of(name: str, namespace: str = "/") -> str:
     """Return the key of a full ROS name.
 
     Args:
-        name: Such as `/cmd_vel`.
-        namespace: The bridge's, such as `/bot1`.
+        name: Full name, such as `/cmd_vel`.
+        namespace: Namespace of the bridge, such as `/bot1`.
 
     Example:
         >>> key_of("/cmd_vel", "/bot1")
@@ -69,23 +69,23 @@ def name_of(key: str, namespace: str = "/") -> str:
     """Return the full ROS name of a key; keys outside of the namespace keep all their chunks.
 
     Args:
-        key: Such as `bot1/cmd_vel`.
-        namespace: The bridge's, such as `/bot1`.
+        key: Key of a message, such as `bot1/cmd_vel`.
+        namespace: Namespace of the bridge, such as `/bot1`.
     """
     return f"/{key.removeprefix(f'{namespace}/'.lstrip('/'))}"
 
 
 @dataclass(frozen=True, slots=True)
 class BridgeQos:
-    """What a token says of quality of service, with the numbers of DDS; None where it says nothing.
+    """Quality of service in a token, with the numbers of DDS; None where the token does not give it.
 
     Attributes:
-        keyed: Whether the DDS topic has a key, as none of ROS 2 has.
+        keyed: Whether the DDS topic has a key; topics of ROS 2 have none.
         reliability: 0 best effort, 1 reliable.
         durability: 0 volatile, 1 transient local.
         history: 0 keep last, 1 keep all.
-        depth: Of the history; stands and falls with it.
-        user_data: Such as `typehash=RIHS01_...;`.
+        depth: Depth of the history, given only together with it.
+        user_data: User data of DDS, such as `typehash=RIHS01_...;`.
     """
 
     keyed: bool = False
@@ -97,7 +97,7 @@ class BridgeQos:
 
     @classmethod
     def parse(cls, text: str) -> BridgeQos | None:
-        """Read the last chunk of a token; None if it is none."""
+        """Parse the last chunk of a token; return None if it is not valid."""
         parts = text.split(":", 4)
         history, _, depth = parts[3].partition(",") if len(parts) > 3 else ("", "", "")
         numbers = [*parts[1:3], history, depth]
@@ -122,7 +122,7 @@ class BridgeQos:
 
     @property
     def announced(self) -> AnnouncedQos:
-        """The same with rmw's numbers; what is not said is the default of a DDS writer."""
+        """The same QoS with rmw's numbers; missing values are the defaults of a DDS writer."""
         return AnnouncedQos(
             reliability=_RMW_RELIABILITY.get(1 if self.reliability is None else self.reliability, 1),
             durability=_RMW_DURABILITY.get(self.durability or 0, 1),
@@ -132,7 +132,7 @@ class BridgeQos:
 
     @classmethod
     def of(cls, qos: AnnouncedQos, *, type_hash: str | None = None) -> BridgeQos:
-        """Return what a bridge would say of a publisher of ROS 2."""
+        """Return what a bridge would announce for a publisher of ROS 2."""
         return cls(
             reliability=0 if qos.reliability == 2 else 1,
             durability=1 if qos.durability == 1 else 0,
@@ -148,14 +148,14 @@ def _text(number: int | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BridgeToken:
-    """What a bridge announces of a node behind it.
+    """Announcement of a bridge for a node behind it.
 
     Attributes:
         zid: Id of the bridge's Zenoh session.
         kind: Kind of the entity that it announces.
-        key: Where its messages go; of an action, what its five keys begin with.
-        type_name: Such as `nav_msgs/msg/Odometry`.
-        qos: Of topics alone.
+        key: Key of its messages; for an action, the common beginning of its five keys.
+        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
+        qos: Quality of service, only for topics.
     """
 
     zid: str
@@ -166,7 +166,7 @@ class BridgeToken:
 
 
 def parse_bridge_token(token: str) -> BridgeToken | None:
-    """Return what a bridge announces, None if this is no token of a bridge.
+    """Return what a bridge announces, None if this is not a token of a bridge.
 
     Example:
         >>> parse_bridge_token("@/3f/@ros2_lv/MP/bot1§odom/nav_msgs§msg§Odometry/:1:0:0,10").key
@@ -190,12 +190,12 @@ def build_bridge_token(token: BridgeToken) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RequestId:
-    """What a bridge attaches to a service's request, so that the answer finds its client.
+    """Attachment of a service's request, by which the reply finds its client.
 
     Attributes:
         client: Id of the DDS client, 8 bytes.
         sequence: Number of the request, 8 bytes in the byte order of the request.
-        little_endian: That byte order.
+        little_endian: Whether that byte order is little-endian.
     """
 
     client: bytes
@@ -207,7 +207,7 @@ def parse_request_id(attachment: bytes) -> RequestId:
     """Parse the attachment of a request.
 
     Raises:
-        PayloadError: These are not the bytes of one.
+        PayloadError: The bytes are not such an attachment.
     """
     order = attachment[-1:]
     if len(attachment) != _REQUEST_SIZE or not attachment.startswith(_REQUEST) or order not in (b"\0", b"\1"):

@@ -29,22 +29,22 @@ _MOST_TYPES = 50_000
 
 
 class Ros2DdsAdapter(Ros2Adapter):
-    """The adapter `ros2dds`; takes every key for a ROS name, and therefore is loaded only where it is named.
+    """The adapter `ros2dds`; it takes every key for a ROS name, so it is loaded only where it is named.
 
     Types are those that bridges announce, or those that the user declares.
 
     Args:
-        namespace: The bridges' own, such as `/bot1`.
+        namespace: Namespace of the bridges, such as `/bot1`.
 
     Raises:
-        ConfigError: The namespace is none.
+        ConfigError: The namespace is not valid.
         MissingExtraError: rosbags is not installed.
     """
 
     name = "ros2dds"
     on_request: ClassVar[bool] = True
     tokens = ros2dds.TOKENS
-    services = ()  # they cannot be told from other keys; who is there is told by Zenoh
+    services = ()  # keys do not show which are services; Zenoh knows the servers
 
     def __init__(self, namespace: str = "/") -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Ros2DdsAdapter(Ros2Adapter):
         self._announced: dict[str, tuple[str, str | None]] = {}
 
     def topic(self, key: str) -> TopicName | None:
-        """Return `/odom` for `odom`, and the type that was announced; also the name for a key expression."""
+        """Return `/odom` for `odom`, and the announced type; for a key expression, also the name."""
         name = ros2dds.name_of(key, self._namespace)
         plain = name.replace("$*", "x").replace("**", "x").replace("*", "x")
         return TopicName(name, self._told(key)[0]) if is_topic(plain) else None
@@ -66,7 +66,7 @@ class Ros2DdsAdapter(Ros2Adapter):
     def type_of_key(self, key: str) -> MessageType | None:
         """Return the type that was announced for a key, None if it is not known.
 
-        Where its hash was announced too (nodes since Iron), the definition is one of this hash, or the type opaque.
+        If its hash was announced, too (nodes since Iron), the definition has this hash, or the type is opaque.
         """
         type_name, type_hash = self._told(key)
         if type_name is None:
@@ -74,7 +74,7 @@ class Ros2DdsAdapter(Ros2Adapter):
         return self.type_named(type_name) if type_hash is None else self._hashed(type_name, type_hash)
 
     def announcement(self, token: str) -> Announcement | None:
-        """Return what a token says, and remember types."""
+        """Return what a token announces, and remember its type."""
         found = announcement_of(token, namespace=self._namespace)
         if found is not None and found.type_name and len(self._announced) < _MOST_TYPES:
             self._announced[found.key] = found.type_name, self._hash_of(token, found)
@@ -87,14 +87,14 @@ class Ros2DdsAdapter(Ros2Adapter):
         return self._announced.get(key, (None, None))
 
     def _hash_of(self, token: str, found: Announcement) -> str | None:
-        """Return what a token, or else the one before it, says of the hash of a key's type."""
+        """Return the hash of a key's type from a token, or else from an earlier token with the same type."""
         bridge = ros2dds.parse_bridge_token(token)
         told = None if bridge is None or bridge.qos is None else bridge.qos.type_hash
         former, known = self._announced.get(found.key, ("", None))
         return known if told is None and former == found.type_name else told
 
     def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
-        """Return how to publish a topic of a bag, of rmw_zenoh or of a bridge; domains are the bridges' affair."""
+        """Return how to publish a topic of a bag, of rmw_zenoh or of a bridge; bridges handle domains."""
         type_name = ros_type_of(topic)
         if type_name is None:
             return None

@@ -1,6 +1,6 @@
-"""The text of definitions, as bags carry it: a .msg file, then each dependency after a line of `=` and its name.
+"""The text of definitions in bags: a .msg file, then each dependency after a line of `=` and its name.
 
-Names are written as `pkg/Name`, also those of parts of services and actions: readers of bags know no others.
+Names are written as `pkg/Name`, also those of parts of services and actions: readers of bags accept no others.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def schema_text(name: str, closure: Mapping[str, Definition]) -> str:
     """Return the `ros2msg` text of a type.
 
     Args:
-        name: The type.
-        closure: Its definition, and those of all types in it, in the order in which they are to appear.
+        name: Name of the type.
+        closure: Its definition and those of all types in it, in the order of the output.
     """
     parts = [_body(closure[name])]
     parts += (f"{_LINE}\nMSG: {_short(each)}\n{_body(closure[each])}" for each in closure if each != name)

@@ -1,4 +1,4 @@
-"""Services and actions of ROS 2: which keys they have, and the types of requests and replies.
+"""Services and actions of ROS 2: their keys, and the types of requests and replies.
 
 Clients of rmw_zenoh ask with Zenoh's target `ALL_COMPLETE`, and its servers are complete queryables. Source:
 rmw_client_data.cpp and rmw_service_data.cpp of ros2/rmw_zenoh.
@@ -23,7 +23,7 @@ _TYPES = {REQUEST: "_Request", REPLY: "_Response"}
 
 
 def action_parts(name: str) -> str | None:
-    """Return an expression for the topics and services of an action, None if the text is no ROS name.
+    """Return a key expression of the topics and services of an action, None if the text is not a ROS name.
 
     Example:
         >>> action_parts("/fibonacci")

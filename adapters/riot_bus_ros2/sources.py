@@ -1,4 +1,4 @@
-"""Where definitions come from if neither a log nor the user brings them: a ROS installation, and rosbags' stores."""
+"""Sources of definitions that neither a log nor the user provides: a ROS installation, and rosbags' stores."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ _stores: dict[str, Typestore] = {}
 
 
 def read_interface(file: Path, name: str) -> dict[str, Definition]:
-    """Read what a file defines.
+    """Read the definitions in a file.
 
     Args:
-        file: Such as `pkg/msg/Name.msg`.
-        name: Such as `pkg/msg/Name`.
+        file: Path of the file, such as `pkg/msg/Name.msg`.
+        name: Name of the interface, such as `pkg/msg/Name`.
 
     Raises:
-        OSError: It cannot be read, or is too large.
-        UnicodeDecodeError: It is no text.
-        DefinitionError: It does not parse.
+        OSError: The file cannot be read, or is too large.
+        UnicodeDecodeError: The file is not text.
+        DefinitionError: The text does not parse.
     """
     if file.stat().st_size > _MOST_BYTES:
         raise OSError(f"it has over {_MOST_BYTES} bytes")
@@ -78,7 +78,7 @@ def _installed(prefixes: str, interface: str) -> Mapping[str, Definition]:
 
 
 def from_distribution(distro: str) -> Source:
-    """Return the source that one of rosbags' stores is."""
+    """Return one of rosbags' stores as a source."""
     return lambda name: rosbags_store(distro).fielddefs.get(name)
 
 
@@ -93,7 +93,7 @@ def rosbags_store(distro: str) -> Typestore:
 
 
 def from_common_services(name: str) -> Definition | None:
-    """Return a message of a service or action that every ROS installation has; rosbags knows none."""
+    """Return a message of a service or action that every ROS installation has; rosbags has none of them."""
     return _common(interface_of(name)).get(name)
 
 

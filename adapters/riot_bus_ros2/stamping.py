@@ -1,4 +1,4 @@
-"""What a recorder can know of ROS topics: numbers and times from attachments, and QoS from liveliness tokens.
+"""Metadata of ROS topics for a recorder: numbers and times from attachments, and QoS from liveliness tokens.
 
 Source: attachment_helpers.cpp, liveliness_utils.cpp and qos.cpp of ros2/rmw_zenoh.
 """
@@ -39,7 +39,7 @@ def stamp_of(attachment: bytes) -> Stamp | None:
 
 
 def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
-    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; nothing if there is none.
+    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none.
 
     Args:
         key: A data key of rmw_zenoh.
@@ -60,7 +60,7 @@ def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
 
 
 def profiles_of(offered: Iterable[AnnouncedQos]) -> dict[str, str]:
-    """Return the metadata of a channel that says what publishers offer; nothing if there are none."""
+    """Return a channel's metadata with the QoS that publishers offer; empty if there are none."""
     profiles = [each.profile() for each in offered][:_MOST_PROFILES]
     return {"offered_qos_profiles": "".join(profiles)} if profiles else {}
 

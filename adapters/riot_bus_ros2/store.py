@@ -1,6 +1,6 @@
 """Definitions of ROS 2 types by name, from several sources in order, and messages as objects through rosbags.
 
-Importing rosbags and loading a distribution's types is slow, so both wait for the first question.
+Importing rosbags and loading a distribution's types is slow, so both are delayed until first use.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["TypeStore", "require_rosbags"]
 
 _LONGEST = 1 << 12
-_OF_USER = 2  # so many sources are before the distributions
+_OF_USER = 2  # number of sources before the distributions
 _MOST_TOLD = 1 << 12
 
 
@@ -41,11 +41,11 @@ class TypeStore:
     """Definitions by name.
 
     They come from, in this order: a log, `AMENT_PREFIX_PATH`, files that the user named, distributions as rosbags has
-    them, and services and actions of every ROS installation. What nodes have told is kept apart (`learn`).
+    them, and services and actions of every ROS installation. Definitions from nodes are kept separately (`learn`).
 
     Args:
         recorded: Definitions of a log.
-        sources: Asked instead of the usual ones, after `recorded`.
+        sources: Sources that replace the default ones, after `recorded`.
     """
 
     def __init__(self, recorded: Mapping[str, Definition] | None = None, *, sources: Sequence[Source] = ()) -> None:
@@ -65,16 +65,16 @@ class TypeStore:
         self._typestores.clear()
 
     def learn(self, name: str, definitions: Mapping[str, Definition]) -> None:
-        """Add what a node has told of a type: its definition, and those of all types in it.
+        """Add a node's description of a type: its definition, and those of all types in it.
 
-        They count for this type alone, where no other source has a definition of the same hash (`matching`), or of the
-        same name (`told`).
+        They are used for this type only, if no other source has a definition with the same hash (`matching`) or with
+        the same name (`told`).
         """
         if len(self._told) < _MOST_TOLD:
             self._told[name, type_hash(name, definitions)] = TypeStore(definitions)
 
     def told(self, name: str) -> TypeStore | None:
-        """Return a store with what a node has told of a type, None if none has; of several versions the last."""
+        """Return a store with the last description of a type from a node, None if there is none."""
         return next((store for (each, _), store in reversed(list(self._told.items())) if each == name), None)
 
     def definition(self, name: str) -> Definition | None:
@@ -117,14 +117,14 @@ class TypeStore:
         return found
 
     def type_hash(self, name: str) -> str:
-        """Return the RIHS01 hash that stands in rmw_zenoh's keys (REP 2016); raises KeyError if unknown."""
+        """Return the RIHS01 hash (REP 2016) that is part of rmw_zenoh's keys; raises KeyError if unknown."""
         return type_hash(name, self.closure(name))
 
     def matching(self, name: str, wanted: str) -> TypeStore | None:
-        """Return a store by which the type has this hash: this one, or one that prefers one source to the others.
+        """Return a store in which the type has this hash: this one, or one that prefers one source to the others.
 
         Args:
-            name: The type.
+            name: Name of the type.
             wanted: Its RIHS01 hash.
 
         Returns:
@@ -144,7 +144,7 @@ class TypeStore:
         return None
 
     def preferring(self, source: Source, *, to_distributions: bool = False) -> TypeStore:
-        """Return a store that asks this source before all others but logs, or before the distributions alone."""
+        """Return a store that asks this source before all others except logs, or only before the distributions."""
         place = _OF_USER if to_distributions else 0
         return TypeStore(self._recorded, sources=(*self._sources[:place], source, *self._sources[place:]))
 
@@ -157,12 +157,12 @@ class TypeStore:
         return Schema(name, "ros2msg", text.encode())
 
     def decode(self, payload: bytes, name: str) -> Any:
-        """Return a payload as rosbags' message object; bytes after its end are let pass, and arrays can be written."""
+        """Return a payload as rosbags' message object; bytes after its end are ignored, and arrays are writable."""
         try:
             store = self._typestore(name)
             definition = store.get_msgdef(name)
             deserialize = definition.deserialize_cdr_le if payload[1:2] == b"\1" else definition.deserialize_cdr_be
-            # rosbags' arrays are views on what it is given: read-only ones on bytes
+            # rosbags' arrays are views of its input: read-only ones if that is bytes
             return deserialize(memoryview(bytearray(payload))[4:], 0, definition.cls, store)[0]
         except _rosbags_errors() as error:
             raise PayloadError(f"does not decode as {name}: {error}") from error
@@ -187,7 +187,7 @@ class TypeStore:
             if all(store.fielddefs.get(each) is definition for each, definition in needed.items()):
                 return store
         for definition in needed.values():
-            for field in fields_of(definition):  # of which rosbags writes a line of code for each element
+            for field in fields_of(definition):  # rosbags generates a line of code for each element
                 if (field.is_message or field.content == "string") and (field.length or 0) > _LONGEST:
                     raise PayloadError(f"{name} has an array of {field.length} elements, which is too long for rosbags")
         from rosbags.typesys.store import Typestore

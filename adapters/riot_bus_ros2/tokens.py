@@ -1,4 +1,4 @@
-"""Liveliness tokens of rmw_zenoh, by which ROS nodes and their topics and services are known.
+"""Liveliness tokens of rmw_zenoh, which announce ROS nodes and their topics and services.
 
     @ros2_lv/<domain>/<zid>/<node id>/<node id>/NN/<enclave>/<namespace>/<node>
     @ros2_lv/<domain>/<zid>/<node id>/<id>/<MP|MS|SS|SC>/<enclave>/<namespace>/<node>/<name>/<type>/<hash>/<qos>
@@ -39,9 +39,9 @@ class Node:
     """A ROS node.
 
     Attributes:
-        domain: `ROS_DOMAIN_ID`.
+        domain: ROS domain (`ROS_DOMAIN_ID`).
         zid: Id of its Zenoh session.
-        number: Of the node in the session.
+        number: Number of the node in the session.
         name: Full name, such as `/robot1/planner`.
         enclave: Enclave of SROS 2.
         prefix: The session's Zenoh namespace.
@@ -61,13 +61,13 @@ class NodeEndpoint:
 
     Attributes:
         node: The node that has it.
-        number: In its session.
+        number: Number of the endpoint in its session.
         kind: Kind of the entity.
         topic: Full name of the topic or service.
-        type_name: Such as `nav_msgs/msg/Odometry`.
-        type_hash: None where the distribution has none.
+        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
+        type_hash: Hash of its type, None if the distribution has no hashes.
         qos: Its quality of service.
-        backend: What a buffer-aware endpoint says of its memory; empty for all others.
+        backend: Memory description of a buffer-aware endpoint; empty for all others.
     """
 
     node: Node
@@ -81,18 +81,18 @@ class NodeEndpoint:
 
     @property
     def data_key(self) -> DataKey:
-        """Where its messages go."""
+        """Data key of its messages."""
         return DataKey(self.node.domain, self.topic, self.type_name, self.type_hash)
 
     @property
     def key(self) -> str:
-        """The same as a key."""
+        """Zenoh key of its messages."""
         key = build_data_key(self.data_key)
         return f"{self.node.prefix}/{key}" if self.node.prefix else key
 
 
 def parse_token(token: str) -> Node | NodeEndpoint | None:
-    """Return who announces what, None if this is no token of rmw_zenoh.
+    """Return the announced node or endpoint, None if this is not a token of rmw_zenoh.
 
     Example:
         >>> parse_token("@ros2_lv/0/3f2a/0/0/NN/%/%/talker").name

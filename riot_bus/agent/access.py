@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 __all__ = ["ACTIONS", "ROLES", "Action", "Role", "access_rules", "may", "parse_subject", "question_limits"]
 
 Role = Literal["agent", "controller", "viewer"]
-"""Who carries out commands, who gives them, and who looks on."""
+"""Agents carry out commands, controllers give them, and viewers only watch."""
 
 ROLES: tuple[Role, ...] = get_args(Role)
 
 Action = Literal["put", "receive", "ask", "answer", "announce", "see"]
-"""Publish and subscribe, query and reply, hold a liveliness token and look for one."""
+"""In this order: publish, subscribe, query, reply, hold a liveliness token, look for one."""
 
 ACTIONS: dict[Action, tuple[str, str]] = {
     "put": ("ingress", "put"),
@@ -30,18 +30,18 @@ ACTIONS: dict[Action, tuple[str, str]] = {
     "announce": ("ingress", "liveliness_token"),
     "see": ("ingress", "liveliness_query"),
 }
-"""What Zenoh's access control calls each action, and its flow as the router sees it."""
+"""Flow of each action, as the router sees it, and its name in Zenoh's access control."""
 
 _READING = ("status", "logs")
 _LOGS_HZ = 20.0
-"""Questions for logs a second of one link, the only ones of a viewer that wait in line with commands."""
+"""Queries for logs per second on one link; they are a viewer's only queries that share a queue with commands."""
 
 _ASK, _ANSWER = ("ingress", "query"), ("egress", "query")
 _REPLY, _GET_REPLY = ("ingress", "reply"), ("egress", "reply")
 
 
 def parse_subject(text: str) -> tuple[Role, str]:
-    """Parse `ROLE` or `ROLE=USER`; a role alone is the user of this name.
+    """Parse `ROLE` or `ROLE=USER`; a role alone stands for the user of the same name.
 
     Raises:
         ConfigError: There is no such role.
@@ -56,12 +56,12 @@ def parse_subject(text: str) -> tuple[Role, str]:
 def access_rules(
     subjects: Iterable[tuple[Role, str]], *, robot: str = "*", certificates: bool = False
 ) -> dict[str, Any]:
-    """Return Zenoh's `access_control` of a fleet's router: all is denied that no rule allows.
+    """Return Zenoh's `access_control` for a fleet's router, which denies all that no rule allows.
 
     Args:
         subjects: Roles, and the users that have them.
-        robot: Whose agent may be commanded and may answer; `*` for any.
-        certificates: Users are the common names of certificates (mutual TLS), not of users with passwords.
+        robot: Name of the robot whose agent may be commanded and may answer; `*` for any.
+        certificates: Whether users are common names of certificates (mutual TLS), not users with passwords.
     """
     users: dict[Role, list[str]] = {}
     for role, user in subjects:
@@ -91,9 +91,9 @@ def access_rules(
 
 
 def question_limits() -> list[dict[str, Any]]:
-    """Return Zenoh's `downsampling` of a fleet's router: how often one link may ask for logs.
+    """Return Zenoh's `downsampling` for a fleet's router, which limits how often one link may query logs.
 
-    What comes within the 20th part of a second after another question is dropped, so this is for no command.
+    A query within a 20th of a second after another one is dropped, so commands must not be limited this way.
     """
     rules = [{"key_expr": f"{OWN_CHUNK}/*/agent/logs", "freq": _LOGS_HZ}]
     return [{"id": "questions", "messages": ["query"], "flows": ["ingress"], "rules": rules}]

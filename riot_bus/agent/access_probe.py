@@ -1,4 +1,4 @@
-"""Who can do what at the keys of agents, as seen by sessions that try it: not what is configured, but what happens."""
+"""Test of who can do what at the keys of agents: sessions try it, which shows what happens, not what is configured."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Access:
 
     Attributes:
         identity: Name of the identity.
-        action: What it tried there.
+        action: Action that it tried.
         key: Key that it was tried at.
         seen_by: The identities on the other side: who received what it put, whom it answered ...
-        needed: Whether its role needs it; None for an identity that is not called like a role.
+        needed: Whether its role needs this; False for `NOBODY`, None for other names that are no role.
     """
 
     identity: str
@@ -60,17 +60,17 @@ def probe_access(
 ) -> list[Access]:
     """Let each identity try each action at each key of an agent, and return what the others saw of it.
 
-    What needs two sides is seen only if both are allowed: when nobody can subscribe, no publication is seen.
+    An action with two sides is seen only if both are allowed: when nobody can subscribe, no publication is seen.
 
     Args:
         endpoint: The fleet's router.
-        identities: Zenoh configuration of each, by name; one that is called like a role is compared with this.
-        robot: Whose keys; no agent of this name may be running. By default a name that nobody has.
-        say: Told in a line who cannot connect.
+        identities: Zenoh configuration of each identity by name; one named after a role is compared with that role.
+        robot: Name of the robot whose keys are tried; no such agent may be running. By default an unused name.
+        say: Called with a line for each identity that cannot connect.
 
     Raises:
-        EnvironmentFaultError: Nobody can connect.
-        ConfigError: There is an agent of this name: it would carry out what is tried.
+        EnvironmentFaultError: No identity can connect.
+        ConfigError: An agent of this name is running and would carry out what is tried.
     """
     robot = robot or f"riot-doctor-{new_secret()[:8]}"
     with ExitStack() as stack:
@@ -95,7 +95,7 @@ def probe_access(
             stack.callback(side.close)
             side.offer([*keys, agent_token(robot, "0" * 32)])
         end = time.monotonic() + _WINDOW_S
-        while time.monotonic() < end:  # declarations take their time, and tell nobody when they have arrived
+        while time.monotonic() < end:  # declarations take time, and nothing tells when they have arrived
             for side in sides:
                 side.put(keys)
             time.sleep(_PAUSE_S)
@@ -151,7 +151,7 @@ class _Side:
             self._session.put(key, self.name.encode())
 
     def ask(self, keys: Sequence[str]) -> set[tuple[str, str]]:
-        """Return keys and who answers there."""
+        """Return pairs of a key and another identity that answers there."""
         from riot_bus.zenoh import api as zenoh
 
         every, each = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
@@ -164,7 +164,7 @@ class _Side:
         return any(reply.ok is not None for reply in self._session.liveliness().get(token, timeout=_ASK_S))
 
     def received(self) -> set[tuple[str, str]]:
-        """Return keys and from whom something came there."""
+        """Return pairs of a key and another identity that published there."""
         with self._lock:
             return {(key, other) for key, other in self._received if other != self.name}
 

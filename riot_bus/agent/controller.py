@@ -1,4 +1,4 @@
-"""`riot fleet play` and `record`: begins an operation on a robot, shows how it goes, and says what became of it."""
+"""`riot fleet play` and `record`: start an operation on a robot, show its progress, and report its result."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ def drive(
     show: Callable[[str], None],
     as_json: bool = False,
 ) -> bool:
-    """Let a robot do something and follow it to its end.
+    """Run an operation on a robot and follow it to its end.
 
     Args:
         endpoint: The fleet's router.
-        robot: The robot.
+        robot: Name of the robot.
         kind: `play` or `record`.
-        arguments: What its agent wants to know.
+        arguments: Arguments of the operation for the agent.
         config: Further Zenoh configuration.
-        give_up: Seconds without an answer after which it is given up.
-        detach: Leave when it has begun.
-        say: Prints a line of the result.
-        show: Shows a line of progress in place of the one before.
-        as_json: Say it as lines of JSON.
+        give_up: Seconds without an answer after which to give up.
+        detach: Whether to return once the operation has begun.
+        say: Function that prints a line of the result.
+        show: Function that shows a line of progress in place of the previous one.
+        as_json: Whether to print the result as lines of JSON.
 
     Returns:
         False if a signal has ended it.
 
     Raises:
-        RiotError: It was refused, failed, was stopped by somebody else, or the robot was not heard for too long.
-        DataLossError: It ended, but messages were lost.
+        RiotError: The operation was refused, failed, was stopped by another user, or the robot was silent too long.
+        DataLossError: The operation ended, but messages were lost.
     """
     interrupted = threading.Event()
 
@@ -78,7 +78,7 @@ def _begun(status: Mapping[str, Any]) -> bool:
 
 
 def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:
-    """Raise what an operation has come to, unless all is well."""
+    """Raise the error that an operation's status reports, if any."""
     problem, result = status.get("problem"), status.get("result")
     if isinstance(problem, dict):
         raise error_from(problem)

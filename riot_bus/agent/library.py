@@ -1,4 +1,4 @@
-"""The logs of one folder: what there is, and which file somebody means who is not to be trusted."""
+"""The logs of one folder: their list, and the safe lookup of files by names from untrusted users."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _MOST_FILES = 500
 _MOST_ROWS = 500
 _END_S = 10.0
 _IDLE, _LONGEST_REST_S = 9, 20.0
-"""Between two looks, the thread rests for so many times as long as the last one took, whatever is asked."""
+"""Rest between two scans, whatever is requested: a multiple of the last scan's duration, and the limit of it."""
 _NAMES = 10_000
 
 
 class Library:
-    """The logs below a folder; they are looked at on a thread of its own, so that many or large ones hold nobody up.
+    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else.
 
     Args:
-        folder: Nothing outside of it is ever opened.
-        robot: Whose the logs are that do not say so.
-        catalogue: Where to keep what is known; None for memory.
-        failed: Told in a line what could not be looked at.
+        folder: Folder of the logs; nothing outside of it is ever opened.
+        robot: Name of the robot for logs that do not name theirs.
+        catalogue: File that keeps what is known; None for memory.
+        failed: Called with a line about whatever could not be scanned.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class Library:
         self._thread = threading.Thread(target=self._run, name="riot-agent-logs", daemon=True)
 
     def start(self) -> None:
-        """Begin to look."""
+        """Begin to scan."""
         self._thread.start()
         self._look()
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop scanning."""
         with self._bell:
             self._closing = True
             self._bell.notify_all()
@@ -76,16 +76,16 @@ class Library:
             self._catalogue.close()
 
     def logs(self, query: str = "", *, offset: int = 0, limit: int = 100, look: int | None = None) -> dict[str, Any]:
-        """Return what is known so far, as JSON values, and have a look at what has changed since.
+        """Return the logs known so far, as JSON values, and request a new scan unless `look` is given.
 
         Args:
-            query: Which logs, in the language of `riot fleet list`.
-            offset: How many to leave out before.
-            limit: How many at most.
-            look: `look` of a former answer; then the answer is complete when that look has ended.
+            query: Query for logs, in the language of `riot fleet list`.
+            offset: Number of logs to skip.
+            limit: Largest number of logs to return.
+            look: Number of a scan, from an earlier answer; this answer is complete if that scan has ended.
 
         Raises:
-            ConfigError: The query is none.
+            ConfigError: The query is invalid.
         """
         wanted = parse_query(query)
         limit = min(max(limit, 0), _MOST_ROWS)
@@ -101,13 +101,13 @@ class Library:
         }
 
     def resolve(self, name: str) -> list[Path]:
-        """Return the files that somebody means: a log, or a folder that holds the files of one recording.
+        """Return the files of a name: a log, or a folder that holds the files of one recording.
 
         Args:
-            name: Relative to the folder, or absolute and inside of it.
+            name: Path, relative to the folder, or absolute and inside of it.
 
         Raises:
-            ConfigError: It leads elsewhere, also through a link, or is no log.
+            ConfigError: The path leads out of the folder, directly or through a link, or is no log.
         """
         where = "logs"
         if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
@@ -117,7 +117,7 @@ class Library:
             try:
                 files = files_of(path)
             except ConfigError as error:
-                error.where = f"logs: {name}"  # whoever asks from afar shall not see where the folder is
+                error.where = f"logs: {name}"  # remote users must not see where the folder is
                 raise
             if len(files) > _MOST_FILES:
                 raise ConfigError(f"the folder {name!r} holds {len(files)} logs", where=where, hint="name one of them")
@@ -163,9 +163,9 @@ class Library:
         }
 
     def _look(self) -> int:
-        """Ask for a look; return its number."""
+        """Request a scan and return its number."""
         with self._bell:
-            self._wanted = self._done + (2 if self._wanted > self._done else 1)  # a look that has begun is too old
+            self._wanted = self._done + (2 if self._wanted > self._done else 1)  # a scan that has begun is too old
             self._bell.notify_all()
             return self._wanted
 

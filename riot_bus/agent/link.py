@@ -1,4 +1,4 @@
-"""The link of an agent to its fleet: opened as soon as the router answers, then kept by Zenoh through every break."""
+"""The link of an agent to its fleet: opened as soon as the router answers, then restored by Zenoh after every break."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _END_S = 15.0
 
 
 class FleetLink:
-    """Announces an agent, takes its commands and tells its progress.
+    """Connection that announces an agent, receives its commands and publishes its progress.
 
     Args:
-        service: Carries out the commands.
+        service: Service that carries out the commands.
         commands: Commands by name.
         robot: The robot's name.
-        endpoint: The router.
+        endpoint: Endpoint of the fleet's router.
         config: Further Zenoh configuration.
-        say: Told in a line what happens to the link.
-        failed: Called with what cannot become better by waiting, such as a wrong configuration.
+        say: Called with a line for each change of the link.
+        failed: Called with an error that waiting cannot resolve, such as a wrong configuration.
     """
 
     def __init__(
@@ -79,13 +79,13 @@ class FleetLink:
             self._stack.close()
 
     def publish(self, payload: bytes) -> None:
-        """Tell the progress; without a link nobody gets it."""
+        """Publish the progress; it is lost while there is no link."""
         publisher = self._publisher
         if publisher is not None and not self._closing.is_set():
             publisher.put(payload, encoding="application/json")
 
     def sees(self, operation: str, secret: str) -> bool:
-        """Return whether a controller is there and proves it, by its secret, now; a link that hangs counts as no."""
+        """Return whether a controller proves now, by its secret, that it is present; False if the link hangs."""
         from riot_bus.zenoh import api as zenoh
 
         session = self._session
@@ -100,10 +100,10 @@ class FleetLink:
         return any(hmac.compare_digest(each, wanted) for each in found)
 
     def others(self) -> int:
-        """Return how many other agents have the same robot's name.
+        """Return how many other agents have the same robot name.
 
         Raises:
-            EnvironmentFaultError: There is no telling, as nothing is connected yet.
+            EnvironmentFaultError: Unknown, because the agent is not connected yet.
         """
         session = self._session
         if session is None:

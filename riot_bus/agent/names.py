@@ -1,4 +1,4 @@
-"""Keys of agents, and what robots may be called."""
+"""Keys of agents, and valid names of robots."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def agent_token(robot: str, zid: str) -> str:
 
 
 def controller_key(robot: str, operation: str) -> str:
-    """Return the key on which a controller proves that it is there, as long as it is."""
+    """Return the key at which a controller proves that it is present."""
     return f"{OWN_CHUNK}/{robot}/agent/controller/{operation}"
 
 
 def progress_key(robot: str) -> str:
-    """Return the key on which an agent says how its operation goes."""
+    """Return the key at which an agent publishes the progress of its operation."""
     return f"{OWN_CHUNK}/{robot}/agent/progress"
 
 
 def check_robot(name: str, where: str = "--robot") -> str:
-    """Return the name; raises ConfigError if a robot cannot be called so."""
+    """Return the name; raises ConfigError if it is not valid for a robot."""
     if not _NAME.fullmatch(name):
         hint = f"letters, digits, '-', '_' and '.', at most 100: it is part of the key {OWN_CHUNK}/NAME/agent"
         raise ConfigError(f"{name[:120]!r} is no name of a robot", where=where, hint=hint)
@@ -43,5 +43,5 @@ def check_robot(name: str, where: str = "--robot") -> str:
 
 
 def default_robot() -> str:
-    """Return this machine's name, as far as a robot can be called so."""
+    """Return this machine's name, changed where a robot's name cannot be so."""
     return re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())[:100] or "robot"

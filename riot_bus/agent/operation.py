@@ -1,4 +1,4 @@
-"""What an agent does at present: one operation, on a thread of its own."""
+"""The current operation of an agent, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _MOST_WARNINGS = 20
 _LONGEST = 500
 
 FINAL = ("ended", "stopped", "failed")
-"""The states in which an operation holds nothing any more."""
+"""The states in which an operation is over and holds no resources."""
 
 
 class Operation(ABC):
-    """Plays or records; begins with `start` and ends by itself, by `stop`, or by a failure.
+    """A play or recording, which begins with `start` and ends by itself, by `stop`, or by a failure.
 
     Args:
-        lead: Who asked for it, and what to do without them.
-        changed: Called whenever there is news.
+        lead: Controller that asked for it, and what to do if it is lost.
+        changed: Called whenever the status changes.
     """
 
     kind: str
@@ -45,7 +45,7 @@ class Operation(ABC):
         self._stopping = threading.Event()
         self._done = threading.Event()
         self._problem: dict[str, Any] | None = None
-        self._last: dict[str, Any] = {}  # what there was to say last
+        self._last: dict[str, Any] = {}  # the last known details
         self._thread = threading.Thread(target=self._run, name=f"riot-agent-{self.kind}", daemon=True)
 
     def start(self) -> None:
@@ -65,7 +65,7 @@ class Operation(ABC):
         """End as soon as possible; does not wait for it.
 
         Args:
-            reason: Why, for people.
+            reason: Reason, as a text for people.
         """
         if not self._stopping.is_set():
             self.reason = reason[:_LONGEST]
@@ -78,19 +78,19 @@ class Operation(ABC):
         raise self._cannot("pause")
 
     def resume(self) -> None:
-        """Go on."""
+        """Resume."""
         raise self._cannot("resume")
 
     def seek(self, seconds: float) -> None:
-        """Go on from so many seconds after the beginning of what is played."""
+        """Continue at a time in seconds from the beginning of what is played."""
         raise self._cannot("seek")
 
     def set_rate(self, rate: float) -> None:
-        """Go on at another speed."""
+        """Continue at another speed."""
         raise self._cannot("rate")
 
     def status(self) -> dict[str, Any]:
-        """Return all that there is to say, as JSON values."""
+        """Return the status, as JSON values."""
         details = self._last if self._done.is_set() else self._details() or self._last
         return {
             "id": self.lead.operation,
@@ -107,22 +107,22 @@ class Operation(ABC):
         }
 
     def warn(self, line: str) -> None:
-        """Take note of something odd."""
+        """Note a warning for the status."""
         if len(self.warnings) < _MOST_WARNINGS:
             self.warnings.append(line[:_LONGEST])
         self.changed()
 
     @abstractmethod
     def _work(self) -> dict[str, Any]:
-        """Do it to its end; return what there is to say of it then."""
+        """Run the operation to its end; return its final details."""
 
     @abstractmethod
     def _stop(self) -> None:
-        """Let `_work` return soon; may be called at any time."""
+        """Make `_work` return soon; may be called at any time."""
 
     @abstractmethod
     def _details(self) -> dict[str, Any] | None:
-        """Return how it goes, with a state of its own; None before it has begun and once it is being closed."""
+        """Return the current details with their own state; None before it has begun and once it is being closed."""
 
     def _state(self, details: dict[str, Any]) -> str:
         if self._done.is_set():

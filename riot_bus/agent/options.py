@@ -1,4 +1,4 @@
-"""What an agent is told when it starts, as plain values."""
+"""Options of an agent, as plain values."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ PERMISSIONS = ("play", "record")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentOptions:
-    """What an agent is, and may do.
+    """Options of an agent, and what it may do.
 
     Attributes:
-        robot: Its name.
-        folder: Where its logs are, and where it records to; it reads and writes nowhere else.
+        robot: Name of its robot.
+        folder: Folder of its logs and recordings; it reads and writes nowhere else.
         endpoint: The router of the robot's own bus.
         fleet: The router through which it is commanded; None for that of its own bus.
         config: Further Zenoh configuration of clients of its own bus.
-        fleet_config: Likewise, of the other one.
-        allow: What it may do.
-        catalogue: Where it keeps what it knows of its logs; None to read them again at each start.
+        fleet_config: Further Zenoh configuration of clients of the fleet's router.
+        allow: Permissions that it has.
+        catalogue: File that keeps what it knows of its logs; None to read them again at each start.
         keep_free: Bytes of the disk that recordings leave free.
     """
 

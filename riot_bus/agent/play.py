@@ -1,4 +1,4 @@
-"""An agent's play: the player of `riot play`, told what to do from afar."""
+"""An agent's player: that of `riot play`, controlled remotely."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Play(Operation):
     """Plays logs into the robot's own bus.
 
     Args:
-        request: What is wanted.
+        request: The controller's request.
         names: The logs, as the controller calls them.
-        files: Where they are.
-        agent: The robot's agent, which has the bus.
-        changed: Called whenever there is news.
+        files: Paths of the logs' files.
+        agent: Options of the robot's agent, which name the bus.
+        changed: Called whenever the status changes.
     """
 
     kind = "play"
@@ -54,22 +54,22 @@ class Play(Operation):
         self._last = {"logs": self._names}
 
     def pause(self) -> None:
-        """Stop time."""
+        """Pause."""
         self._playing().pause()
         self.changed()
 
     def resume(self) -> None:
-        """Let time go on."""
+        """Resume."""
         self._playing().resume()
         self.changed()
 
     def seek(self, seconds: float) -> None:
-        """Go on from so many seconds after the logs' beginning."""
+        """Continue at a time in seconds from the logs' beginning."""
         self._playing().seek(seconds)
         self.changed()
 
     def set_rate(self, rate: float) -> None:
-        """Go on at another speed; raises ConfigError if it is none."""
+        """Continue at another speed; raises ConfigError if it is invalid."""
         self._playing().set_rate(rate)
         self.changed()
 
@@ -122,7 +122,7 @@ class Play(Operation):
 
 
 def _result(result: PlayResult) -> dict[str, Any]:
-    """Return what has become of it, within bounds."""
+    """Return the result as JSON values of limited length."""
     return {
         "published": result.published,
         "seconds": result.seconds,

@@ -26,19 +26,19 @@ def prove(secret: str, role: str, text: str) -> str:
 
     Args:
         secret: Shared by agent and controller; as `new_secret` returns it.
-        role: Of the sender, so that nobody's own proof can be sent back to it.
-        text: What is proved.
+        role: Role of the sender, so that its proof cannot be sent back to it as one of the other side.
+        text: Text to prove.
     """
     return hmac.new(secret.encode(), f"{role}\n{text}".encode(), hashlib.sha256).hexdigest()
 
 
 def proved(document: Mapping[str, Any], secret: str | None, nonce: str) -> dict[str, Any]:
-    """Return an agent's document with the proof that it is the agent's, and new.
+    """Return an agent's document with a proof that it comes from the agent and is new.
 
     Args:
         document: JSON values.
-        secret: Of the operation; None for a document without a proof.
-        nonce: What the controller asked with, or a number that grows.
+        secret: Secret of the operation; None for a document without a proof.
+        nonce: Nonce of the controller's query, or an increasing number.
     """
     if secret is None:
         return dict(document)

@@ -1,4 +1,4 @@
-"""An agent's recording: the recorder of `riot record`, told what to do from afar."""
+"""An agent's recorder: that of `riot record`, controlled remotely."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class RecordOperation(Operation):
     It ends by itself when the disk becomes too full.
 
     Args:
-        request: What is wanted.
-        options: What the recorder is told.
-        agent: The robot's agent, which has the bus.
-        changed: Called whenever there is news.
+        request: The controller's request.
+        options: Options of the recorder.
+        agent: Options of the robot's agent.
+        changed: Called whenever the status changes.
     """
 
     kind = "record"
@@ -50,12 +50,12 @@ class RecordOperation(Operation):
         self._service: CaptureService | None = None
 
     def pause(self) -> None:
-        """Record nothing for a while."""
+        """Pause recording."""
         self._recording().pause()
         self.changed()
 
     def resume(self) -> None:
-        """Go on recording."""
+        """Resume recording."""
         self._recording().resume()
         self.changed()
 
@@ -118,7 +118,7 @@ def check_room(agent: AgentOptions) -> None:
 
 
 def _result(result: CaptureResult) -> dict[str, Any]:
-    """Return what has become of it, within bounds."""
+    """Return the result as JSON values of limited length."""
     account = result.account
     return {
         "recorded": sum(account.recorded.values()),

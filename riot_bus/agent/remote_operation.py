@@ -1,4 +1,4 @@
-"""The other side of an agent: finds robots, lets one play, follows it, and never waits without a bound."""
+"""The controller's side of an agent: finds robots, makes one play, and follows it, with a limit on every wait."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Robot:
 
     Attributes:
         name: Its name.
-        agents: How many agents have it; more than one is a mistake.
-        status: What the agent says; None if it does not answer, or may not be asked.
+        agents: Number of agents with this name; more than one is a mistake.
+        status: Status from the agent; None if it does not answer, or may not be asked.
     """
 
     name: str
@@ -91,13 +91,13 @@ def ask_robot(
     Args:
         endpoint: The fleet's router.
         robot: Its name.
-        command: Such as `status`, without `agent/`.
+        command: Name of the command without `agent/`, such as `status`.
         config: Further Zenoh configuration.
-        arguments: What the command wants.
+        arguments: Arguments of the command.
 
     Raises:
         EnvironmentFaultError: No router or no such robot answers.
-        RiotError: What the agent says.
+        RiotError: The agent answers with an error.
     """
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
@@ -113,11 +113,11 @@ def list_logs(
         endpoint: The fleet's router.
         robot: Its name.
         config: Further Zenoh configuration.
-        arguments: `query`, `offset`, `limit`, as the agent's command `logs` knows them.
+        arguments: `query`, `offset` and `limit` of the agent's command `logs`.
 
     Raises:
         EnvironmentFaultError: No router or no such robot answers.
-        RiotError: What the agent says.
+        RiotError: The agent answers with an error.
     """
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
@@ -131,7 +131,7 @@ def list_logs(
 
 
 def who_am_i() -> str:
-    """Return how robots call this controller."""
+    """Return the name of this controller for robots."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):
@@ -140,10 +140,10 @@ def who_am_i() -> str:
 
 
 class RemoteOperation:
-    """Lets a robot do one operation, and follows it; a context manager.
+    """One operation on a robot, which it starts and follows; a context manager.
 
-    As long as it is open, it proves to the robot's agent, whenever that asks, that it is there; and it believes what is
-    said of the operation only if that proves to come from the agent. Both know a secret of this operation alone.
+    While it is open, it proves to the robot's agent on request that it is present, and it trusts a status of the
+    operation only with a proof that it comes from the agent. Both use a secret of this operation alone.
 
     Args:
         endpoint: The fleet's router.
@@ -186,16 +186,16 @@ class RemoteOperation:
             self._remote.client.close()
 
     def begin(self, kind: str, arguments: Mapping[str, Any], *, watched: bool = True) -> dict[str, Any]:
-        """Let the robot begin; return its status.
+        """Start the operation on the robot and return its status.
 
         Args:
             kind: `play` or `record`.
-            arguments: What the agent wants to know besides.
+            arguments: Further arguments for the agent.
             watched: Whether this controller stays.
 
         Raises:
             EnvironmentFaultError: The robot does not answer, or is busy.
-            ConfigError: It refuses.
+            ConfigError: The robot refuses.
         """
         lead = {"operation": self.operation, "secret": self._secret, "watched": watched, "who": who_am_i()}
         return self._own(self._ask(kind, {**lead, **arguments}, timeout=_BEGIN_S))
@@ -208,17 +208,17 @@ class RemoteOperation:
         until: Callable[[Mapping[str, Any]], bool] = lambda status: status["state"] in FINAL,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> dict[str, Any]:
-        """Follow the operation to its end, over breaks of the link.
+        """Follow the operation to its end, through breaks of the link.
 
         Args:
-            told: Called with each new status, or None and for how many seconds nothing was heard.
-            give_up: Seconds without an answer after which it is given up.
-            until: Says whether this status is the one that is waited for.
-            interrupted: Asked often; when it says so, the robot is told to stop and the end waited for.
+            told: Called with each new status, or with None and the seconds of silence.
+            give_up: Seconds without an answer after which to give up.
+            until: Function that returns whether a status is the awaited one.
+            interrupted: Function that is called often; once it returns true, the robot is stopped, then followed.
 
         Raises:
-            EnvironmentFaultError: The robot was not heard for too long, or no longer knows the operation.
-            ForgedAnswerError: Somebody else answers for it.
+            EnvironmentFaultError: The robot was silent for too long, or no longer knows the operation.
+            ForgedAnswerError: An answer does not come from the robot's agent.
         """
         heard = asked = time.monotonic()
         stop_by = None
@@ -246,7 +246,7 @@ class RemoteOperation:
                 raise self._lost(now - heard, told_to_stop=stop_by is not None)
 
     def _own(self, answer: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the status of this drive's operation."""
+        """Return the status of this operation."""
         status = answer.get("operation")
         if not isinstance(status, dict) or status.get("id") != self.operation or "state" not in status:
             who = f"it is busy for {status.get('who')}" if isinstance(status, dict) and answer.get("busy") else ""
@@ -269,14 +269,14 @@ class RemoteOperation:
         if not isinstance(operation, dict) or operation.get("id") != self.operation or "state" not in operation:
             return
         if not isinstance(number, str) or not number.isdecimal() or not is_proved(found, self._secret, number):
-            return  # it is not the agent's
+            return  # not from the agent
         with self._bell:
-            if int(number) > self._told:  # else it was said before
+            if int(number) > self._told:  # otherwise it is an old one
                 self._told, self._newest = int(number), found
                 self._bell.notify_all()
 
     def _ask(self, command: str, arguments: Mapping[str, Any], *, timeout: float) -> dict[str, Any]:
-        """Ask the agent; what it says of this operation must be proved to come from it, and now."""
+        """Ask the agent; a status of this operation needs a proof that it is the agent's and new."""
         nonce = new_secret()
         payload = json.dumps(arguments).encode()
         answer = self._remote.ask(f"agent/{command}", payload, parameters=f"nonce={nonce}", timeout=timeout)
@@ -313,7 +313,7 @@ class RemoteOperation:
 
 
 def _document(data: bytes) -> dict[str, Any]:
-    """Return what somebody sent as a JSON object; an empty one if it is none."""
+    """Return received data as a JSON object; an empty one if it is not valid."""
     if len(data) > _LARGEST:
         return {}
     try:

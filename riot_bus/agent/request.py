@@ -1,4 +1,4 @@
-"""What a controller asks for, checked: whatever comes from the network is data, and bounded; code is never among it."""
+"""Checked requests of a controller: all that comes from the network is data of limited size, never code."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _LONGEST_DELAY_S = 3600.0
 
 
 class Lead(BaseModel):
-    """What every operation has.
+    """The part that the requests of all operations have.
 
     Attributes:
-        operation: Its id, chosen by the controller: the same request twice is one operation.
-        secret: Known to agent and controller alone, who prove by it who they are; None for no proofs.
+        operation: Id of the operation, chosen by the controller: the same request twice is one operation.
+        secret: Secret by which agent and controller prove who they are; None for no proofs.
         watched: Whether the controller stays.
-        who: The controller, for people.
+        who: Name of the controller, for people.
         on_lost_controller: What to do when the controller has given no proof for `grace` seconds.
     """
 
@@ -67,7 +67,7 @@ class Lead(BaseModel):
 
 
 class PlayRequest(Lead):
-    """A play. Options mean what they mean for `riot play`; those that name files or code are not among them."""
+    """Request to play, with the options of `riot play` but those that name files or code."""
 
     logs: Annotated[list[_Text], Field(min_length=1, max_length=16)]
     inject: Annotated[str, Field(max_length=1 << 19)] | None = None
@@ -94,15 +94,15 @@ class PlayRequest(Lead):
     latched: _Texts = []
 
     def options(self, agent: AgentOptions, files: Sequence[Path], plan: Path | None) -> PlayOptions:
-        """Return what the player is told.
+        """Return the options of the player.
 
         Args:
-            agent: The robot's agent, which has the player.
-            files: The logs.
+            agent: Options of the robot's agent.
+            files: Files of the logs.
             plan: A file with the text of `inject`.
 
         Raises:
-            ConfigError: An option is wrong, or publishes where nobody may from afar.
+            ConfigError: An option is wrong, or publishes at a key that is closed to remote users.
         """
         from riot_bus.log.limits import tight_limits
         from riot_bus.play.options import PlayOptions, parse_remaps
@@ -123,7 +123,7 @@ class PlayRequest(Lead):
         return options
 
     def check_plan(self) -> None:
-        """Raise ConfigError if the injection plan is wrong, or could wear down the robot."""
+        """Raise ConfigError if the injection plan is wrong, or could overload the robot."""
         if self.inject is None:
             return
         from riot_bus.inject.plan import parse_plan
@@ -138,7 +138,7 @@ class PlayRequest(Lead):
 
 
 class RecordRequest(Lead):
-    """A recording. Options mean what they mean for `riot record`."""
+    """Request to record, with options of `riot record`."""
 
     on_lost_controller: Policy = "continue"
     keys: _Texts = ["**"]
@@ -156,7 +156,7 @@ class RecordRequest(Lead):
     seed: Annotated[int, Field(ge=-(1 << 63), lt=1 << 63)] = 0
 
     def options(self, agent: AgentOptions) -> CaptureOptions:
-        """Return what the recorder is told.
+        """Return the options of the recorder.
 
         Raises:
             ConfigError: An option is wrong, or the file exists or would be outside of the folder of logs.
@@ -183,17 +183,17 @@ class RecordRequest(Lead):
 
 
 def check_key(key: str, *, where: str) -> None:
-    """Raise ConfigError if a key is one of Zenoh's or our own administration."""
+    """Raise ConfigError if a key belongs to the administration of Zenoh or riot_bus."""
     if any(chunk.startswith("@") and chunk != "@adv" for chunk in key.split("/")):
         hint = "chunks that begin with @ belong to administration; leave the topic out (exclude)"
         raise ConfigError(f"{key[:200]!r} is not published from afar", where=where, hint=hint)
 
 
 def parse_request(kind: type[RequestT], payload: bytes) -> RequestT:
-    """Check what somebody sent.
+    """Return a received request, checked.
 
     Raises:
-        ConfigError: It is not what this kind wants; with the place and what was expected.
+        ConfigError: The payload is no request of this kind; names the place and what was expected.
     """
     try:
         return kind.model_validate_json(payload or b"{}")

@@ -24,13 +24,13 @@ _LOOK_S = 0.2
 def run_agent(
     options: AgentOptions, *, say: Callable[[str], None], tell: Callable[[str], None], as_json: bool = False
 ) -> None:
-    """Run until SIGINT or SIGTERM; what goes on then is stopped.
+    """Run until SIGINT or SIGTERM, then stop the current operation.
 
     Args:
-        options: What the agent is, and may do.
-        say: Prints a line of the result.
-        tell: Prints a line for the journal.
-        as_json: Say it as lines of JSON.
+        options: Options of the agent.
+        say: Function that prints a line of the result.
+        tell: Function that prints a line for the journal.
+        as_json: Whether to print the result as lines of JSON.
 
     Raises:
         ConfigError: An option is wrong, or Zenoh refuses a configuration.
@@ -41,7 +41,7 @@ def run_agent(
         say(_ready(options, as_json=as_json))
         _look_at_bus(options, tell)
         while not service.stopping.wait(_LOOK_S):
-            pass  # a signal that comes just before an endless wait begins does not end it
+            pass  # a signal just before a wait without a timeout would not end it
     if service.failure is not None:
         raise service.failure
 
@@ -54,7 +54,7 @@ def _ready(options: AgentOptions, *, as_json: bool) -> str:
 
 
 def _look_at_bus(options: AgentOptions, tell: Callable[[str], None]) -> None:
-    """Say so if nobody answers on the robot's own bus; it may come later."""
+    """Warn if the robot's own bus does not answer; it may come up later."""
     prepare_runtime()
     try:
         release(open_session(client_config(options.endpoint, extra=options.config), purpose="bus of the robot"))

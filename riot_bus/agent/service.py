@@ -1,4 +1,4 @@
-"""An agent: one operation at a time, told from afar, and safe when nobody tells it anything any more."""
+"""An agent: one operation at a time, controlled remotely, and safe when its controller is lost."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ _ROWS = 100
 
 
 class AgentService:
-    """Runs on a robot; a context manager that connects and, at the end, stops what goes on.
+    """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
 
     Args:
-        options: What it is, and may do.
-        say: Told in a line what it does, for a journal.
+        options: Options of the agent.
+        say: Called with a line for a journal about what it does.
 
     Raises:
         ConfigError: An option is wrong.
@@ -99,7 +99,7 @@ class AgentService:
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return all that there is to say, as JSON values."""
+        """Return the status, as JSON values."""
         with self._lock:
             operation, watch = self._operation, self._watch
         row = None if operation is None else operation.status()
@@ -120,7 +120,7 @@ class AgentService:
         """Return the status with the proof that it comes from this agent, for the controller that asked.
 
         Args:
-            nonce: What it asked with.
+            nonce: Nonce of the controller's query.
         """
         return self._proved(self.status(), nonce)
 
@@ -161,19 +161,19 @@ class AgentService:
         self._steered(who, "pauses").pause()
 
     def resume(self, who: str) -> None:
-        """Let it go on."""
+        """Resume the operation."""
         self._steered(who, "resumes").resume()
 
     def seek(self, seconds: float, who: str) -> None:
-        """Go on from so many seconds after the beginning of what is played."""
+        """Continue at a time in seconds from the beginning of what is played."""
         self._steered(who, f"goes to {seconds:g} s of").seek(seconds)
 
     def set_rate(self, rate: float, who: str) -> None:
-        """Go on at another speed."""
+        """Continue at another speed."""
         self._steered(who, f"sets the rate to {rate:g} of").set_rate(rate)
 
     def stop(self, who: str) -> None:
-        """End the operation; nothing to end is fine."""
+        """End the operation, if there is one."""
         operation = self._operation
         if operation is not None and operation.active:
             operation.stop(f"stopped by {who}")
@@ -188,7 +188,7 @@ class AgentService:
         lead = operation.lead
         with self._lock:
             present = self._operation
-            if present is None or present.lead.operation != lead.operation:  # else it was asked for twice
+            if present is None or present.lead.operation != lead.operation:  # else a repeated request
                 if present is not None and present.active:
                     raise self._busy(present)
                 self._operation, self._held = operation, False
@@ -250,7 +250,7 @@ class AgentService:
         self.failure = error
         self.shutdown()
 
-    # -- what goes on beside ------------------------------------------------------------------------------------------
+    # -- background threads -------------------------------------------------------------------------------------------
 
     def _tell(self) -> None:
         """Publish the progress: about twice a second, and whenever the state has changed."""

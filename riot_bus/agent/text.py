@@ -1,4 +1,4 @@
-"""Robots and what they do, as lines for people; pure. What came from the network is shown without obeying it."""
+"""Robots and their operations as lines for people; pure. Control characters from the network are escaped."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["log_lines", "operation_line", "robot_lines", "silence_line", "status
 
 
 def robot_lines(robots: Sequence[Robot]) -> list[str]:
-    """Return who is there and what they do."""
+    """Return a line for each robot and what it does."""
     lines = []
     for each in robots:
         if each.agents > 1:
@@ -34,7 +34,7 @@ def robot_lines(robots: Sequence[Robot]) -> list[str]:
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return what an agent answers to most commands."""
+    """Return an agent's status, its answer to most commands."""
     operation = status.get("operation")
     lines = [
         f"{status.get('robot')}: riot_bus {status.get('version')}, process {status.get('pid')}, "
@@ -50,7 +50,7 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
 
 
 def operation_line(operation: Mapping[str, Any]) -> str:
-    """Return one line about what goes on, or how it ended."""
+    """Return one line about how an operation proceeds, or how it ended."""
     logs = ", ".join(_texts(operation.get("logs")))
     parts = [" ".join(filter(None, [str(operation.get("state")), str(operation.get("kind")), logs]))]
     if "position" in operation:

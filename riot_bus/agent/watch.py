@@ -13,15 +13,15 @@ Action = Literal["pause", "resume", "stop"]
 
 
 class ControllerWatch:
-    """Says what to do as a controller goes and comes.
+    """Decides what to do when a controller is lost and when it returns.
 
-    It is lost when it was not seen for the grace time; then what the policy says is done, once. After a pause it is
-    resumed when the controller is back; a stop is final.
+    A controller is lost when it was not seen for the grace time; then the action of the policy is taken, once. A paused
+    operation is resumed when the controller is back; a stop is final.
 
     Args:
         policy: What the robot does while no controller is there.
-        grace: Seconds.
-        now: Seconds, by any clock; the controller counts as seen.
+        grace: Grace time in seconds.
+        now: Current time in seconds, by any clock; the controller counts as seen.
     """
 
     def __init__(self, policy: Policy, grace: float, now: float) -> None:
@@ -31,7 +31,7 @@ class ControllerWatch:
         self._lost = False
 
     def look(self, now: float, *, present: bool) -> Action | None:
-        """Take note whether the controller is there; return what to do now."""
+        """Note whether the controller is present; return what to do now."""
         if present:
             back, self._seen, self._lost = self._lost, now, False
             return "resume" if back and self.policy == "pause" else None

@@ -1,9 +1,8 @@
 """Activation: external values that make the failure happen in the whole system (RIOT II-D).
 
-Each field is followed alone at first (`riot_bus.backchain.coordinates`). Then search methods take turns on one shared
-history: unless others are named, Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES. Inputs that are
-refused tell nothing but that the search should come back to what was accepted. From then on fields also vary in time
-(`riot_bus.backchain.varied`).
+First, each field is changed alone (`riot_bus.backchain.coordinates`). Then search methods take turns on one shared
+history, by default Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES, and fields also vary in time
+(`riot_bus.backchain.varied`). Inputs that are refused only tell the search to come back to accepted ones.
 """
 
 from __future__ import annotations
@@ -34,19 +33,19 @@ _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
 _REPEATS = 30
 _DOWN = 0.9
-"""A distance that is less than this share of the nominal one is no noise."""
+"""A distance below this share of the nominal one is progress, not noise."""
 _FAR = 1e100
 _FIRST = 6
-"""Runs that each way to vary gets before what came nearest is preferred."""
+"""Runs that each search gets before the one that came nearest is preferred."""
 _RECOMBINED = 24
-"""Of what varies in time, so many points are made of constant ones before the search methods begin."""
+"""Points that vary in time that are made from constant ones before the search methods begin."""
 _PROMISING = 4
-"""Each costs a run; where so many that failed elsewhere do not fail here, others will hardly."""
+"""Promising points that are tried: each costs a run, and if none of these fails, others hardly will."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What one system run came to.
+    """Outcome of one system run.
 
     Attributes:
         distance: Smallest distance to the rule over the run; None when the internal fields were never seen.
@@ -86,22 +85,22 @@ class Activation:
         return f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
 
     def followed_by(self, other: Activation) -> Activation:
-        """Return how this search ended, which found nothing, with one behind it."""
+        """Return the result of this search, which found nothing, together with the next one's."""
         near = [one for one in (self.best_distance, other.best_distance) if one is not None]
         return Activation(other.found, self.runs + other.runs, min(near, default=None), self.history + other.history)
 
     def with_inputs(self, text: str) -> str:
-        """Return the line for people where inputs were found, with these named as the user knows them."""
+        """Return the line for people if inputs were found, which `text` names as the user knows them."""
         return f"activated after {counted(self.runs, 'run')} with {text}"
 
 
 class SharedHistory(Protocol):
-    """Where several searches tell each other what came of their runs."""
+    """History by which several searches share the outcomes of their runs."""
 
     def add(
         self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
     ) -> None:
-        """Add runs of this search: points, what each came to, and what the names in points mean."""
+        """Add runs of this search: points, their evaluations, and the fields that points name."""
         ...
 
     def take(self) -> Sequence[tuple[Mapping[str, float], Evaluation]]:
@@ -124,20 +123,20 @@ def activate(
 ) -> Activation:
     """Search for external values that make the failure happen (RIOT II-D).
 
-    Deterministic for equal seeds and equal answers, unless it is shared. No point is asked twice.
+    Deterministic for equal seeds and evaluations, unless `shared` is given. No point is evaluated twice.
 
     Args:
-        fields: What may be set; best only the fields that permeability has left.
-        evaluate: Runs the system once per point, in order.
+        fields: Fields that may be set; best only those that permeability has left.
+        evaluate: Function that runs the system once per point, in order.
         seed: Seed of every choice.
         budget: Largest number of system runs.
         parallelism: Points per call of `evaluate`.
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
-        promising: Points that failed in other runs, of which a few are tried first, if they may be; other fields are
-            left alone.
-        progress: Told after each batch.
-        shared: Gets all runs, and has those of other searches: these guide this one and count for nothing else, and
+        promising: Points that failed in other runs; a few are tried first, if within the fields' ranges, with other
+            fields at their usual values.
+        progress: Called after each batch.
+        shared: History that receives all runs and gives those of other searches: they only guide this search, and
             points that failed there are tried first.
 
     Raises:
@@ -196,9 +195,9 @@ class _Wanted:
 
 
 class _Turns:
-    """Takes turns among constant fields and ways in which they vary: every other one has what came nearest so far.
+    """Turns of the searches for constant and for varying fields: every other one goes to the nearest search so far.
 
-    Each has a few turns before that.
+    Before that, each search has a few turns.
 
     Args:
         constant: The search among constant fields.
@@ -218,7 +217,7 @@ class _Turns:
         self._promised: list[Mapping[str, float]] = []
 
     def learn(self, point: Mapping[str, float], evaluation: Evaluation) -> None:
-        """Take what another search has found; what failed there is the next to be tried, what varies is left alone."""
+        """Take a run of another search: a point that failed is tried next, one that varies in time is ignored."""
         constant = self._searches[0]
         if point.keys() != {field.name for field in constant.encoding.fields} or constant.knows(point):
             return
@@ -235,7 +234,7 @@ class _Turns:
     def batch(self, size: int) -> list[_Wanted]:
         """Return up to `size` new points, all of one search; none when the spaces of all are exhausted.
 
-        Constant fields have the first turns, until each was followed alone.
+        Constant fields have the first turns, until each was changed alone.
         """
         constant = self._searches[0]
         self._promised = [point for point in self._promised if not constant.knows(point)]
@@ -272,8 +271,8 @@ class _Search:
         family: The numbers that make up a point.
         seeds: Seeds of every choice.
         portfolio: Search methods.
-        tried: Vectors of constant fields that were tried, the best first, of which the first points are made. By
-            default the family are constant fields, and each is followed alone first.
+        tried: Vectors of constant fields that were tried, the best first, from which the first points are made; None
+            if the family consists of constant fields, which are first changed alone.
 
     Attributes:
         encoding: Points as vectors.
@@ -294,7 +293,7 @@ class _Search:
         self._rng = np.random.default_rng([*seeds, 99])
         self._history = History()
         self._largest = 1.0
-        self._usual = math.inf  # what the nominal point is worth; until it is told, what the first one is
+        self._usual = math.inf  # worth of the nominal point; of the first one until that is known
         self._known: dict[tuple[float, ...], float | None] = {}
         self._constant = tried is None
         self._mixed = Recombination(family, tried or _star(self.encoding), np.random.default_rng([*seeds, 98]))
@@ -305,7 +304,7 @@ class _Search:
 
     @property
     def runs(self) -> int:
-        """How many points were answered."""
+        """Number of points that were evaluated."""
         return len(self._known)
 
     def ranked(self) -> list[Floats]:
@@ -361,15 +360,15 @@ class _Search:
             owner.tell(vector, self._worth(vector, distance))
 
     def knows(self, point: Mapping[str, float]) -> bool:
-        """Return whether a point was answered."""
+        """Return whether a point was evaluated."""
         return self._key(point) in self._known
 
     def learn(self, point: Mapping[str, float], distance: float | None) -> None:
-        """Take the distance of a point that another search has asked for."""
+        """Take the distance of a point that another search evaluated."""
         self.tell(_Wanted(point, self.encoding.encode(point)), distance)
 
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
-        """Return whose turn it is; while constant fields have found no way down, every other turn combines them."""
+        """Return the next method; until constant fields have reduced the distance, every other turn combines them."""
         self._turn += 1
         if self._constant and self.nearest < _DOWN * self._usual:
             return methods[self._turn % len(methods)]
@@ -382,7 +381,7 @@ class _Search:
         return self._largest * (2.0 + float(np.linalg.norm(vector - self.encoding.nominal)))
 
     def _take(self, vector: Floats, owner: Proposer | None, made: dict[tuple[float, ...], _Wanted]) -> bool:
-        """Add a vector to the batch; answer its owner at once when it is known. Return whether it was new."""
+        """Add a vector to the batch, or tell its owner the result if it is known; return whether it was new."""
         point = self.encoding.decode(vector)
         key = self._key(point)
         if key in self._known:
@@ -400,5 +399,5 @@ class _Search:
 
 
 def _star(encoding: Encoding) -> list[Floats]:
-    """Return vectors in which all numbers are moved alike."""
+    """Return vectors in which all numbers move by the same step."""
     return [np.clip(encoding.nominal + reach, 0.0, 1.0) for reach in _PROBES]

@@ -1,4 +1,4 @@
-"""Recorded series of different rates brought to the messages of one of them: what each field held when it was sent."""
+"""Recorded series of different rates aligned to the messages of one: the value of each field when it was sent."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from riot_bus.backchain.fir import Floats, Ints, standardise
 __all__ = ["FEWEST_CHANGES", "HALF_A_STEP", "Piece", "Response", "Variants", "held_variants", "response_of", "topic_of"]
 
 FEWEST_CHANGES = 5
-"""A field that changes less often over all logs is not judged: so few changes meet another field's by chance."""
+"""A field with fewer changes over all logs is not judged: they may meet another field's by chance."""
 
 _FEWEST_ROWS = 8
 _FEWEST_IN_ALL = 40
 _MOST_ROWS = 10_000
-"""Rows of a response in all: more change no verdict, and cost memory and time."""
+"""Most rows of a response in total: more change no verdict, but cost memory and time."""
 
 _FASTER = 1.5
 
 HALF_A_STEP = (False, False, True, True)
-"""Which variants are of half a step before: of delays as long as some steps, jitter decides which row shows it."""
+"""Which variants lie half a step earlier: at a delay of whole steps, jitter decides which row shows the effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class Piece:
     """One log, or a stretch of one.
 
     Attributes:
-        times: Per topic when its messages came, in seconds, ascending.
-        values: Per field (`topic:path`) what each message of its topic carried; NaN where it had none.
+        times: Times of each topic's messages, in seconds, ascending.
+        values: Values of each field (`topic:path`) in the messages of its topic; NaN where it is missing.
         log: Number of the log.
     """
 
@@ -62,22 +62,22 @@ class Response:
 
     @property
     def rows(self) -> int:
-        """Messages looked at, over all parts."""
+        """Number of messages used, over all parts."""
         return sum(map(len, self.times))
 
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """One candidate at the rows of a response: what it held then and half a step before, each followed by its square.
+    """One candidate at the rows of a response: its value then and half a step earlier, each followed by its square.
 
-    Where the candidate is faster, its mean since the row before comes last.
+    If the candidate is faster than the response, its mean since the previous row comes last.
 
     Attributes:
-        parts: Per part of the response one row per variant, standardised (variants x samples).
-        age: Median time from a message of the candidate to the row at which it held, in seconds.
+        parts: For each part of the response one row per variant, standardised (variants x samples).
+        age: Median age of the candidate's latest message at a row, in seconds.
         changes: How often it changed from the first row of a part to the last, over all parts.
-        rows: Rows of the parts in which it changed: what evidence rests on.
-        logs: How many logs these are of.
+        rows: Number of rows in parts in which it changed, the basis of evidence.
+        logs: Number of logs that have these rows.
     """
 
     parts: tuple[NDArray[np.float32], ...]
@@ -121,7 +121,7 @@ def response_of(pieces: Sequence[Piece], name: str) -> Response | str:
 
 
 def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Variants | str:
-    """Return a candidate at the rows of a response, or why nothing can be said of it."""
+    """Return a candidate at the rows of a response, or why it cannot be judged."""
     topic = topic_of(name)
     parts: list[Floats] = []
     ages: list[Floats] = []
@@ -176,7 +176,7 @@ def _is_faster(pieces: Sequence[Piece], topic: str, response: Response) -> bool:
 
 
 def _means(values: Floats, place: Ints) -> Floats:
-    """Return the mean of what came since the row before, what was held where nothing came."""
+    """Return the mean of the values since the previous row, or the held value if there are none."""
     sums = np.concatenate([[0.0], np.cumsum(values - values.mean())])
     before = np.concatenate([[max(int(place[0]) - 1, -1)], place[:-1]])
     count = place - before

@@ -1,9 +1,9 @@
-"""From an internal field back to the outside by logs alone: which ways there are, and what speaks for each (RIOT II-C).
+"""Paths from an internal field back to external topics, by logs alone, and the evidence for each (RIOT II-C).
 
-The topic graph says which ways there are. Who writes a topic that nobody is known to write, or what a component reads
-that does not say it all, is inferred from what the topic's fields follow, and told as such. Each step back is tested on
-the fields of the topic that were found to matter in the step before. The external fields are tested against the field
-that is asked for directly as well, given each other: that is their order.
+The topic graph gives the paths. Unknown writers of a topic, and unknown inputs of a component, are inferred from what
+the topic's fields follow, and marked as inferred. Each step back is tested on the fields of the topic that were found
+to matter in the step before. The external fields are also tested directly against the target field, given each other,
+which ranks them.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ INFERRED = "inferred"
 
 _MOST_RESPONSES = 40
 _FEW = 3
-"""Fields of a topic that are looked at where none was found to matter: those that change most."""
+"""Fields of a topic that are tested if none was found to matter: those that change most."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldEvidence:
-    """What the logs say of one field following another.
+    """Evidence from the logs on whether one field follows another.
 
     Attributes:
         source: The field that may be followed.
         target: The field that may follow.
-        rows: Messages of the target's topic that it rests on.
-        logs: Logs that it rests on.
-        dependence: What was found; None if it was not tested.
+        rows: Number of messages of the target's topic behind it.
+        logs: Number of logs behind it.
+        dependence: Result of the test; None if it was not tested.
         reason: Why it was not tested.
     """
 
@@ -59,20 +59,20 @@ class FieldEvidence:
 
     @property
     def level(self) -> bool:
-        """Whether the target's value follows it, not only how much it varies, as with shared times of activity."""
+        """Whether the target's value follows, not only how much it varies, as with shared times of activity."""
         return self.found and self.dependence is not None and self.dependence.follows == "level"
 
 
 @dataclass(frozen=True, slots=True)
 class TopicEdge:
-    """A component reads one topic and writes another, or seems to.
+    """A topic that components read to write another one, or seem to.
 
     Attributes:
-        source: The topic that is read; empty where all topics were tried, and none seems to be.
+        source: The topic that is read; empty if all topics were tried and none seems to be read.
         target: The topic that is written.
-        components: Names of the components that do.
-        told: Who says so; `inferred` where only the logs' dependence does.
-        evidence: Of the fields looked at; those found first.
+        components: Names of these components.
+        told: Who says so; `inferred` if only the dependence in the logs does.
+        evidence: Evidence on the tested fields, those that are followed first.
     """
 
     source: str
@@ -84,21 +84,21 @@ class TopicEdge:
 
 @dataclass(slots=True)
 class Backtracked:
-    """The way back from some fields of the system to the outside.
+    """Paths from some fields of the system back to external topics.
 
     Attributes:
-        targets: The fields that were asked for, and why some of them cannot be told of (empty: they can).
-        trees: One per topic of the targets.
-        edges: What speaks for each step of the trees.
-        externals: Topics of the outside, and who says so.
-        ranking: The external fields against each target, the most promising first.
-        unreachable: External topics from which no way leads to a target, by the graph.
-        unwritten: Topics on the way that nobody is known to write, though not external.
-        missing: Topics on the way of which no log has a message.
-        loops: Sets of topics on the way that lead back to themselves.
-        unseen: Fields that were not looked at any more, as there were too many.
-        alpha: Accepted chance of any wrong name per field that was looked at.
-        tested: Pairs of fields that were tested.
+        targets: The requested fields, each with why it cannot be judged (empty if it can).
+        trees: One tree per topic of the targets.
+        edges: Evidence for each step of the trees.
+        externals: External topics, and who says so.
+        ranking: Evidence on the external fields for each target, the most promising first.
+        unreachable: External topics from which no path of the graph leads to a target.
+        unwritten: Topics on a path that have no known writer, though not external.
+        missing: Topics on a path without a message in any log.
+        loops: Sets of topics on a path that lead back to themselves.
+        unseen: Fields that were not tested, as there were too many.
+        alpha: Accepted chance of any wrong source per field whose sources were tested.
+        tested: Number of pairs of fields that were tested.
     """
 
     targets: dict[str, str]
@@ -128,20 +128,19 @@ def backtrack(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Backtracked:
-    """Find the way back from internal fields to the outside.
+    """Find the paths from internal fields back to external topics.
 
     Args:
-        pieces: What was recorded.
-        graph: Who is known to read and write what.
+        pieces: Recorded series of the logs.
+        graph: Known readers and writers of topics.
         targets: The internal fields, as `topic:path`.
-        externals: Topics that the outside controls, and who says so; empty if nobody does: those that nothing recorded
-            leads to are taken for them.
+        externals: External topics, and who says so; if empty, topics to which nothing recorded leads are taken.
         recorded: Topics of the logs that have no numeric field; those of `pieces` need not be named.
-        horizon: Longest delay of one step that is looked for, in seconds.
-        draws: Random shifts for each null distribution.
-        alpha: Accepted chance that any field is named wrongly, per field that is looked at.
+        horizon: Longest delay of one step that is tested, in seconds.
+        draws: Number of random shifts for each null distribution.
+        alpha: Accepted chance that any source is named wrongly, per field whose sources are tested.
         seed: Seed of the shifts.
-        progress: Told after each field that was looked at.
+        progress: Called after each field whose sources were tested.
     """
     look = _Look(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
     walk = _Walk(look, graph, externals, progress)
@@ -156,7 +155,7 @@ def backtrack(
     ends = {*result.externals, *walk.ends, *walk.blind}
     result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
     around = frozenset().union(*(graph.reaching(topic) for topic in roots))
-    # Where something had to be guessed, that no way is known does not mean that there is none.
+    # If something had to be guessed, there may be a path even if none is known.
     asked = set(result.externals) if walk.guessed else set(result.externals) & around
     result.unreachable = sorted(set(result.externals) - asked)
     outside = sorted(asked & set(look.fields))
@@ -206,7 +205,7 @@ class _Look:
             self.fields[topic_of(name)].append(name)
 
     def at(self, target: str, names: Sequence[str]) -> list[FieldEvidence]:
-        """Return what is to be said of a field following each of some others, given each other."""
+        """Return the evidence that a field follows each of some others, given each other."""
         response = response_of(self.pieces, target)
         if isinstance(response, str):
             return [FieldEvidence(name, target, reason=f"{target}: {response}") for name in names]
@@ -320,7 +319,7 @@ class _Walk:
         self._inferred |= {(source, topic) for source in sources}
 
     def edges(self) -> list[TopicEdge]:
-        """Return the steps that were looked at, by their topics."""
+        """Return the tested steps, ordered by their topics."""
         result = []
         for target in sorted(self.seen):
             if target in self.externals and not any(pair[1] == target for pair in self._evidence):

@@ -45,7 +45,7 @@ class Box:
         return tuple(high - low for low, high in self.ranges)
 
     def contains(self, place: Place, *, but: int | None = None) -> bool:
-        """Return whether a point is inside, one field left out of account."""
+        """Return whether a point is inside, without regard to the field `but`."""
         return all(
             low <= value <= high
             for axis, (value, (low, high)) in enumerate(zip(place, self.ranges, strict=True))
@@ -67,8 +67,8 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
 
     Args:
-        samples: The points that were tried, with what came of each.
-        box: Where to begin.
+        samples: The points that were tried, and whether each failed.
+        box: Box to begin with.
     """
     for _ in range(_SWEEPS):
         before = box
@@ -102,7 +102,7 @@ def _threshold(relevant: Sequence[tuple[float, bool]], old: float, *, upper: boo
     places = []
     for at, (value, failed) in enumerate(ordered):
         wrong += -1 if failed else 1
-        # Beyond the last sample nothing speaks for more.
+        # Beyond the last sample there is no evidence for more.
         following = ordered[at + 1][0] if at + 1 < len(ordered) else value
         if following > value or at + 1 == len(ordered):
             edge = (value + following) / 2

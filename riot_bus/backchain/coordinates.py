@@ -1,4 +1,4 @@
-"""Search along one field at a time: a step each way, then to where a line says that the rule is met."""
+"""Search along one field at a time: a step each way, then to where a straight line predicts that the rule is met."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 __all__ = ["CoordinateSearch"]
 
 _REACHES = (0.2, 0.35, 0.07)
-"""Steps, as shares of a field's encoded range; the next ones only if no field comes nearer with those before."""
+"""Steps, as shares of a field's encoded range; the next one only if no field comes nearer with the previous one."""
 _FEW = 4
-"""Of a field that is one among few values, so many others are tried."""
+"""Number of other values that are tried for a field with few values."""
 _NEARER = 0.95
-"""A distance that is less than this share of another one is no noise."""
+"""A distance below this share of another one is progress, not noise."""
 _LINES, _STEPS, _ROUNDS = 4, 6, 4
-"""Fields that are followed from one point, runs along each, and points that are gone on from."""
+"""Fields that are followed from one point, runs along each, and points from which the search starts."""
 _BEYOND = 0.05
-"""Share by which a line is followed beyond the place where it says that the rule is met."""
+"""Share by which a line is followed beyond the place where it predicts that the rule is met."""
 _FARTHEST = 20.0
-"""A line is followed no farther at once than so many times the step that it comes from."""
+"""Longest extrapolation of a line, as a multiple of its latest step."""
 
 
 @dataclass(slots=True)
 class _Line:
-    """What is known along one field: places and distances, the latest last; `bad` is where it goes no farther."""
+    """Values and distances known along one field, the latest last; `bad` is a value that came no nearer."""
 
     field: int
     known: list[tuple[float, float]]
@@ -44,7 +44,7 @@ class _Line:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """A question: one step of a field, or along a line to a value of it, or neither."""
+    """A proposed vector: a step of one field, a value along a line, or neither."""
 
     vector: Floats
     step: int | None = None
@@ -53,10 +53,10 @@ class _Asked:
 
 
 class CoordinateSearch:
-    """Moves fields one at a time from the best point so far, as long as the distance to the rule shrinks.
+    """Search that moves fields one at a time from the best point, as long as the distance to the rule shrinks.
 
-    Distances are often linear in a field's own value, at least over some range; then two answers tell where the rule
-    is met. Where inputs are refused or come no nearer, half of the way is tried.
+    Distances are often linear in a field's own value, at least over some range; then two answers predict where the rule
+    is met. If inputs are refused or come no nearer, half of the way is tried.
 
     Args:
         encoding: Points as vectors.
@@ -74,7 +74,7 @@ class CoordinateSearch:
         self._lines: list[_Line] = []
 
     def ask(self) -> Floats | None:
-        """Return the next vector; None while answers are waited for, and in the end."""
+        """Return the next vector; None while answers are pending, and when the search is over."""
         if not self._queue:
             return None
         self._out.append(self._queue.popleft())
@@ -119,7 +119,7 @@ class CoordinateSearch:
                     yield _Asked(self._moved({place: share}), step=place)
 
     def _follow(self, answers: list[tuple[_Asked, float]]) -> None:
-        """Choose the fields that come nearer; without any, ask wider or smaller steps."""
+        """Choose the fields that come nearer; if there are none, queue wider or smaller steps."""
         assert self._base_distance is not None
         best: dict[int, tuple[float, float]] = {}
         for asked, distance in answers:
@@ -139,7 +139,7 @@ class CoordinateSearch:
             self._along([])
 
     def _along(self, answers: list[tuple[_Asked, float]]) -> None:
-        """Go on along each line; at the ends of all, from the best point, with what is best along each line."""
+        """Continue along each line; when all have ended, combine their best values and start from the best point."""
         for asked, distance in answers:
             line = asked.line
             if line is None:
@@ -147,7 +147,7 @@ class CoordinateSearch:
             if distance < line.known[-1][1]:
                 line.known.append((asked.value, distance))
             elif line.bad is not None and distance * _NEARER <= line.known[-1][1]:
-                line.known.append((asked.value, distance))  # something else decides from here on
+                line.known.append((asked.value, distance))  # from here on, another field decides
                 line.steps = _STEPS
             else:
                 line.bad = asked.value
@@ -170,7 +170,7 @@ class CoordinateSearch:
             self._begin_round(distance)
 
     def _next(self, line: _Line) -> _Asked | None:
-        """Return what to ask next along a line; None at its end."""
+        """Return the next vector along a line; None at its end."""
         (before, far), (value, near) = line.known[-2:]
         line.steps += 1
         if line.steps > _STEPS or near <= 0:

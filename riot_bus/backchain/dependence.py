@@ -1,14 +1,14 @@
 """Which recorded fields an internal one follows, from nominal logs alone: lagged dependence, conditional on the rest.
 
-Nothing was perturbed here, so what is found is dependence, not proof of cause. What the field's own past tells of it is
-taken out first: else whatever moves slowly follows whatever else does, and what the field drives itself would seem to
-drive it (Granger). What is left, and its size, is compared with each candidate at many lags: its level, its square, its
-changes. Products are summed over blocks of time, and the evidence is the sum over its spread from block to block. The
-null distribution comes from random signs of the blocks, the same for all candidates and lags (wild cluster bootstrap),
-with the maximum over all of them (Westfall and Young). So neither autocorrelation of the candidates, nor times of rest
-and of activity, nor a single coincidence, however large, look like evidence. The strongest candidate is taken out and
-the others are tried again on the rest, until none stands out; then each is tried once more given all others, and has to
-explain something in all logs, or stretches of logs, alike.
+Nothing was perturbed here, so what is found is dependence, not proof of cause. First, the part that the field's own
+past predicts is removed: otherwise all slow fields would seem to follow each other, and a field that this one drives
+would seem to drive it (Granger). The residual, and its size, are compared with the level, square and changes of each
+candidate at many lags. Products are summed over blocks of time; the evidence is the sum divided by its spread between
+blocks. The null distribution comes from random signs of the blocks, the same for all candidates and lags (wild cluster
+bootstrap), with the maximum over all of them (Westfall and Young). So neither autocorrelation of the candidates, nor
+times of rest and of activity, nor a single coincidence, however large, looks like evidence. The strongest candidate is
+removed and the others are tested again on the rest, until none stands out; then each is tested once more given all
+others, and must explain something consistently over all logs, or stretches of logs.
 """
 
 from __future__ import annotations
@@ -27,57 +27,57 @@ from riot_bus.backchain.strength import Share, estimate
 __all__ = ["Dependence", "Follows", "dependences"]
 
 Follows = Literal["level", "spread"]
-"""What of a response follows a candidate: its value, or how much it varies."""
+"""Aspect of a response that follows a candidate: its value, or how much it varies."""
 
 _ROUNDS = 12
 _IDLE = 0.25
-"""Candidates with more of their null distribution above them are not asked again, which saves most of the time."""
+"""Candidates with more of their null distribution above them are not tested again, which saves most of the time."""
 
 _OWN = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64)
-"""Own past, in messages: near ones each, far ones now and then."""
+"""Lags of the response's own past, in messages: all near ones, some far ones."""
 
 _EXACT = 12
 _GROWTH = 1.25
 _MOST_LAGS = 400
-"""Lags in messages: the first ones each, then the mean over stretches that grow by a quarter, up to the horizon."""
+"""Lags in messages: the first ones singly, then the mean over stretches that grow by a quarter, up to the horizon."""
 
 _SMOOTH = 0.3
-"""From this autocorrelation on the changes of a candidate say more than its lags."""
+"""Above this autocorrelation, the changes of a candidate say more than its lags."""
 
 _RIDGE = 1e-6
-"""So little of the variance that it changes nothing but sums that would be singular."""
+"""Share of the variance, so small that it only matters for matrices that would be singular."""
 
 _OWN_PAST = ""
 _TRIMS, _OUTLIER = 2, 6.0
 _SHORTEST_BLOCK, _FEWEST_BLOCKS, _CORRELATED = 8, 20, 0.1
-"""Blocks of messages are doubled until what is left correlates less than that over one, as long as enough are left."""
+"""Blocks double in length until the residual correlates less than this over one, while enough blocks are left."""
 
 _FULL = 0.95
 _ROWS_PER_TERM = 40
-"""A fit of more terms than one for so many messages would explain them by chance."""
+"""Messages per term of a fit; with fewer, it would explain them by chance."""
 
 _BEGIN = 8
-"""At most this part of a log, its begin, is left out of the evidence."""
+"""At most one part in this many of a log, at its start, is left out of the evidence."""
 
 _GROUPS = 10
-"""Logs, or stretches of logs where there are fewer, over which a strength has to be alike."""
+"""Logs, or stretches of logs if there are fewer, over which a strength has to be consistent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """What is known of how an internal field follows a candidate.
+    """Result of the test whether an internal field follows a candidate.
 
     Attributes:
         name: The candidate.
         found: Whether it stands out, given all others that do.
         p_value: Chance of such evidence, or stronger, from any candidate left, if the response followed none of them.
-        follows: What of the response follows it; None where nothing was found.
-        strength: Share that it explains of what the response's own past leaves open, 0 to 1; likewise.
+        follows: Aspect of the response that follows it; None if nothing was found.
+        strength: Share that it explains of what the response's own past leaves open, 0 to 1; None if nothing was found.
         low: Lower end of its 95 % interval over logs.
-        high: Upper end.
+        high: Upper end of that interval.
         lag_s: Time from the candidate's message to the response that shows it most, in seconds.
-        detectable: Share of what is left open at which a plain effect of one lag would have stood out about every
-            second time; None if so few messages could not have shown any.
+        detectable: Share of what is left open at which a plain effect of one lag would have stood out in about half of
+            all cases; None if so few messages could not have shown any.
     """
 
     name: str
@@ -115,8 +115,8 @@ def dependences(
     Args:
         response: The internal field.
         candidates: Other fields at its rows.
-        horizon: Longest delay that is looked for, in seconds (at least 12 messages of the response).
-        draws: Random signs for the null distribution.
+        horizon: Longest delay that is tested, in seconds (at least 12 messages of the response).
+        draws: Number of random draws of signs for the null distribution.
         alpha: Accepted chance that any candidate is named wrongly.
         seed: Seed of the signs.
 
@@ -145,7 +145,7 @@ def dependences(
         if p_values[best] > alpha:
             break
         selected.append(best)
-        # Those that show nothing at all are not asked again; the null distribution keeps them.
+        # Those that show nothing at all are not tested again, but stay in the null distribution.
         idle = [name for name in left if name != best and _share_above(found[name].null, found[name].observed) > _IDLE]
         settled = np.max([settled, *(found[name].null for name in idle)], axis=0)
         left = [name for name in left if name not in idle]
@@ -174,7 +174,7 @@ def dependences(
     ]
     result.sort(key=lambda one: (one.follows == "spread", -(one.strength or 0.0), one.p_value, one.name))
     rest = sorted((name for name in names if name not in selected), key=lambda name: (p_values[name], name))
-    # So few blocks have the same signs by chance; and if all are alike, they reach the root of their number, no more.
+    # Few blocks have the same signs by chance; and even if all agree, the evidence is at most the root of their number.
     few = 2.0 ** (1 - test.blocks) > alpha or limit**2 > _FULL * test.blocks
     detectable = None if few else min(1.0, limit**2 / test.rows)
     return result + [Dependence(name, found=False, p_value=p_values[name], detectable=detectable) for name in rest]
@@ -197,7 +197,7 @@ class _Test:
         self.stretches = _stretches(max(1, min(max(_EXACT, min(wanted, _MOST_LAGS)), usual // 4)))
         self.level = np.concatenate(response.values)
         own = [lag for lag in _OWN if lag <= max(1, usual // 10)][: max(1, self.rows // _ROWS_PER_TERM)]
-        # All parts stand in one row with so many zeros before each that no lag reaches the part before.
+        # All parts are concatenated, with enough zeros before each that no lag reaches the previous part.
         self._longest = own[-1]
         self._gap = max(self.stretches[-1][1], own[-1] + 1)
         self._places = np.concatenate(
@@ -209,7 +209,7 @@ class _Test:
         self._products: dict[tuple[str, str], Floats] = {}
 
     def scores(self, names: Sequence[str], *, given: Sequence[str]) -> dict[str, _Score]:
-        """Return the evidence of candidates for what own past and some other candidates leave of the response."""
+        """Return the evidence of candidates for what the own past and given candidates leave of the response."""
         left = self._left(given)
         rows = self._blocks(left)
         self.blocks = len(rows)
@@ -220,7 +220,7 @@ class _Test:
 
     def _score(self, name: str, series: NDArray[Any], rows: Ints, signs: NDArray[Any]) -> _Score:
         columns = self.columns(name)
-        # What the own past tells of the candidate adds nothing to the sums over all blocks, but much to their spread.
+        # What the own past explains of a candidate adds nothing to the sums over all blocks, but much to their spread.
         columns -= (columns @ self._own) @ self._own.T
         count = len(columns)
         products = np.moveaxis(columns[:, rows], 0, 1) @ series  # blocks x columns x series
@@ -235,7 +235,7 @@ class _Test:
         return _Score(float(observed[best]), null, follows, best % count)
 
     def _blocks(self, left: Floats) -> Ints:
-        """Return the rows of each block: longer than what is left hangs together, and enough of them to tell."""
+        """Return the rows of each block: longer than the residual is correlated, and enough blocks to judge."""
         length = _SHORTEST_BLOCK
         usual = int(np.median(np.diff(self.bounds)))
         longest = max(_SHORTEST_BLOCK, min(self.rows // _FEWEST_BLOCKS, usual))
@@ -290,7 +290,7 @@ class _Test:
         return ((first + last - 1) / 2 + half) * self.response.step + self.candidates[name].age
 
     def _left(self, given: Sequence[str]) -> Floats:
-        """Return what own past and given candidates leave (3 x samples): level, spread, level where it is explained."""
+        """Return the residuals after own past and given candidates (3 x samples): level, spread, robust level."""
         names = [_OWN_PAST, *given]
         level = self._without(self.level, names)
         size = np.abs(level)
@@ -301,9 +301,9 @@ class _Test:
         return np.stack([self._centred(one) for one in (level, spread, self._robust(level, names))])
 
     def _robust(self, level: Floats, names: Sequence[str]) -> Floats:
-        """Return what is left after a fit to the rows that are explained well, with the others cut short.
+        """Return the residual of a fit to the rows that are explained well, with the other rows clipped.
 
-        A strong candidate that jumps leaves large errors where it does, by jitter alone; they must not hide a weak one
+        A strong candidate that jumps leaves large errors at its jumps, by jitter alone; they must not hide a weak one
         at all other times.
         """
         design = np.hstack([self._take(name) for name in names])
@@ -320,7 +320,7 @@ class _Test:
         return np.clip(left, -limit, limit)
 
     def _without(self, series: Floats, names: Sequence[str], own: Floats | None = None) -> Floats:
-        """Return what some sets of columns leave of a series, by their normal equations, which are kept."""
+        """Return the residual of a series after some sets of columns, by normal equations whose products are cached."""
         blocks = [self._take(name) for name in names]
         rows = [np.hstack([self._product(one, other) for other in names]) for one in names]
         products, target = np.vstack(rows), np.concatenate([block.T @ series for block in blocks])
@@ -347,12 +347,12 @@ class _Test:
         cut = np.clip(series / deviation, -5.0, 5.0)
         for low, high in self._parts():
             begin = low + min(self._longest, (high - low) // _BEGIN)
-            cut[low:begin] = 0.0  # nothing is known of their past, and all things start together
+            cut[low:begin] = 0.0  # their past is unknown, and everything starts at once
             cut[begin:high] -= cut[begin:high].mean()
         return cut
 
     def _take(self, name: str) -> Floats:
-        """Return the columns by which a candidate is taken out: all, or where rows are few those that explain most."""
+        """Return the columns by which a candidate is removed: all, or with few rows those that explain most."""
         if name not in self._known:
             columns = np.ascontiguousarray(self.columns(name, changes=False).T, dtype=np.float64)
             most = max(2, self.rows // _ROWS_PER_TERM)
@@ -362,7 +362,7 @@ class _Test:
         return self._known[name]
 
     def shares(self, selected: Sequence[str], scores: Mapping[str, _Score]) -> dict[str, Share]:
-        """Return how strong those are that were found."""
+        """Return the strengths of the selected candidates."""
         left = self._left([])
         cuts = -(-_GROUPS // len(self.response.values))
         stretches = [np.arange(high - low) * cuts // (high - low) for low, high in self._parts()]

@@ -30,7 +30,7 @@ class SearchField:
         low: Smallest value to try.
         high: Largest value to try.
         integer: Whether values are whole numbers.
-        choice: Whether they are places in a list, so that nothing lies between two of them.
+        choice: Whether values are positions in a list, so that nothing lies between two of them.
 
     Raises:
         ValueError: The spread is not positive, or the range is empty or not finite.
@@ -56,7 +56,7 @@ class SearchField:
         return self.sensible(self.nominal)
 
     def encode(self, value: float) -> float:
-        """Return a value's place on the asinh scale, 0 at the nominal value; if there are few, the value itself."""
+        """Return a value's place on the asinh scale, 0 at the nominal value; the value itself if values are few."""
         return value if self.few else math.asinh((value - self.nominal) / self.spread)
 
     def decode(self, place: float) -> float:
@@ -70,7 +70,7 @@ class SearchField:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The places of the smallest and the largest value; if there are few, almost half a step beyond these."""
+        """The places of the smallest and the largest value; almost half a step beyond them if values are few."""
         return (self.low - 0.499, self.high + 0.499) if self.few else (self.encode(self.low), self.encode(self.high))
 
     def sensible(self, value: float) -> float:

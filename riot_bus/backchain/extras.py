@@ -13,11 +13,11 @@ __all__ = ["strong_components", "student_reach"]
 
 
 def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int]:
-    """Return for each of so many nodes the number of its strongly connected component.
+    """Return the number of the strongly connected component of each node.
 
     Args:
-        count: Nodes.
-        arrows: From node to node.
+        count: Number of nodes.
+        arrows: Edges from node to node.
 
     Raises:
         MissingExtraError: scipy is not installed.
@@ -38,7 +38,7 @@ def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
 
     Args:
         freedom: Degrees of freedom, at least 1.
-        confidence: That of the interval.
+        confidence: Confidence level of the interval.
 
     Raises:
         MissingExtraError: scipy is not installed.

@@ -28,7 +28,7 @@ _CLIP = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The lags at which an input is looked at.
+    """The lags at which an input is evaluated.
 
     Attributes:
         seconds: Lags in seconds back from each output sample.
@@ -39,9 +39,9 @@ class Grid:
     messages: tuple[int, ...] = ()
 
     def indices(self, input_times: Floats, output_times: Floats) -> Ints:
-        """Return, per output sample and lag, the index of the input message whose value holds then (n x lags).
+        """Return, per output sample and lag, the index of the latest input message at that time (n x lags).
 
-        Before the first message its value is taken.
+        Before the first message, it is the index of the first one.
         """
         late = output_times[:, None] - np.asarray(self.seconds)[None, :]
         found = np.searchsorted(input_times, late, side="right") - 1
@@ -60,8 +60,8 @@ class Grid:
 def lag_grid(output_step: float, input_step: float, *, lags: int) -> Grid:
     """Return the lags for a pair of sample intervals (seconds).
 
-    Lags are counted in output samples. Where the input is faster, as many lags in input messages fill the first
-    output interval; where it is slower, they reach back over `lags` messages.
+    Lags are counted in output samples. If the input is faster, further lags in input messages fill the first output
+    interval; if it is slower, they reach back over `lags` messages.
     """
     seconds = tuple(lag * output_step for lag in range(lags))
     ratio = output_step / input_step if input_step > 0 else 1.0
@@ -79,7 +79,7 @@ class RunColumns:
         rows: Rows of this run in the stacked outputs.
         index: Input message per sample and lag (n x lags).
         values: Delivered values, in units of the signal's amplitude around its centre.
-        signal: What was asked to be sent.
+        signal: Signal that was to be sent.
         first: The topic's index of the first message in `values`.
     """
 
@@ -199,7 +199,7 @@ def fit_terms(response: Floats, design: Floats, *, most: int) -> list[int]:
     residual = response
     error = float(response @ response)
     chosen: list[int] = []
-    # Choosing the best of many columns is worth their number as well as one parameter.
+    # Choosing the best of many columns costs for their number as well as for one parameter.
     price = np.log(max(samples, 2)) + 2 * np.log(max(int(usable.sum()), 1))
     while len(chosen) < min(most, samples // 4) and error > _TINY * samples:
         scores = np.where(usable, np.abs(design.T @ residual) / np.maximum(norms, 1e-9), 0.0)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["ComponentTopics", "Hop", "TopicGraph"]
 
 _DEEPEST = 200
-"""Hops on one path of a tree in which each topic is followed once; those of a real system are a tenth of that."""
+"""Most hops on one path of a tree that follows each topic once; real systems have a tenth of that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class ComponentTopics:
     Attributes:
         inputs: Topics that it reads.
         outputs: Topics that it writes.
-        told: Who says so: such as `riot.toml`, `recorded graph`; `inferred` if nobody does.
+        told: Source of this, such as `riot.toml` or `recorded graph`; `inferred` if there is none.
         open: Whether it may read more than is known.
     """
 
@@ -42,9 +42,9 @@ class Hop:
         component: Component that connects it to its parent in the tree; None at the root.
         external: Whether the outside world controls it.
         loop: Whether it is already on the path from the root; it is not followed again.
-        cut: Whether the tree was too large to follow it.
-        again: Whether what comes next stands elsewhere in the tree already.
-        hops: What comes next, by component and topic.
+        cut: Whether it is not followed because the tree was too large.
+        again: Whether its next hops are elsewhere in the tree.
+        hops: The next hops, by component and topic.
     """
 
     topic: str
@@ -121,8 +121,8 @@ class TopicGraph:
             topic: The internal topic.
             externals: Topics that the outside world controls.
             most: Largest number of hops; what lies beyond is marked `cut`.
-            once: Whether each topic is followed at one place alone, as near to the root as it stands; elsewhere it is
-                marked `again`.
+            once: Whether each topic is followed only once, at its place nearest to the root, and marked `again`
+                elsewhere.
         """
         useful = frozenset().union(*(self.reached(one) for one in externals)) if externals else frozenset()
         if once:
@@ -132,7 +132,7 @@ class TopicGraph:
     def trace_tree(self, topic: str, targets: Collection[str], *, most: int = 10_000) -> Hop:
         """Return the tree of all paths from an external topic to the targets (see `backtrack_tree`).
 
-        `external` marks the external topic alone.
+        Only the external topic is marked `external`.
         """
         useful = frozenset().union(*(self.reaching(one) for one in targets)) if targets else frozenset()
         return self._tree(topic, frozenset({topic}), useful, most=most, forward=True)

@@ -1,10 +1,10 @@
-"""Permeability: that, and how strongly, an external field affects an internal one (RIOT II-C).
+"""Permeability: whether, and how strongly, an external field affects an internal one (RIOT II-C).
 
 All external fields are driven at once, inside a few long runs, each by its own random piecewise-constant signal. The
 fields that explain an internal series are selected forward over lagged linear and even terms. The null distribution
 comes from redrawing the signals (conditional randomisation): each test is exact whatever the system does, and the
 maximum over the fields not yet selected is compared. Each further round needs a discovery and gives the rest one more
-chance of `alpha`, so that rate bounds the share of false discoveries per internal field, not the chance of any.
+chance of `alpha`, so `alpha` bounds the share of false discoveries per internal field, not the chance of any.
 
 A system that takes one value per run is analysed with the same code: give one `Run` whose series hold one sample per
 system run (time = number of the run), signals with `hold=1`, and `lags=1`.
@@ -35,8 +35,8 @@ _MIN_SAMPLES = 8
 _ROUNDS = 8
 _CLEAR = 0.5
 _FEWEST, _SUSPICION = 4, 0.002
-"""Runs that tell of a field's first value, and the chance that one without any effect is suspected: further runs are
-asked for it, which cost more than all others together."""
+"""Fewest runs to judge a field's first value, and the chance that one without any effect is suspected; a suspicion
+needs further runs, which cost more than all others together."""
 _LARGEST = 1e3
 
 
@@ -45,7 +45,7 @@ class FieldDrive:
     """One external field in one run.
 
     Attributes:
-        series: When messages of its topic were delivered (seconds) and the value each carried, in order.
+        series: Delivery times of its topic's messages (seconds) and the values that they carried, in order.
         signal: The signal that set the values; its seed is not used.
         first: The topic's index of the first message in `series`.
     """
@@ -57,7 +57,7 @@ class FieldDrive:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One long system run: what was driven, and what was seen inside (both by `topic:field`)."""
+    """One long system run: its driven external and its recorded internal fields (both by `topic:field`)."""
 
     inputs: Mapping[str, FieldDrive]
     outputs: Mapping[str, Series]
@@ -65,20 +65,20 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class PermeabilityEdge:
-    """What is known of the path from one external to one internal field.
+    """Test result for the path from one external to one internal field.
 
     Attributes:
         external: External field.
         internal: Internal field.
         strength: Share of the variance within a run that the external field explains, 0 to 1.
         low: Lower end of the jackknife interval (95 %) of the strength, over runs.
-        high: Upper end.
+        high: Upper end of that interval.
         lag_s: Lag at which the external field shows most, in seconds.
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
         permeable: Whether the effect is significant.
-        effect: What the strength is the share of.
-        detectable: Where there is no significant effect, the share of the variance from which on one at a single lag
-            would have shown at this step; None if none would.
+        effect: Aspect of the internal field whose variance the strength is a share of.
+        detectable: Smallest share of the variance at which an effect of a single lag would have shown at this step;
+            None if the effect is significant, or if no effect would have shown.
     """
 
     external: str
@@ -116,17 +116,17 @@ class PermeabilityResult:
         return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
 
     def doubtful(self) -> tuple[PermeabilityEdge, ...]:
-        """Return the significant edges whose interval of the strength holds 0: some of them are there by chance."""
+        """Return the significant edges whose interval of the strength contains 0: some of them are chance findings."""
         return tuple(edge for edge in self.permeable() if edge.low <= 0)
 
     def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
-        """Return the result of all runs, in which an interval that holds 0 needs other runs that show the effect, too.
+        """Return the result of all runs, in which an edge whose interval contains 0 needs confirmation by other runs.
 
-        What is not permeable for want of them gets their p-value.
+        An edge that they do not confirm is not permeable and gets their p-value.
 
         Args:
-            fresh: Result of other runs.
-            together: Result of these runs and those.
+            fresh: Result of the other runs.
+            together: Result of these and the other runs together.
         """
         clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
         asked = {_pair(edge): edge for edge in fresh.edges}
@@ -170,11 +170,11 @@ def analyse(
 
     Args:
         runs: The multiplexed runs; the more, the more power (8 are usually enough).
-        lags: Lags looked at, in samples of the internal field (and in messages of the external one, if rates differ).
-        draws: Redraws of the signals for the null distribution; the smallest p-value is 1 / (draws + 1).
+        lags: Number of lags, in samples of the internal field (and in messages of the external one, if rates differ).
+        draws: Number of redraws of the signals for the null distribution; the smallest p-value is 1 / (draws + 1).
         alpha: Accepted share of false discoveries, per internal field.
         seed: Seed of the redraws.
-        progress: Told after each internal field.
+        progress: Called after each internal field.
 
     Raises:
         ValueError: `lags` or `draws` is not positive.
@@ -204,7 +204,7 @@ def analyse(
 def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
     """Return whether the first value of a field in each run seems to decide the mean of an internal field.
 
-    That costs no further runs, and shows nothing: so few runs only tell what is worth asking.
+    This costs no further runs, but proves nothing: so few runs only show which fields are worth testing.
 
     Args:
         runs: The multiplexed runs.
@@ -277,9 +277,9 @@ class _Evidence(NamedTuple):
     """Standardised evidence that something follows a field.
 
     Attributes:
-        scores: By channel, observed first, then of each redraw (1 + draws x channels).
-        usual: Mean of the root by which the level at the best lag counts.
-        deviation: Standard deviation of that root.
+        scores: Scores by channel, first the observed ones, then those of each redraw (1 + draws x channels).
+        usual: Mean of the cube root of the level's statistic at its best lag.
+        deviation: Standard deviation of that cube root.
     """
 
     scores: Floats
@@ -287,7 +287,7 @@ class _Evidence(NamedTuple):
     deviation: float
 
     def share(self, limit: float) -> float:
-        """Return the share of what is left of the level that one lag has to explain, for a score above a limit."""
+        """Return the share of the level's residual that one lag must explain for a score above a limit."""
         return float(np.clip(self.usual + limit * self.deviation, 0.0, 1.0)) ** 3
 
 
@@ -308,7 +308,7 @@ def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Seque
 
 
 def _effect(scores: Floats) -> Effect:
-    """Name what follows the field: the level if it shows there about as well as anywhere."""
+    """Return which aspect follows the field: the level if the effect shows there about as well as anywhere."""
     level = max(score for score, channel in zip(scores, CHANNELS, strict=True) if channel == "level")
     return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
 
@@ -323,7 +323,7 @@ def _select(
     effects: dict[str, Effect] = {}
     selected: list[str] = []
     detectable: dict[str, float] = {}
-    spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may show as much as what counts
+    spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may score as high as a discovery
     for _ in range(_ROUNDS):
         left = [name for name in names if name not in selected]
         if not left:

@@ -1,6 +1,6 @@
-"""Search methods that share one history: each proposes the next vector in [0, 1]^n, and is told what came of it.
+"""Search methods that share one history: each proposes the next vector in [0, 1]^n, and is told its value.
 
-Methods of others are found by the entry points `riot_bus.search`; `riot_bus.testing.search` tests them.
+Third-party methods are found by the entry points `riot_bus.search`; `riot_bus.testing.search` tests them.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ class Proposer(Protocol):
     """A search method at work."""
 
     def ask(self) -> Floats | None:
-        """Return the next vector to try, shape (n,) in [0, 1]; None while the answer to an earlier one is needed."""
+        """Return the next vector to try, shape (n,) in [0, 1]; None while the value of an earlier one is needed."""
         ...
 
     def tell(self, vector: Floats, value: float) -> None:
-        """Take the answer to a vector that this method asked for; smaller is better."""
+        """Take the value of a vector that this method proposed; smaller is better."""
         ...
 
 
 SearchMethod = Callable[[History, "Floats", np.random.Generator], Proposer]
-"""Makes a search method from the history, which grows by itself, the nominal vector, shape (n,), and random numbers.
+"""Factory of a search method, from the history, which grows by itself, the nominal vector, shape (n,), and an RNG.
 
-One with an attribute `least_size` is left out where there are fewer dimensions.
+A method with an attribute `least_size` is left out if there are fewer dimensions.
 """
 
 
 class Simplex:
-    """Nelder-Mead from the best points of the history; begins again when it has shrunk."""
+    """Nelder-Mead from the best points of the history; it restarts when the simplex has shrunk."""
 
     def __init__(self, history: History, nominal: Floats, rng: np.random.Generator) -> None:
         del nominal
@@ -74,7 +74,7 @@ class Simplex:
         self._next: Floats | None = None
 
     def ask(self) -> Floats | None:
-        """Return the next vertex, or None while one is out."""
+        """Return the next vertex, or None while one is pending."""
         if self._waiting or not self._history.vectors:
             return None
         if self._steps is None or self._next is None:
@@ -84,7 +84,7 @@ class Simplex:
         return self._next
 
     def tell(self, vector: Floats, value: float) -> None:
-        """Take the value of the vertex that is out."""
+        """Take the value of the pending vertex."""
         self._waiting = False
         if self._steps is not None:
             try:
@@ -93,7 +93,7 @@ class Simplex:
                 self._steps = None
 
     def _start(self) -> list[tuple[float, Floats]]:
-        """Return the best points that span the space; where they do not, steps from the best one."""
+        """Return the best points that lie in different directions, best first; fewer if they do not span the space."""
         vectors, values = self._history.vectors, self._history.values
         chosen: list[int] = []
         basis: list[Floats] = []
@@ -208,7 +208,7 @@ class Evolution:
         self._engine = self._begin()
 
     def ask(self) -> Floats | None:
-        """Return one more member of the generation, or None when all of it is out."""
+        """Return one more member of the generation, or None when all of it is pending."""
         if self._asked >= self._engine.population_size:
             return None
         self._asked += 1
@@ -216,7 +216,7 @@ class Evolution:
         return vector
 
     def tell(self, vector: Floats, value: float) -> None:
-        """Take one answer; a whole generation moves the distribution."""
+        """Take one value; a complete generation moves the distribution."""
         self._answers.append((vector, value))
         if len(self._answers) < self._engine.population_size:
             return
@@ -247,17 +247,17 @@ class Evolution:
 
 
 PORTFOLIO: tuple[SearchMethod, ...] = (Simplex, Forest, Evolution)
-"""The methods that take turns unless others are named."""
+"""The methods that take turns by default."""
 
 
 def proposers(
     methods: Sequence[SearchMethod], history: History, nominal: Floats, seeds: Sequence[int]
 ) -> list[Proposer]:
-    """Return the methods of a portfolio at work, each with its own random numbers.
+    """Return the search methods of a portfolio, each with its own random numbers.
 
     Args:
-        methods: In the order of their turns.
-        history: What they share.
+        methods: Methods in the order of their turns.
+        history: History that they share.
         nominal: The nominal vector, shape (n,).
         seeds: Seeds of all random numbers.
 

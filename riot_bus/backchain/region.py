@@ -25,7 +25,7 @@ _ROUNDS = 20
 FIT = 0.9
 """Share of samples with which a box has to agree, on either side of its edges."""
 _CORNERS = 16
-"""Corners that are looked at: all of them for up to four fields."""
+"""Most corners that are sampled: all of them for up to four fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Region:
     Attributes:
         names: The fields.
         box: Their ranges.
-        samples: The start and all asked points, in order.
+        samples: The start and all tested points, in order.
         inside_share: Share of the samples inside the box that failed.
         inside_low: Lower end of its 95 % interval (Clopper-Pearson). Samples crowd at the edges, so this is cautious.
-        inside_high: Upper end.
+        inside_high: Upper end of that interval.
         outside_share: Share of the samples outside the box that failed.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
-        ends: Sides of the box where it failed at the very end of the field's range: beyond, nothing was tried.
+        ends: Sides of the box with a failure at the end of the field's range, beyond which nothing was tried.
     """
 
     names: tuple[str, ...]
@@ -68,18 +68,18 @@ def map_region(
 ) -> Region:
     """Find the boundary of the crash zone around a failing point.
 
-    First strides and bisection along each axis; then samples at the corners and on either side of each edge, which move
-    the edges until a round of them comes out as foretold.
+    First, growing steps and bisection along each axis; then samples at the corners and on either side of each edge,
+    which move the edges until a round of samples comes out as predicted.
 
     Args:
         start: A failing point; fields other than the axes keep its values.
-        axes: The fields.
-        ask: Whether the failure happens at each point.
+        axes: Fields of the box.
+        ask: Function that returns whether each of some points fails.
         seed: Seed of the choice of samples.
-        budget: Largest number of points asked.
+        budget: Largest number of points tested.
         tolerance: Width to which an edge is bracketed, in the fields' units (one number, or one per axis).
         parallelism: Points per call of `ask`.
-        progress: Told after each batch.
+        progress: Called after each batch.
 
     Raises:
         ValueError: `tolerance`, `budget` or `parallelism` is not positive, there are no axes, or two are one field.
@@ -95,7 +95,7 @@ def map_region(
 
 
 class _Mapper:
-    """Asks within the budget and remembers."""
+    """Tests points within the budget and remembers the results."""
 
     def __init__(
         self,
@@ -149,9 +149,9 @@ def _with(place: Place, axis: int, value: float) -> Place:
 
 
 def _ray(start: float, end: float, width: float, nominal: float) -> Generator[float, bool | None, float]:
-    """Yield values to ask between a failing one and the end of the range; return where the zone ends.
+    """Yield values to test between a failing one and the end of the range; return where the zone ends.
 
-    If the nominal value is in between, it comes first: large steps could miss that it passes.
+    If the nominal value is in between, it comes first: large steps could skip it although it passes.
     """
     inside, outside = start, end
     sign = math.copysign(1.0, end - start)

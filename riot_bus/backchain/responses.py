@@ -1,4 +1,4 @@
-"""What of an internal series is asked to follow an external field: its level, its innovations, its spread."""
+"""Aspects of an internal series that may follow an external field: its level, its innovations, its spread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["CHANNELS", "Effect", "residuals", "responses"]
 
 Effect = Literal["level", "change", "spread"]
-"""What of the internal field follows the external one: its value, its innovations, or how much it varies."""
+"""Aspect of an internal field that follows an external one: its value, its innovations, or how much it varies."""
 
 CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 """The effect that each column of `residuals` shows."""
@@ -45,11 +45,11 @@ def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
 def residuals(
     pieces: Sequence[Floats], designs: Mapping[str, Floats], *, selected: Sequence[str]
 ) -> tuple[Floats, Floats]:
-    """Return the responses, and what the selected fields leave of them (samples x 3, samples x 5).
+    """Return the responses, and their residuals after the selected fields (samples x 3, samples x 5).
 
     The fourth column is the level weighted by the inverse of its noise's covariance (first-order autocorrelation, and
     the spread that the selected fields explain): the score of generalised least squares, for weak effects in noise.
-    The fifth is what a fit to the well-explained samples leaves, for weak effects beside a strong field that jumps.
+    The fifth is the residual of a fit to the well-explained samples, for weak effects beside a strong field that jumps.
     """
     raw = responses(pieces)
     spread = np.ones(len(raw))
@@ -77,7 +77,7 @@ def residuals(
 
 
 def _robust(response: Floats, design: Floats, most: int) -> Floats:
-    """Return what a fit to the well-explained samples leaves, with the others cut short.
+    """Return the residual of a fit to the well-explained samples, with the others clipped.
 
     A strong field that jumps leaves large errors at the samples around its jumps, by jitter alone; they must not hide
     a weak field in all other samples.

@@ -27,8 +27,8 @@ class Share:
         name: The field.
         strength: The share, 0 to 1, corrected for the number of terms.
         low: Lower end of the 95 % jackknife interval.
-        high: Upper end.
-        column: Column of the field's design that shows most.
+        high: Upper end of that interval.
+        column: Column of the field's design with the strongest effect.
     """
 
     name: str
@@ -45,7 +45,7 @@ def estimate(
 
     Args:
         response: The internal series, centred per run (samples).
-        designs: Per field its columns (samples x columns).
+        designs: Columns of each field (samples x columns).
         selected: Fields with an effect: what they explain is not credited to others.
         asked: Fields whose share is wanted.
         groups: Run of each sample; with fewer than four runs each is cut into blocks for the jackknife.

@@ -1,4 +1,4 @@
-"""A search as a study of optuna: others can look at it, share it from other machines, and go on with it later."""
+"""A search as an optuna study, which can be inspected, shared between machines, and continued later."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ __all__ = ["Study"]
 _HINT = "a file of SQLite, such as sqlite:///studies.db, is enough for one machine"
 
 _BY, _FAILED = "riot_bus search", "failed"
-"""Attributes of trials: who made it, and whether the failure happened."""
+"""Attributes of trials: the search that made it, and whether the failure happened."""
 
 
 class Study:
     """Runs of a search as trials of a study: parameters are values of external fields, the value is the distance.
 
     Args:
-        url: Where studies are kept, as optuna takes it, such as `sqlite:///studies.db`.
-        name: Name of the study, which is made unless it is there.
+        url: Storage of studies, as optuna takes it, such as `sqlite:///studies.db`.
+        name: Name of the study, which is created if it does not exist.
 
     Raises:
         ConfigError: The storage cannot be used.
@@ -54,8 +54,8 @@ class Study:
 
         Args:
             points: Values by name.
-            evaluations: What each came to.
-            fields: What the names mean.
+            evaluations: Evaluation of each point.
+            fields: Fields that points name.
 
         Raises:
             ConfigError: The storage cannot be used any more.
@@ -74,7 +74,7 @@ class Study:
                 self._study.add_trial(trial)
 
     def take(self) -> list[tuple[dict[str, float], Evaluation]]:
-        """Return the runs that others have added since the last time, those of earlier searches included.
+        """Return the runs that other searches, also earlier ones, have added since the last call.
 
         Raises:
             ConfigError: The storage cannot be used any more.
@@ -105,7 +105,7 @@ class Study:
 
 @contextmanager
 def _told_plainly() -> Iterator[None]:
-    """Make errors of the storage such that say where they come from."""
+    """Turn errors of the storage into ConfigErrors that say where they come from."""
     import optuna
     from sqlalchemy.exc import SQLAlchemyError
 

@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 __all__ = ["Dimension", "Drive", "Recombination", "VariedInputs"]
 
 _PARTS = 3
-"""A pulse that another value follows needs no more."""
+"""Parts of a run: enough for a pulse that another value follows."""
 _WAVE_POINTS, _MOST_PERIODS = 16, 40
 _BEST, _SPREAD, _ENDS = 6, (0.0, 0.25, 0.75, 1.0), (0.0, 1.0)
-"""Values of a field that are combined with others: of the points that came nearest, quantiles of all, and the ends."""
+"""Values of a field to combine with others: those of the nearest points, quantiles of all, and the ends."""
 
 
 class Dimension(NamedTuple):
     """One number of an input that varies in time.
 
     Attributes:
-        search: Its name and range.
-        field: Place of the field that it is a value of; None for a time.
+        search: Name and range of the number.
+        field: Index of the field whose value it is; None for a time.
     """
 
     search: SearchField
@@ -39,16 +39,16 @@ class Dimension(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What is done to one field in a part of a run.
+    """Values of one field during a part of a run.
 
     Attributes:
         field: Name of the field.
-        value: What it is set to; None where there are `points`.
-        start: When that begins, in seconds since the first message.
-        end: When it ends, in seconds; None for never.
-        message: Number of the only message that gets it; None for all in that time.
+        value: Value that it is set to; None if there are `points`.
+        start: Start of that time, in seconds since the first message.
+        end: End of that time, in seconds; None for never.
+        message: Number of the only message that gets the value; None for all in that time.
         points: Times in seconds and values, with straight lines between them, instead of one value.
-        how: In words, when it has the value, or how it moves; empty for a value in the whole run.
+        how: Text on when it has the value, or how it moves; empty for a value in the whole run.
     """
 
     field: str
@@ -61,18 +61,18 @@ class Drive:
 
 
 class VariedInputs:
-    """Ways in which fields vary in time: constant by parts, along lines, as waves, and in one message alone.
+    """Ways in which fields vary in time: piecewise constant, along lines, as waves, and in one message alone.
 
-    Where a field would get its nominal value, it is left alone.
+    A field that would get its nominal value is left alone.
 
     Args:
-        fields: What may be set.
-        seconds: How long a run lasts.
-        counts: Messages of each field's topic in a run; 0 of what has one value in each run in any case.
+        fields: Fields that may be set.
+        seconds: Duration of a run.
+        counts: Number of messages of each field's topic in a run; 0 for a field with one value per run.
 
     Attributes:
-        families: For each way, the numbers that say what happens.
-        field_of: Name of the field that a number is a value of; numbers that are times have none.
+        families: For each way, the numbers that define the inputs.
+        field_of: Field of each number that is a value; numbers that are times have none.
     """
 
     def __init__(self, fields: Sequence[SearchField], seconds: float, counts: Sequence[int]) -> None:
@@ -117,7 +117,7 @@ class VariedInputs:
         )
 
     def drives(self, point: Mapping[str, float]) -> list[Drive]:
-        """Return what a point does to the fields; a name that is a field's own means the whole run."""
+        """Return the drives of the fields at a point; a field's own name stands for a value in the whole run."""
         found: list[Drive] = []
         for field, count in zip(self._fields, self._counts, strict=True):
             if field.name in point:
@@ -164,13 +164,13 @@ def _time(name: str, seconds: float, share: float) -> SearchField:
 
 
 class Recombination:
-    """Proposes for several fields at once values that were tried for each alone, and the ends of their ranges.
+    """Proposals for several fields at once, of values that were tried for each alone and the ends of the ranges.
 
     This leads off a plateau on which a field matters only while, or after, another one has a certain value.
 
     Args:
         family: The numbers that are proposed.
-        constants: What was tried: vectors in [0, 1]^n, one number for each field, the best first.
+        constants: Vectors that were tried, in [0, 1]^n, one number for each field, the best first.
         rng: Random numbers.
     """
 
@@ -185,7 +185,7 @@ class Recombination:
         ]
 
     def ask(self) -> Floats:
-        """Return a vector in which each value is the usual one, or one of those."""
+        """Return a vector in which each value is the usual one or one of these; times are random."""
         rng, vector = self._rng, self._usual.copy()
         share, ends = rng.uniform(0.2, 0.8), rng.random() < 0.5
         for place, (_, field) in enumerate(self._family):

@@ -1,4 +1,4 @@
-"""A segment of a router in this process, for bridges: nothing is between them and the interceptors."""
+"""A segment of a router in this process, for bridges, with nothing between them and the interceptors."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class InnerOutlet:
-    """Publishes on one key; see `InnerPort.publisher`.
+    """Publisher for one key; see `InnerPort.publisher`.
 
     Attributes:
-        track: Takes what is published to the other segments.
-        echo: Publishes on this one.
+        track: Path of published messages to the other segments.
+        echo: Function that publishes on this segment.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class InnerOutlet:
             speaking.now = False
 
     def matched(self) -> bool:
-        """Return whether somebody elsewhere gets what is published."""
+        """Return whether published messages have a receiver elsewhere."""
         return self._owns(self.track.key) or self._audience.listens()
 
     def close(self) -> None:
-        """Take it away."""
+        """Remove the publisher."""
         self.track.close()
         self._audience.close()
 
@@ -72,7 +72,7 @@ class _Listening:
         self._subscriber, self._end = subscriber, end
 
     def close(self) -> None:
-        """Take it away."""
+        """Remove the subscription."""
         self._end()
         release(self._subscriber)
 
@@ -80,8 +80,8 @@ class _Listening:
 class InnerPort:
     """A segment as a bridge in the router's own process sees it; it ends with the bus.
 
-    What is put on intercepted keys goes to the other segments on the thread that puts it, and there to who listens on
-    this thread, too, unless an interceptor has to look at it. Otherwise it is as `SegmentPort`.
+    A message on an intercepted key goes to the other segments, and to their listeners in this process, on the thread
+    that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`.
 
     Args:
         bus: The bus, open.
@@ -93,7 +93,7 @@ class InnerPort:
         self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
         self.endpoint = redacted(bus.endpoint(segment))
         self._ramp = bus.ramp(segment)
-        # Who records a router of one segment listens on this very session, and so do we.
+        # Recorders of a router with one segment listen on this same session, and so does this port.
         self._speaking = threading.local() if len(bus.sessions) == 1 else None
 
     def publisher(
@@ -102,9 +102,9 @@ class InnerPort:
         """Return a new publisher.
 
         Args:
-            key: Where to; one thread at a time publishes there.
-            reliable: Slow receivers hold it up, instead of losing messages.
-            changed: Called on a thread of Zenoh's when `matched` may have changed.
+            key: Key to publish on, by one thread at a time.
+            reliable: Whether to wait for slow receivers instead of losing messages.
+            changed: Called on a Zenoh thread when `matched` may have changed.
             encoding: Zenoh's encoding string, empty for its default.
         """
         qos = Qos(congestion="block" if reliable else "drop")
@@ -118,12 +118,12 @@ class InnerPort:
         """Publish many messages; waits for slow receivers if they are reliable.
 
         Args:
-            outlets: Of each message its publisher, one of this port's.
-            payloads: Of each message.
-            attachment: Of all of them.
+            outlets: Publisher of each message, from this port.
+            payloads: Payload of each message.
+            attachment: Attachment of all of them.
 
         Returns:
-            How many could not be published.
+            Number of messages that could not be published.
         """
         if self._speaking is not None:
             return put_one_by_one(outlets, payloads, attachment)
@@ -137,12 +137,12 @@ class InnerPort:
         return failed
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
-        """Subscribe to what others put.
+        """Subscribe to messages of others.
 
         Args:
-            key: Key expression of what is received.
-            take: Called with payload and attachment, once at a time, on whatever thread brings it: one of Zenoh's, or
-                of the router's, or who puts it on another segment.
+            key: Key expression of the messages.
+            take: Called with payload and attachment, one message at a time, on the thread that brings it: a thread of
+                Zenoh, of the router, or of a publisher on another segment.
         """
 
         def take_all(messages: list[tuple[bytes, bytes | None]]) -> None:
@@ -155,7 +155,7 @@ class InnerPort:
         return self.collect(key, take_all)
 
     def collect(self, expression: str, take: Take) -> _Listening:
-        """Subscribe to what others put; as `subscribe`, but for several messages at once."""
+        """Subscribe to messages of others, like `subscribe`, but with several messages at once."""
         from riot_bus.zenoh import api as zenoh
 
         only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
@@ -169,7 +169,7 @@ class InnerPort:
 
         def receive(sample: zenoh.Sample) -> None:
             if speaking is not None and getattr(speaking, "now", False):
-                return  # it is ours
+                return  # our own message
             kind: Any = sample.kind
             if int(kind) == 0 and not only_stored(sample):
                 give([message_of(sample)])

@@ -38,18 +38,18 @@ def run_own_router(
     """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
 
     Args:
-        options: What the router is to do.
-        bridge_of: Makes the bridge of the segments, by name.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        as_json: Say it as lines of JSON.
-        program: Starts the program behind the bridge, once that is ready.
+        options: Options of the router.
+        bridge_of: Function that makes the bridge from the segments by name.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        as_json: Whether to print the result as lines of JSON.
+        program: Function that starts the program behind the bridge, once that is ready.
 
     Returns:
-        As `run_bridge`.
+        Exit status, as that of `run_bridge`.
 
     Raises:
-        RiotError: It does not start, has failed, or messages were lost.
+        RiotError: The router or bridge does not start, has failed, or messages were lost.
     """
     with router_of(options, warn=warn) as service:
         with ExitStack() as closing, service:

@@ -41,7 +41,7 @@ _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 
 
 class Outlet:
-    """Publishes on one key; see `SegmentPort.publisher`."""
+    """Publisher for one key; see `SegmentPort.publisher`."""
 
     def __init__(
         self,
@@ -88,27 +88,27 @@ class Outlet:
         self._put(payload, attachment=attachment)
 
     def matched(self) -> bool:
-        """Return whether somebody elsewhere subscribes."""
+        """Return whether there is a subscriber elsewhere."""
         return bool(self._publisher.matching_status.matching)
 
     def close(self) -> None:
-        """Take it away."""
+        """Undeclare the publisher."""
         release(*self._declared)
 
 
 class Inlet:
-    """Something that was declared, and can be taken away."""
+    """A declaration that can be undeclared."""
 
     def __init__(self, declared: Any) -> None:
         self._declared = declared
 
     def close(self) -> None:
-        """Take it away."""
+        """Undeclare it."""
         release(self._declared)
 
 
 class Collector:
-    """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
+    """A subscription that delivers messages on one thread of its own; see `SegmentPort.collect`."""
 
     def __init__(self, session: zenoh.Session, expression: str, take: Take) -> None:
         from riot_bus.zenoh import api as zenoh
@@ -123,7 +123,7 @@ class Collector:
         self._thread.start()
 
     def close(self) -> None:
-        """Take it away, after what has come in."""
+        """End the subscription, after delivering the messages received so far."""
         release(self._subscriber)
         self._thread.join()
 
@@ -142,11 +142,11 @@ class Collector:
 
 
 class Question:
-    """A query, to be answered once, by any thread.
+    """A query to be answered once, on any thread.
 
     Attributes:
         payload: Payload of the query.
-        attachment: What was sent with it, None if nothing.
+        attachment: Attachment of the query; None if there is none.
     """
 
     def __init__(self, key: str, query: zenoh.Query) -> None:
@@ -157,13 +157,13 @@ class Question:
 
     def answer(self, payload: bytes, attachment: bytes | None) -> None:
         """Answer."""
-        with contextlib.suppress(Exception):  # whoever has asked is gone
+        with contextlib.suppress(Exception):  # the client is gone
             self._query.reply(self._key, payload, attachment=attachment)
         self._end()
 
     def fail(self, reason: str) -> None:
-        """Answer that there is no answer."""
-        with contextlib.suppress(Exception):  # whoever has asked is gone
+        """Answer with an error."""
+        with contextlib.suppress(Exception):  # the client is gone
             self._query.reply_err(reason)
         self._end()
 
@@ -173,7 +173,7 @@ class Question:
 
 
 class Asked:
-    """A question that was asked; see `SegmentPort.ask`."""
+    """A query that was sent; see `SegmentPort.ask`."""
 
     def __init__(self, done: Callable[[bytes | None], None]) -> None:
         from riot_bus.zenoh import api as zenoh
@@ -182,7 +182,7 @@ class Asked:
         self._done: Callable[[bytes | None], None] | None = done
 
     def end(self, answer: bytes | None) -> None:
-        """Hand on the first answer."""
+        """Pass on the first answer."""
         done, self._done = self._done, None  # Zenoh calls one at a time
         if done is not None:
             done(answer)
@@ -196,11 +196,11 @@ class Asked:
 class SegmentPort:
     """A client of a segment; a context manager that disconnects at its end.
 
-    Nothing that is published through a port comes back through it.
+    Messages that are published through a port do not come back through it.
 
     Args:
-        session: Owned by the port from now on.
-        endpoint: Where it is connected, for messages.
+        session: Session, owned by the port from now on.
+        endpoint: Endpoint that it is connected to, for error messages.
     """
 
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
@@ -224,9 +224,9 @@ class SegmentPort:
 
         Args:
             key: Key that it publishes on.
-            reliable: Slow receivers hold it up, instead of losing messages.
-            latched: Late joiners get so many of the last messages; None if they get none.
-            changed: Called on a thread of Zenoh's when `matched` may have changed.
+            reliable: Whether to wait for slow receivers instead of losing messages.
+            latched: Number of last messages that late joiners get; None if they get none.
+            changed: Called on a Zenoh thread when `matched` may have changed.
             encoding: Zenoh's encoding string, empty for its default.
         """
         return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
@@ -235,22 +235,22 @@ class SegmentPort:
         """Publish many messages.
 
         Args:
-            outlets: Of each message its publisher.
-            payloads: Of each message.
-            attachment: Of all of them.
+            outlets: Publisher of each message.
+            payloads: Payload of each message.
+            attachment: Attachment of all of them.
 
         Returns:
-            How many could not be published.
+            Number of messages that could not be published.
         """
         return put_one_by_one(outlets, payloads, attachment)
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
-        """Subscribe to what others put.
+        """Subscribe to messages of others.
 
         Args:
-            key: Key expression of what is received.
-            take: Called with payload and attachment on a thread of Zenoh's; while it waits, so does the link.
-            latched: Fetch so many of the last messages of publishers that keep them.
+            key: Key expression of the messages.
+            take: Called with payload and attachment on a Zenoh thread; while it waits, so does the link.
+            latched: Number of last messages to fetch from publishers that keep them; None for none.
         """
         from riot_bus.zenoh import api as zenoh
         from riot_bus.zenoh.api import ext
@@ -277,26 +277,26 @@ class SegmentPort:
         )
 
     def collect(self, expression: str, take: Take) -> Collector:
-        """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
+        """Subscribe to messages of others; for many small messages, this takes half the time of `subscribe`.
 
         Args:
-            expression: Key expression of what is received.
-            take: Called with what has come, on one thread, none of Zenoh's; while it is busy, messages wait, and when
-                many wait, so does the link.
+            expression: Key expression of the messages.
+            take: Called with the messages received, always on the same thread, not one of Zenoh; while it is busy,
+                messages wait, and when many wait, so does the link.
         """
         return Collector(self._session, expression, take)
 
     def announce(self, token: str) -> Inlet:
-        """Show a liveliness token."""
+        """Declare a liveliness token."""
         return Inlet(self._session.liveliness().declare_token(token))
 
     def watch(self, expression: str, take: Callable[[str, bool], None]) -> Closeable:
         """Follow the liveliness tokens of a key expression, our own among them.
 
         Args:
-            expression: Which; what is watched through one port is equal or has no key in common.
-            take: Called with a token and whether it is there, once per change: with those that are there already
-                before this returns, with others on a thread of Zenoh's; must not wait.
+            expression: Key expression of the tokens; those watched through one port must be equal or disjoint.
+            take: Called with a token and whether it exists, once per change: for existing tokens before this returns,
+                for others on a Zenoh thread; must not wait.
         """
         with self._watching:
             if expression not in self._tokens:
@@ -304,11 +304,11 @@ class SegmentPort:
         return self._tokens[expression].follow(take)
 
     def serve(self, key: str, take: Callable[[Question], None]) -> Inlet:
-        """Answer the questions of others.
+        """Answer the queries of others.
 
         Args:
             key: Key expression of the queries.
-            take: Called on a thread of Zenoh's; may answer later.
+            take: Called with each query on a Zenoh thread; may answer later.
         """
         from riot_bus.zenoh import api as zenoh
 
@@ -317,17 +317,17 @@ class SegmentPort:
         return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
 
     def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
-        """Ask the servers of a key.
+        """Send a query to the servers of a key.
 
         Args:
             key: Key of the servers.
             payload: Payload of the query.
-            attachment: Sent with it.
-            done: Called once, on a thread of Zenoh's: with the first answer as soon as it is there, or with None when
-                it is sure that there is none. Not called after `close`, unless it is under way then.
+            attachment: Attachment of the query.
+            done: Called once, on a Zenoh thread: with the first answer as soon as it arrives, or with None when it is
+                certain that there is none. Not called after `close`, unless the call has already begun.
 
         Returns:
-            What `close` gives up.
+            The pending query, which `close` cancels.
         """
         from riot_bus.zenoh import api as zenoh
 
@@ -363,12 +363,12 @@ def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = No
     """Connect to a segment.
 
     Args:
-        endpoints: Where it listens; the first that answers is taken.
+        endpoints: Endpoints of the segment; the first that answers is used.
         config: Further Zenoh configuration.
 
     Raises:
         ConfigError: Zenoh refuses the configuration.
-        EnvironmentFaultError: Nobody answers there.
+        EnvironmentFaultError: No endpoint answers.
     """
     prepare_runtime()
     extra = {"timestamping/enabled": True, **(config or {})}

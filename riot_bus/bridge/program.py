@@ -1,4 +1,4 @@
-"""A program that talks through a bridge and has it for itself: both begin and end together."""
+"""A program that communicates through a bridge of its own; both begin and end together."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Program:
     """A running program with the streams of this process; a context manager that ends it.
 
     Args:
-        command: Program and arguments; `{WORD}` stands for what `words` says.
-        words: See there.
-        ended: Called on another thread when it has ended.
+        command: Program and arguments, in which `{WORD}` is replaced by its value in `words`.
+        words: Values of the words in `command`.
+        ended: Called on another thread when the program has ended.
 
     Attributes:
         status: Exit status, negative for a signal, None while it runs.

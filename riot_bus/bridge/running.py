@@ -1,4 +1,4 @@
-"""`riot bridge ...`: bridges until it is told to end, then says what crossed."""
+"""`riot bridge ...`: bridge until told to end, then summarise what crossed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOOK_S = 0.2
 
 
 def _nothing() -> None:
-    """Have nothing to look at."""
+    """Do nothing."""
 
 
 def run_bridge(
@@ -35,23 +35,23 @@ def run_bridge(
 
     Args:
         bridge: The bridge; it is started and ended here.
-        say: Prints a line of the result.
-        as_json: Say it as lines of JSON.
-        program: Starts the program behind it, once it is ready.
-        look: Called a few times in a second.
+        say: Function that prints a line of the result.
+        as_json: Whether to print the result as lines of JSON.
+        program: Function that starts the program behind the bridge, once that is ready.
+        look: Called a few times per second.
 
     Returns:
         The program's exit status, negative for a signal; 0 if it was still running, or there is none.
 
     Raises:
-        RiotError: It does not start, or has failed.
+        RiotError: The bridge does not start, or has failed.
     """
     status: int | None = None
     with ended_by_signals(bridge.stop):
         with bridge, ExitStack() as stack:
             say(json.dumps({"event": "ready", **bridge.status()}, sort_keys=True) if as_json else bridge.ready())
             behind = stack.enter_context(program()) if program is not None else None
-            while not bridge.wait(_LOOK_S):  # a signal that comes just before an endless wait does not end that
+            while not bridge.wait(_LOOK_S):  # a signal just before a wait without a timeout would not end it
                 look()
             status = behind.status if behind is not None else None
         if as_json:

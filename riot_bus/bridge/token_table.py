@@ -1,4 +1,4 @@
-"""Keeps which liveliness tokens are there, for all who follow them through a port."""
+"""Table of the existing liveliness tokens, for all their followers through a port."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _ANSWER_S = 2.0
 class TokenTable:
     """The liveliness tokens of a key expression, subscribed to once for as long as the session is open.
 
-    Zenoh 1.10.2 tells a client's first subscriber on the thread that reads the link, so all tokens that were there have
-    been heard when a query that was sent after it ends. For what the session knows already neither holds: a second
-    subscriber is told by a task that runs whenever it does, and a query may end before, or without, its answers. So
-    there is no second subscriber, and nobody looks at the answers.
+    Zenoh 1.10.2 notifies a client's first subscriber on the thread that reads the link, so all existing tokens have
+    been received when a query that was sent afterwards ends. For tokens that the session knows already, this does not
+    hold: a task notifies a second subscriber at any time, and a query may end before, or without, its answers. So there
+    is no second subscriber, and the answers are ignored.
 
     Args:
         session: A client; nothing else in it has subscribed to these tokens.
@@ -43,10 +43,10 @@ class TokenTable:
         ended.wait(2 * _ANSWER_S)
 
     def follow(self, take: Callable[[str, bool], None]) -> ExitStack:
-        """Tell which tokens are there, and from then on each change, until the result is closed.
+        """Report the existing tokens, and from then on each change, until the result is closed.
 
         Args:
-            take: Called with a token and whether it is there; once at a time.
+            take: Called with a token and whether it exists; one call at a time.
         """
         following = ExitStack()
         following.callback(self._leave, take)
@@ -65,7 +65,7 @@ class TokenTable:
         token, there = str(sample.key_expr), int(kind) == 0
         with self._lock:
             if there == (token in self._present):
-                return  # Zenoh may tell twice
+                return  # Zenoh may notify twice
             if there:
                 self._present[token] = None
             else:

@@ -1,4 +1,4 @@
-"""What the tables of a dictionary file apply to in a log, and which of them never can."""
+"""Fields and messages of a log to which the tables of a dictionary file apply, and tables that never can."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ __all__ = ["AppliesTo", "applied", "misfits", "naming_nothing", "never_applied"]
 
 @dataclass(frozen=True, slots=True)
 class AppliesTo:
-    """What a table of a dictionary file applies to.
+    """Fields or messages to which a table of a dictionary file applies.
 
     Attributes:
         fields: `topic:path` of fields, or of messages that are mutated; `[*]` for the elements of an array.
-        left_alone: Likewise, what it would apply to, but campaigns leave alone.
+        left_alone: `topic:path` of further fields or messages that campaigns leave alone.
     """
 
     fields: tuple[str, ...]
@@ -41,14 +41,14 @@ def never_applied(
     registry: TypeRegistry,
     fields: Mapping[str, Iterable[Target]],
 ) -> Iterator[ConfigError]:
-    """Yield what to say of each table of the user's own that can never apply.
+    """Yield an error for each of the user's own tables that can never apply.
 
-    A field or a message counts if it is there, left alone or not.
+    A field or a message counts if it is in the log, left alone or not.
 
     Args:
-        dictionary: Has them.
+        dictionary: Dictionary with the tables.
         messages: The log.
-        registry: Knows its types.
+        registry: Registry of its types.
         fields: All fields of the log, by topic.
 
     Raises:
@@ -76,10 +76,10 @@ def never_applied(
 
 
 def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target]]) -> list[str]:
-    """Return the patterns (`topic:path`) that name no field of a log, nor its length or the messages of its topic.
+    """Return the patterns (`topic:path`) that name no field of a log, no length of one, and no topic's messages.
 
     Args:
-        patterns: Such as `leave` of riot.toml.
+        patterns: Patterns, such as `leave` of riot.toml.
         fields: All fields of the log, by topic.
     """
     names = {f"{topic}:" for topic in fields} | {_name(each) for found in fields.values() for each in found}
@@ -93,13 +93,13 @@ def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target
 
 
 def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRegistry) -> list[ConfigError]:
-    """Return everything that is wrong with a dictionary file beside a log: what cannot apply, and what does not fit.
+    """Return all errors of a dictionary file for a log: tables that cannot apply, and values that do not fit.
 
     Args:
         text: Content of the dictionary file.
-        where: Name of the file, for messages.
+        where: Name of the file, for error messages.
         messages: The log.
-        registry: Knows its types.
+        registry: Registry of its types.
 
     Raises:
         ConfigError: The file itself is wrong.
@@ -136,9 +136,9 @@ def applied(
         file: The file.
         text: Its text.
         messages: The log.
-        registry: Knows its types.
+        registry: Registry of the log's types.
         leave: Patterns of fields to leave alone, as for `targets_of`.
-        include: Patterns of brittle fields that are asked for.
+        include: Patterns of brittle fields to include.
     """
     leave, include = tuple(leave), tuple(include)
     every = [each for found in targets_of(messages, registry, include=["*"]).values() for each in found]

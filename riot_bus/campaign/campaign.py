@@ -31,39 +31,39 @@ if TYPE_CHECKING:
 __all__ = ["CampaignResult", "run_campaign"]
 
 _ROUND = 8
-"""Trials that are chosen together, so that the same are on one worker and on eight."""
+"""Trials that are chosen together, so that one worker runs the same trials as eight."""
 _DRAWN = 4
-"""One of so many trials has policies on many messages; they are drawn blindly until each thing has been tried once."""
+"""One in this many trials has policies on many messages; they are drawn blindly until each thing has been tried."""
 _NARROWED = 2
-"""One of so many trials beyond covering, but those with policies, finds out what new behaviour came of."""
+"""One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3
-"""Cases of one signature that are repeated before it counts as not confirmed."""
+"""Cases of one signature that are repeated before it counts as unconfirmed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignResult:
-    """What a campaign found.
+    """Results of a campaign.
 
     Attributes:
-        failures: Those that fresh trials have confirmed, by signature, in the order of discovery.
-        unconfirmed: Those that no fresh trial has shown again.
-        trials: All trials, repeated ones not counted.
+        failures: Failures confirmed by fresh trials, by signature, in the order of discovery.
+        unconfirmed: Failures that no fresh trial has shown again.
+        trials: Number of all trials, without repeated ones.
         failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
             told to stop).
-        notes: What monitors said of themselves: they raised, or saw nothing.
-        starts: How trials started the unit, and how many did so, that of the last one at the end.
+        notes: Notes and their numbers, such as of monitors that raised an exception or saw nothing.
+        starts: Ways in which trials started the unit, and how many did so; the last trial's way at the end.
         tried: Things that were tried, and whether they failed alone.
         undecided: Things that failed together, and that the budget did not tell apart.
-        coverable: How many there are to try.
-        effects: What the injections did.
-        after_others: Failures that came after other cases in the same process, and not with one of their own.
+        coverable: Number of things to try.
+        effects: Effects of the injections.
+        after_others: Failures that occurred after other cases in the same process, but not in a process of their own.
         unjudged: Cases that could not be judged, and why.
-        alarms: Signatures that are told by comparing with nominal trials, and that nominal trials have shown: no
-            failures; `notes` has them, too.
-        unordered: Passing trials in which the order across topics was given up.
+        alarms: Signatures from comparison with nominal trials that nominal trials have shown themselves: no failures;
+            also in `notes`.
+        unordered: Number of passing trials in which the order across topics was given up.
         stopped: Whether it was told to stop.
     """
 
@@ -87,7 +87,7 @@ class CampaignResult:
 
 @dataclass(frozen=True, slots=True)
 class _Repeating:
-    """A runner that tells when it has carried out trials."""
+    """A runner that reports when it has run trials."""
 
     runner: Runner
     tell: Callable[[str], None]
@@ -127,7 +127,7 @@ class _Campaign:
 
     @property
     def repeating(self) -> Runner:
-        """What carries out further trials of cases that failed."""
+        """Runner of further trials of cases that failed."""
         return _Repeating(self.runner, self.tell)
 
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
@@ -140,7 +140,7 @@ class _Campaign:
         return min(int(outcome.statistics.get("outputs", 0)) for outcome in self.nominal)
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
-        """Take in the outcomes of some trials, and confirm what is new in them."""
+        """Record the outcomes of some trials, and confirm new failures."""
         fresh: dict[str, Failure] = {}
         for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
             if not outcome.judged:
@@ -169,7 +169,7 @@ class _Campaign:
                 self.found(failure)
 
     def confirm(self, failure: Failure) -> None:
-        """Repeat a failure, unless it has been repeated often enough, or this very case."""
+        """Repeat a failure, unless it, or this same case, has been repeated often enough."""
         if failure.attempts >= _ATTEMPTS or failure.trial in failure.tried:
             return
         failure.attempts += 1
@@ -181,7 +181,7 @@ class _Campaign:
             self.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
 
     def simplify(self, failure: Failure) -> None:
-        """Let the simplest case stand for a failure if it fails as often, without what it does not need to."""
+        """Make the simplest case that fails as often represent a failure, without injections that it does not need."""
         if failure.simpler is not None:
             self._replace(failure, *failure.simpler)
             failure.simpler = None
@@ -191,7 +191,7 @@ class _Campaign:
                 break
 
     def _replace(self, failure: Failure, case: TestCase, trial: int, outcome: Outcome) -> bool:
-        """Let another case stand for a failure if it fails as often; return whether it does."""
+        """Make another case represent a failure if it fails as often; return whether it does."""
         case, rate = repeat_in_order(case, failure.violation.signature, self.repeating)
         as_often = failure.rate is None or rate.rate >= failure.rate.rate
         if as_often:
@@ -200,7 +200,7 @@ class _Campaign:
         return as_often
 
     def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
-        """Try the nominal log, more often if it fails; return the number of trials."""
+        """Run the nominal log, more often if verdicts differ; return the number of trials."""
         cases = {-number: self.case(log, seed + number - 1) for number in range(1, _NOMINAL + 1)}
         outcomes = _run_nominal(self.runner, list(cases.values()))
         if len({outcome.verdict for outcome in outcomes}) > 1:
@@ -216,7 +216,7 @@ class _Campaign:
         return len(outcomes)
 
     def explore(self, cases: Mapping[int, TestCase]) -> Sequence[Outcome]:
-        """Run injected trials, after some of the nominal log if these are carried out otherwise than nominal ones."""
+        """Run injected trials; if they have a runner of their own, first run the nominal log with it."""
         if self.explorer is not self.runner:
             if self.usual is self.nominal:
                 first = replace(next(iter(cases.values())), injections=())
@@ -229,13 +229,13 @@ class _Campaign:
         return list(map(self._judged, self.explorer.run(list(cases.values()))))
 
     def _know_alarms(self, outcomes: Sequence[Outcome]) -> None:
-        """Note what nominal trials show that is only told by comparing with nominal trials: it is nominal, too."""
+        """Note violations by comparison with nominal trials that nominal trials show themselves: they are nominal."""
         for outcome in outcomes:
             for signature in {each.signature for each in outcome.violations if is_compared(each)}:
                 self.alarms[signature] = self.alarms.get(signature, 0) + 1
 
     def _judged(self, outcome: Outcome) -> Outcome:
-        """Return an outcome without what cannot be told of the unit."""
+        """Return an outcome without violations that say nothing about the unit."""
         if not self.alarms and not self.baseless:
             return outcome
         return outcome.without(lambda each: each.signature in self.alarms or each.signature in self.baseless)
@@ -246,7 +246,7 @@ class _Campaign:
 
 
 def _run_nominal(runner: Runner, cases: Sequence[TestCase]) -> list[Outcome]:
-    """Run trials of the nominal log; where these cannot be judged, no others can."""
+    """Run trials of the nominal log; if these cannot be judged, no others can."""
     outcomes = list(runner.run(cases))
     for outcome in outcomes:
         if not outcome.judged:
@@ -272,24 +272,24 @@ def run_campaign(
 ) -> CampaignResult:
     """Run trials until the budget ends; each failure is repeated with fresh processes before it counts.
 
-    A unit that always fails on the nominal log is not tested further. One that sometimes does is: what fails so is a
-    finding without injections, with its rate.
+    A unit that always fails on the nominal log is not tested further. One that sometimes fails is tested: its failures
+    on the nominal log are findings without injections, with their rates.
 
     Args:
         messages: The nominal log of the unit's inputs.
-        schedule: Draws the injections of the other trials.
-        runner: Executes test cases.
+        schedule: Schedule that draws the injections of the other trials.
+        runner: Runner of test cases.
         seed: Seed of the campaign.
-        trials: At most so many injected trials; nominal and repeated ones come on top; None for no limit.
-        covering: Chooses most trials; without it all are drawn.
+        trials: Largest number of injected trials, not counting nominal and repeated ones; None for no limit.
+        covering: Covering that chooses most trials; without it, all are drawn.
         ordered: Whether trials keep the order of the log across topics.
-        seconds: At most so much time; None for no limit.
+        seconds: Time limit in seconds; None for no limit.
         covered: Whether to end when all that `covering` has to try was tried.
-        progress: Called after each batch, also those that repeat failures, with the injected trials so far, how many
-            there will be (None if not known), what goes on, and the seconds that are left (None for no limit).
+        progress: Called after each batch, also those that repeat failures, with the injected trials so far, their
+            final number (None if unknown), a text on the state, and the seconds that are left (None for no limit).
         found: Called with each failure as soon as it is confirmed.
-        stop: Asked before each batch of injected trials; True ends the campaign.
-        explorer: Executes injected trials in its own way, such as many with one process; None for `runner`.
+        stop: Called before each batch of injected trials; True ends the campaign.
+        explorer: Runner of injected trials, such as one that runs many in one process; None for `runner`.
 
     Raises:
         EnvironmentFaultError: Trials of the nominal log cannot be judged.
@@ -305,7 +305,7 @@ def run_campaign(
             distinct = sum(failure.confirmed for failure in work.failures.values())
             told = f", {covering.covered} of {covering.total} tried" if covering else ""
             left = None if seconds is None else max(0.0, started + seconds - time.monotonic())
-            total = None if covered and covering else trials  # that comes to its end before
+            total = None if covered and covering else trials  # covering ends before that
             progress(done, total, f"{work.failing} failing, {distinct} distinct{told}{doing}", left)
 
     work.tell = tell
@@ -364,7 +364,7 @@ def run_campaign(
 def _together(
     covering: Covering | None, trial: int
 ) -> tuple[Covering | Stretches | Novelties | None, tuple[Placed, ...]]:
-    """Return what a trial tries together, and who has chosen that; nothing if its injections are drawn."""
+    """Return the things that a trial tries together, and their chooser; nothing if its injections are drawn."""
     if covering is None:
         return None, ()
     if not (trial + 1) % _DRAWN:

@@ -1,4 +1,4 @@
-"""Confirmation: a failure seen once may be chance, or a loaded machine; fresh trials tell how often it comes."""
+"""Confirmation: a failure seen once may be due to chance or machine load; fresh trials show how often it occurs."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
 __all__ = ["CONFIRMATIONS", "repeat", "repeat_in_order"]
 
 CONFIRMATIONS = 20
-"""Fresh trials of a case at most."""
+"""Largest number of fresh trials of a case."""
 
 _FIRST = 4
-"""Four fresh failures of four bound the rate from below by 0.4 at 95 %, which is enough to go on with."""
+"""Trials of the first batch: four failures of four bound the rate from below by 0.4 at 95 %, which is enough."""
 _DOUBT, _SPREAD = 0.005, 0.15
-"""Trials end when it is decided whether the case triggers the failure, or it is chance, and the rate is known so well.
-A failure of one in five is missed once in eighty-seven times."""
+"""Accepted doubt whether the case triggers the failure or it is chance, and accepted spread of the rate; then trials
+end. A failure in one of five trials is missed once in eighty-seven times."""
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
-    """Return how often fresh trials of a case fail with a signature, of those that could be judged.
+    """Return the share of judged fresh trials of a case that fail with a signature.
 
     Args:
-        case: The case; the trial that failed first does not count, since it was chosen for that.
-        signature: The failure.
-        runner: Executes trials.
+        case: The test case; its first failing trial does not count, since the case was chosen for it.
+        signature: Signature of the failure.
+        runner: Runner of the trials.
     """
     hits = total = asked = 0
     while asked < CONFIRMATIONS:
@@ -47,15 +47,15 @@ def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
 
 
 def repeat_in_order(case: TestCase, signature: str, runner: Runner) -> tuple[TestCase, Proportion]:
-    """Return how often a case fails, played as it was, or with the order across topics kept if it fails more often so.
+    """Return a case and its failure rate, as it was, or with order kept across topics if it fails more often then.
 
-    A log that is fed as fast as possible may be taken in another order than it has, and a failure that depends on that
-    order then comes and goes.
+    A unit may take a log that is fed as fast as possible in another order, so a failure that depends on the order may
+    come and go.
 
     Args:
-        case: The case.
-        signature: The failure.
-        runner: Executes trials.
+        case: The test case.
+        signature: Signature of the failure.
+        runner: Runner of the trials.
     """
     rate = repeat(case, signature, runner)
     topics = {message.key for message in case.messages}

@@ -1,11 +1,10 @@
-"""Tries each thing of a list once, many in one trial as long as trials pass (adaptive group testing).
+"""Covering of a list of things: each is tried once, many in one trial as long as trials pass (adaptive group testing).
 
-Things that are tried together are put on messages of their own; what has passed is varied further where a trial has
-room, and when all was tried. While trials pass, twice as many go into the next one; where one fails, half as many do,
-and what had been delivered is tried again in two halves, until it is known which of them fails alone and that the
-others do not. What a trial did not get to, since it failed before, waits for another one, and so does what changed
-nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of
-the group's size.
+Things that are tried together affect different messages. Those that passed are varied further if a trial has room, and
+when all were tried. While trials pass, the next one has twice as many things; after a failure it has half as many, and
+the delivered things are tried again in two halves, until it is known which one fails alone and that the others do not.
+Things that a trial did not reach, since it failed before, or that changed no message, wait for another trial. So a
+robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's size.
 """
 
 from __future__ import annotations
@@ -33,45 +32,45 @@ if TYPE_CHECKING:
 __all__ = ["Covering", "failure_rates"]
 
 _LARGEST = 256
-"""Things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
+"""Most things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
 _ATTEMPTS = 3
-"""Trials that do not get to a thing before it counts as not tried."""
+"""Trials that do not reach a thing before it counts as not tried."""
 _SHARE_SILENT = 0.25
 _SEVERAL = 0.06
-"""Share of what is tried further that happens several times in a trial, half of it to whole messages: so few, since
+"""Share of further variations that occur several times in a trial, half of them on whole messages; it is small since
 bursts make trials longer."""
 _TIMES = (2, 3, 4)
 _ALIKE, _TWO, _ROW = 0.25, 0.5, 0.25
-"""Of the rest, shares of two fields in one message (with the same value, which few pairs have, or at all) and of
-messages in a row; what is left is elsewhere."""
+"""Of the rest, shares of two fields in one message (with the same value, which few pairs have, or any) and of
+consecutive messages; the others are only moved elsewhere."""
 _ELSEWHERE = 0.75
-"""Share of the values of an array's elements that are tried in another element: most of them were in none before."""
+"""Share of the values of an array's elements that are tried in another element, where most have not been yet."""
 _IN_A_ROW = 3
 _WHILE = 0.5
-"""Share of what is tried on one message that is put into a situation, if that has room: the rarer, the likelier."""
+"""Share of variations of one message that are put into a situation, if that has room: the rarer, the likelier."""
 _SHIFTS, _FURTHEST = 12, 64
-"""How often things that belong together are tried elsewhere in the same trial, and messages of a topic in between."""
+"""How often a set of things is repeated elsewhere in the same trial, and its largest shift in messages of a topic."""
 _BUILT = 0.5
-"""Share of the trials beyond covering that build upon what has brought out new behaviour, if there is some."""
+"""Share of the trials after covering that build upon things with new behaviour, if there are some."""
 _TRIES = 8
 _MISSES = 32
-"""Things that find no free message before a trial has enough."""
+"""Number of things without a free message after which a trial counts as full."""
 
 
 class Covering:
-    """Chooses what to try next, and takes in what came of it. Equal answers in equal order give equal choices.
+    """Choice of the things to try next, from outcomes so far; equal outcomes in equal order give equal choices.
 
     Args:
-        items: What is to be tried.
+        items: Things to try.
         positions: For each topic the positions of its messages in the log, ascending.
         seed: Seed of the choices.
-        situations: What the log tells of when fields have which of their few values.
+        situations: Situations of the log: times when a field has one of its few values.
 
     Attributes:
-        stretches: Chooses policies on many messages, of what has passed on single ones.
-        novelties: Chooses what to try because of new behaviour.
-        tried: Things that were delivered in a trial that tells something of them, and whether they failed alone.
-        total: Number of things that there are to try.
+        stretches: Choice of policies on many messages, from things that passed on single ones.
+        novelties: Choice of things to try because of new behaviour.
+        tried: Things that were delivered in a conclusive trial, and whether they failed alone.
+        total: Number of things to try.
     """
 
     def __init__(
@@ -107,7 +106,7 @@ class Covering:
         self._failed: Counter[object] = Counter()
 
     def next(self) -> tuple[Placed, ...]:
-        """Return what to try together; nothing when all has been tried or given out."""
+        """Return the next things to try together; nothing when all have been tried or handed out."""
         if self._halves:
             return self._halves.popleft()
         if not self._fresh and self._alone:
@@ -118,20 +117,20 @@ class Covering:
         return self._gather(self._fresh, fill=not self._late) if self._fresh else ()
 
     def further(self) -> tuple[Placed, ...]:
-        """Return what to try beyond that, without an end: things that passed, elsewhere, in a row, or two at once.
+        """Return further things to try, without end: things that passed, elsewhere, in a row, or two at once.
 
-        In half of the trials what has brought out new behaviour is among them.
+        In half of the trials, things that brought out new behaviour are among them.
         """
         waiting, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
         return self._gather(deque(waiting), fill=True, placed=placed)
 
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Take in the outcome of a trial of a group.
+        """Record the outcome of a trial of a group.
 
         Args:
             group: The group that was tried, from `next`.
-            outcome: What came of it.
-            nominal_outputs: Outputs of a nominal trial.
+            outcome: Outcome of the trial.
+            nominal_outputs: Number of outputs of a nominal trial.
         """
         reached = self._reached(group, outcome)
         failed = outcome.verdict is Verdict.FAIL
@@ -156,26 +155,26 @@ class Covering:
 
     @property
     def covered(self) -> int:
-        """How many things have been tried."""
+        """Number of things that have been tried."""
         return len(self.tried)
 
     @property
     def undecided(self) -> list[Variation]:
-        """Things that some trial has failed with, and that have not been told apart yet."""
+        """Things of failed trials that have not been told apart yet."""
         return [placed.item for group in self._halves for placed in group]
 
     @property
     def finished(self) -> bool:
-        """Whether all has been tried or given out, and what failed is known."""
+        """Whether all things have been tried or handed out, and those that fail are known."""
         return not (self._fresh or self._alone or self._halves)
 
     def policies(self) -> tuple[Placed, ...]:
-        """Return policies on many messages, for topics of which everything has been tried once; nothing if none has."""
+        """Return policies on many messages, for topics with everything tried once; nothing if there is none."""
         waiting = {item.topic for item in self._fresh}
         return self.stretches.next([topic for topic in self._free if topic not in waiting])
 
     def _vary(self) -> Variation | None:
-        """Return something that has not failed alone, to be tried otherwise; None if there happens to be none."""
+        """Return a variation of something that has not failed alone; None if this choice gave none."""
         one = self._random.choice(self._free[self._random.choice(list(self._free))])
         if one.elements and self._random.random() < _ELSEWHERE:
             (injection,) = one.injections
@@ -200,10 +199,10 @@ class Covering:
         return None if known else varied
 
     def _gather(self, waiting: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
-        """Return as many things as a trial is to have, each on messages that no other one takes.
+        """Return as many things as a trial should have, each on messages that no other one takes.
 
-        Where too few wait for other messages than those that are taken, what is varied further may fill the rest.
-        Those that are `placed` have their messages already.
+        If too few of the waiting things find free messages, further variations may fill the rest. Those that are
+        `placed` have their messages already.
         """
         taken: dict[str, list[tuple[int, int]]] = {}
         found: list[Placed] = []
@@ -231,7 +230,7 @@ class Covering:
         return tuple(sorted(found, key=self._position))
 
     def _take(self, placed: Placed, taken: dict[str, list[tuple[int, int]]]) -> bool:
-        """Mark the messages of a thing if all are there and free; return whether they are."""
+        """Mark the messages of a thing as taken if all exist and are free; return whether they do."""
         spans = [(first, first + placed.item.span) for first in placed.firsts]
         free = taken.setdefault(placed.item.topic, [])
         fits = all(placed.item.fits(first, len(self._positions[placed.item.topic])) for first in placed.firsts)
@@ -242,7 +241,7 @@ class Covering:
         return True
 
     def _place(self, item: Variation, taken: list[tuple[int, int]]) -> tuple[int, ...] | None:
-        """Return the first of free messages for a thing, as often as it happens, and mark them; None if too few are."""
+        """Return and mark the first free message of each occurrence of a thing; None if too few are free."""
         count = len(self._positions[item.topic])
         found: list[int] = []
         for first in [item.first] if item.first is not None else self._firsts(item, count - item.span):
@@ -260,7 +259,7 @@ class Covering:
         return None
 
     def _firsts(self, item: Variation, last: int) -> Iterator[int]:
-        """Yield numbers to try; those of a rare situation come before others, since chance seldom comes upon it."""
+        """Yield message numbers to try, those of a rare situation first, since chance seldom hits it."""
         if item.again and item.span == item.times == 1 and self._situations and self._random.random() < _WHILE:
             (situation,) = self._random.choices(self._situations, cum_weights=self._rarity)
             window = self._random.choice(situation.windows)
@@ -270,9 +269,9 @@ class Covering:
         yield from (self._random.choice(numbers) for _ in range(_TRIES * item.times))
 
     def _reached(self, group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
-        """Return what has changed a message whose turn came: a field may be missing, or have that value.
+        """Return the things that changed a message: its field may be missing, or have that value already.
 
-        Where the outcome does not tell, that is all whose place in the log is among the messages that were played.
+        If the outcome has no such counts, return all things whose messages were among those played.
         """
         counts = outcome.statistics.get("delivered")
         if counts is None:
@@ -293,7 +292,7 @@ class Covering:
                 self._fresh.append(item)
 
     def _remember(self, passed: Iterable[Variation]) -> None:
-        """Take in what is worth varying further."""
+        """Keep the things that are worth varying further."""
         for item in passed:
             if item.span == 1 and item.first is None and all(each.topic == item.topic for each in item.injections):
                 self._free.setdefault(item.topic, []).append(item)
@@ -305,13 +304,13 @@ class Covering:
                         self._values.setdefault(key, []).append(item)
 
     def _set_apart(self, about: str) -> None:
-        """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
+        """Postpone the other things about what failed, to be tried alone: most would make their groups fail, too."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:
-    """Return how many of the things that were tried failed alone, by what `name` calls them."""
+    """Return the share of tried things that failed alone, by the name that `name` gives them."""
     failed: dict[str, list[bool]] = {}
     for item, each in tried:
         failed.setdefault(name(item), []).append(each)

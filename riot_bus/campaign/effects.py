@@ -1,4 +1,4 @@
-"""What injections did: whether they reached messages, and changed outputs."""
+"""Effects of injections: whether they reached messages, and changed outputs."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ __all__ = ["Effects"]
 class Effects:
     """Counts over the injected trials of a campaign.
 
-    Trials of which it is not known what was delivered, such as those of other runners, are left out.
+    Trials without information on what was delivered, such as those of other runners, are left out.
 
     Attributes:
         injections: Injections of all trials.
-        undelivered: Those that changed no message that was played.
-        without_effect: Others of passing trials whose outputs were those of the nominal trials.
-        with_effect: Others of passing trials with outputs unlike those of all nominal trials.
-        untold: Others of passing trials: outputs differ among nominal trials too, or there are none.
-        failing: Others of failing trials.
+        undelivered: Injections that changed no message that was played.
+        without_effect: Delivered injections of passing trials whose outputs were those of the nominal trials.
+        with_effect: Delivered injections of passing trials with outputs unlike those of all nominal trials.
+        untold: Delivered injections of passing trials where outputs differ among nominal trials, too, or are missing.
+        failing: Delivered injections of failing trials.
     """
 
     injections: int = 0
@@ -53,7 +53,7 @@ class Effects:
 
 
 def _differs(outcome: Outcome, nominal: Sequence[Outcome]) -> bool | None:
-    """Return whether outputs (counts and payloads by topic) are unlike those of all nominal trials; None if untold."""
+    """Return whether outputs (counts and payloads by topic) are unlike those of all nominal trials; None if unknown."""
     shown = outcome.statistics.get("shown")
     usual = [each for one in nominal if one.verdict is Verdict.PASS and (each := one.statistics.get("shown"))]
     if shown is None or len(usual) < len(nominal) or not usual:

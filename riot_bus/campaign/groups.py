@@ -1,4 +1,4 @@
-"""Where the mutations of dictionaries apply in a log: to messages of their types, wherever such a one is nested."""
+"""Places in a log where mutations of dictionaries apply: messages of their types, at any nesting level."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Group:
     """A mutation at one place in the messages of a topic.
 
     Attributes:
-        base: Path of the message in them that is mutated; empty for the whole.
-        messages: How many messages of the topic there are.
-        most: How many of them may be mutated at once, so that arrays that grow fit into memory.
+        base: Path of the nested message that is mutated; empty for the whole message.
+        messages: Number of messages of the topic.
+        most: Largest number of them to mutate at once, so that growing arrays fit into memory.
     """
 
     topic: str
@@ -43,7 +43,7 @@ class Group:
     most: int
 
     def injections(self, first: int, last: int, *, seed: int) -> list[Injection]:
-        """Return what changes all fields in the messages `first` to `last` of the topic."""
+        """Return the injections that change all fields in the messages `first` to `last` of the topic."""
         return [
             Injection(self.topic, path, value, first=first, last=last, seed=seed)
             for path, value in self.mutation.at(self.base)
@@ -62,10 +62,10 @@ def groups_of(
 
     Args:
         messages: The nominal log.
-        registry: Knows the types.
-        dictionary: The mutations.
+        registry: Registry of the log's types.
+        dictionary: Dictionary with the mutations.
         leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
-        include: Patterns of brittle fields and of those of `opt_in` mutations that are asked for.
+        include: Patterns of brittle fields, and of fields of `opt_in` mutations, to include.
 
     Raises:
         ConfigError: A mutation of the user's names a field that its type does not have.
@@ -92,7 +92,7 @@ def groups_of(
 
 
 def parts_by_topic(messages: Sequence[Message], registry: TypeRegistry) -> dict[str, list[MessagePart]]:
-    """Return for each topic what messages of which types its messages are, and have in them."""
+    """Return for each topic its messages and the messages nested in them, each with path and type."""
     found: dict[str, list[MessagePart]] = {}
     for topic, (_, samples) in samples_by_topic(messages, registry).items():
         found[topic] = [part for kind, _ in _by_type(samples) for part in _parts(kind)]
@@ -147,7 +147,7 @@ def _length(kind: MessageType, payload: bytes, path: str) -> int:
 
 
 def _growth(mutation: Mutation, base: str, kind: MessageType, payloads: Sequence[bytes]) -> int | None:
-    """Return by how many bytes a mutation makes a message longer at most; None if it changes none of the samples."""
+    """Return the largest number of bytes that a mutation adds to a message; None if it changes none of the samples."""
     growth: int | None = None
     for payload in payloads:
         try:

@@ -1,4 +1,4 @@
-"""Failures that came after other test cases in the same process, and not with a process of their own."""
+"""Failures that occurred after other test cases in the same process, but not in a process of their own."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["AfterOthers", "add_history"]
 
 @dataclass(slots=True)
 class AfterOthers:
-    """A failure that may come from what the process had before.
+    """A failure that earlier test cases in the same process may have caused.
 
     Attributes:
         violation: What went wrong.
-        case: The test case that failed first.
-        before: Those that its process had got before, the first one first.
-        occurrences: Trials that failed so.
+        case: The test case that failed after the fewest others.
+        before: Test cases that its process ran before, in order.
+        occurrences: Number of trials that failed this way.
     """
 
     violation: Violation
@@ -35,13 +35,13 @@ class AfterOthers:
 def add_history(
     found: dict[str, AfterOthers], case: TestCase, outcome: Outcome, *, asked: Mapping[str, TestCase]
 ) -> None:
-    """Add what an outcome tells of its process's history, by signature; the shortest history is kept.
+    """Add the failures of an outcome that its process's history may have caused, each with its shortest history.
 
     Args:
-        found: What is known so far.
+        found: Failures so far, by signature.
         case: The test case.
         outcome: Its outcome.
-        asked: All cases so far, by digest. One that is not there was asked by somebody else; nothing is added then.
+        asked: All cases so far, by digest; if the history has others, nothing is added.
     """
     told = outcome.statistics.get("history")
     if told is None or any(digest not in asked for digest in told["before"]):

@@ -1,4 +1,4 @@
-"""What may be wrong with the form of messages: lengths, fields that are missing or of another type, old stamps."""
+"""Malformed messages: wrong lengths, fields that are missing or of another type, old stamps."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ __all__ = ["malformations"]
 
 _LATER_ELEMENT = re.compile(r"\[[1-9]\d*\]")
 _LONG = 1000
-"""A length that buffers are rarely made for, of elements that may be kilobytes each."""
+"""Added elements of a long array: more than most buffers hold, though each may have kilobytes."""
 _NULL = (("null", True),)
 _LIST, _MAP = (("empty", "list"),), (("empty", "map"),)
 _KEEP = (0.5, 0.0)
-"""Of one byte nothing is left in both cases."""
+"""Shares of a payload that are kept; of a single byte, nothing is left in both cases."""
 
 
 def malformations(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = (), include: Iterable[str] = ()
 ) -> list[Variation]:
-    """Return what may be wrong with the form of a log's messages, as things to try once.
+    """Return the ways to malform a log's messages, as things to try once.
 
-    Payloads are cut off. Arrays are empty, one shorter, one longer and long. Where no definition says which fields
-    there are, each is missing, null and of another type, lists and maps with all that is in them, too. All stamps of a
-    message are those of the topic's first message, or of its last one. Of an array's elements the first stands for all.
+    Payloads are cut off. Arrays are empty, one shorter, one longer and long. In formats without a definition of the
+    fields, each field, list and map is missing, null and of another type. All stamps of a message are those of the
+    topic's first message, or of its last one. Of an array's elements, only the first is changed.
 
     Args:
         messages: The log.
-        registry: Knows the types.
+        registry: Registry of the log's types.
         leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
-        include: Patterns of brittle fields that are asked for all the same.
+        include: Patterns of brittle fields to include.
     """
     leave, include = tuple(leave), tuple(include)
     found = []
@@ -103,7 +103,7 @@ def _of_field(topic: str, kind: MessageType, leaf: Leaf) -> Iterator[Injection]:
 
 
 def _of_container(topic: str, kind: OmitsFields, payload: bytes, path: str, *, array: bool) -> Iterator[Injection]:
-    """Yield what may be wrong with a list or a map of a payload as a whole."""
+    """Yield the ways to malform a list or a map of a payload as a whole."""
     try:
         kind.omit(payload, path)
     except PayloadError:  # an element of a list cannot be left out
@@ -115,7 +115,7 @@ def _of_container(topic: str, kind: OmitsFields, payload: bytes, path: str, *, a
 
 
 def _outer(path: str) -> Iterator[str]:
-    """Yield the paths of the lists and maps that a field is in; of a list's length, the list is the last."""
+    """Yield the paths of the lists and maps that contain a field; for a list's length, the list itself is the last."""
     field, name = parse_path(path), ""
     for step in field.steps if field.length else field.steps[:-1]:
         name = f"{name}[{step}]" if isinstance(step, int) else member_path(name, step)

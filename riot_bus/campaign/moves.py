@@ -1,4 +1,4 @@
-"""Single messages that come later or earlier than in the log: behind a certain other one, by the log's own times."""
+"""Single messages that come later or earlier than in the log: right after a chosen other one, by the log's times."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
 __all__ = ["Moves", "moves_of"]
 
 _LATE = 10
-"""Messages of its topic that a late message comes behind."""
+"""Number of later messages of its topic after which a late message comes."""
 _OTHERS = 16
-"""Topics that an early message comes before, those with few messages first: of the others the next one follows soon."""
+"""Most topics that an early message precedes, those with few messages first: on others, the next one follows soon."""
 _MARGIN_NS = 50_000_000
-"""Time at most by which a message comes behind another one, so that a live system sees that order, too."""
+"""Largest time by which a message comes after another one, so that a live system sees that order, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """One way in which the messages of a topic may come elsewhere.
+    """One way to move messages of a topic.
 
     Attributes:
         topic: The topic.
-        way: How many messages of its topic each comes behind; 0 for the first one of another topic; -1 if it comes
-            before the last message that each other topic had until then.
+        way: Number of later messages of its topic that each comes after; 0 if it comes after the next message of
+            another topic; -1 if it comes before the last message that each other topic had until then.
         times: Times of all messages of the log, nanoseconds, ascending.
         positions: For each topic the positions of its messages in the log, ascending.
-        numbers: Numbers within the topic of those messages that can come so.
+        numbers: Numbers within the topic of the messages that can be moved this way.
         others: Topics whose messages may be delayed so that one of this topic is early.
     """
 
@@ -43,7 +43,7 @@ class Moves:
     others: Sequence[str] = ()
 
     def injections(self, number: int) -> tuple[Injection, ...]:
-        """Return what makes the topic's message of this number come so; nothing if it cannot."""
+        """Return the injections that move the topic's message of this number; nothing if it cannot be moved."""
         if number not in self.numbers:
             return ()
         own = self.positions[self.topic]
@@ -55,14 +55,14 @@ class Moves:
         return (self._delayed(self.topic, number, behind),)
 
     def _next_other(self, number: int) -> int:
-        """Return the position of the first message of another topic behind one that has such."""
+        """Return the position of the next message of another topic, which must exist."""
         own, position = self.positions[self.topic], self.positions[self.topic][number]
         while number < len(own) and own[number] == position:
             number, position = number + 1, position + 1
         return position
 
     def _delayed(self, topic: str, number: int, behind: int) -> Injection:
-        """Return what makes a message come right behind the one at a position of the log."""
+        """Return the injection that delays a message until right after the one at a position of the log."""
         time = self.times[behind]
         room = self.times[behind + 1] - time if behind + 1 < len(self.times) else 2 * _MARGIN_NS
         due = time + max(1, min(_MARGIN_NS, room // 2))
@@ -73,10 +73,10 @@ class Moves:
 def moves_of(
     topic: str, times: Sequence[int], positions: Mapping[str, Sequence[int]], *, still: Container[str] = ()
 ) -> list[Moves]:
-    """Return how a message of a topic may come elsewhere; what none of them can is left out.
+    """Return the ways to move messages of a topic that are possible for at least one of them.
 
-    One comes behind the next of its topic, behind a later one, behind the first one of another topic, or before the
-    last one of each other topic.
+    A message comes after the next one of its topic, after a later one, after the next one of another topic, or before
+    the last one of each other topic.
 
     Args:
         topic: The topic.

@@ -1,8 +1,8 @@
-"""What brought out behaviour that no trial before had shown: told apart from the rest of its trial, and built upon.
+"""Causes of behaviour that no earlier trial has shown: isolated from the rest of their trial, and built upon.
 
-A fault may need several steps, each of which shows: a message switches the unit into another mode, another one does
-harm in it. So where a passing trial shows something new, parts of its group are tried until it is known which things it
-comes of, and these happen in many trials from then on, with others around them.
+A fault may need several steps that each show: one message switches the unit into another mode, and another one does
+harm in that mode. So if a passing trial shows something new, parts of its group are tried until the things that cause
+it are known; from then on these are part of many trials, with other things around them.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 __all__ = ["Novelties"]
 
 _MOST = 16
-"""New things that are pursued: a unit that shows something new each time would have no end of them."""
+"""Most novelties that are pursued: a unit that shows something new each time would give an endless number."""
 _MOST_VALUES = 24
-"""Of what has more, such as a field that shows what an input had, nothing is new any more."""
+"""Values of one name after which further ones, such as of a field that repeats an input, are not new."""
 _STEPS, _TOGETHER = 60, 8
-"""Trials until it is known which things new behaviour comes of, and how many these may be."""
+"""Most trials to find the things that cause new behaviour, and most things that may cause it together."""
 _TIMES = 8
-"""How often a single one happens in a trial at most when it is built upon: each time something may follow it."""
+"""Most times that a single thing occurs in a trial that builds upon it: something may follow each time."""
 
 _Shown = frozenset[tuple[str, str]]
 _Group = tuple["Placed", ...]
@@ -39,12 +39,12 @@ _Group = tuple["Placed", ...]
 
 @dataclass(eq=False)
 class _Pursuit:
-    """The search for what behaviour comes of.
+    """The search for the cause of new behaviour.
 
     Attributes:
-        shown: The behaviour; a part shows it if it shows some of it.
-        parts: Yields parts to try, and is sent whether they show it.
-        part: The one to try now.
+        shown: The new behaviour; a part shows it if it shows some of it.
+        parts: Generator of parts to try, to which is sent whether they show it.
+        part: The part to try now.
     """
 
     shown: _Shown
@@ -54,13 +54,13 @@ class _Pursuit:
 
 
 class Novelties:
-    """Chooses what to try because of what trials have shown. Equal answers in equal order give equal choices.
+    """Choice of things to try because of new behaviour; equal outcomes in equal order give equal choices.
 
     Args:
         seed: Seed of the choices.
 
     Attributes:
-        kept: Things that something new came of, those that it came of together on the same messages as then.
+        kept: Groups of things that caused new behaviour, those of several things on the same messages as then.
     """
 
     def __init__(self, *, seed: int) -> None:
@@ -72,12 +72,12 @@ class Novelties:
         self.kept: list[_Group] = []
 
     def know(self, outcomes: Iterable[Outcome]) -> None:
-        """Take in what nominal trials show."""
+        """Record the behaviour of nominal trials."""
         for outcome in outcomes:
             self._new(outcome)
 
     def learn(self, group: Sequence[Placed], outcome: Outcome) -> None:
-        """Take in a passing trial of things that were tried together."""
+        """Record a passing trial of things that were tried together."""
         new = self._new(outcome)
         if new and group and self._pursued < _MOST:
             self._pursued += 1
@@ -86,14 +86,14 @@ class Novelties:
 
     def next(self) -> _Group:
         """Return a part of a group, to see whether it shows what the whole one did; nothing if there is none."""
-        if not self._waiting or self._waiting[0].part in self._tried:  # the same may be asked for two reasons
+        if not self._waiting or self._waiting[0].part in self._tried:  # two pursuits may need the same part
             return ()
         pursuit = self._waiting.popleft()
         self._tried[pursuit.part] = pursuit
         return pursuit.part
 
     def take(self, group: _Group, outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Take in the outcome of a part."""
+        """Record the outcome of a part."""
         del nominal_outputs
         passed = outcome.verdict is Verdict.PASS
         self._go_on(pursuit := self._tried.pop(group), passed and bool(pursuit.shown & _shown(outcome)))
@@ -101,7 +101,7 @@ class Novelties:
             self._new(outcome)
 
     def seeds(self) -> tuple[list[Variation], _Group]:
-        """Return what to build upon in a trial: a thing on any messages, or some on these; nothing if there is none."""
+        """Return things to build upon in a trial: one on any messages, or several on fixed ones; nothing if none."""
         if not self.kept:
             return [], ()
         group = self._random.choice(self.kept)
@@ -121,7 +121,7 @@ class Novelties:
             self._waiting.append(pursuit)
 
     def _new(self, outcome: Outcome) -> _Shown:
-        """Return what of an outcome is new, and remember it."""
+        """Return the new behaviour of an outcome, and remember it."""
         new = set()
         for name, value in _shown(outcome):
             known = self._known.setdefault(name, set())
@@ -133,7 +133,7 @@ class Novelties:
 
 
 def _minimal(group: _Group) -> Generator[_Group, bool, _Group]:
-    """Yield parts of a group, be sent whether they show what it does, and return the last that did (ddmin, Zeller)."""
+    """Yield parts of a group, receive whether they show its behaviour, return the last that did (ddmin, Zeller)."""
     pieces = 2
     while len(group) > 1:
         bounds = [len(group) * number // pieces for number in range(pieces + 1)]

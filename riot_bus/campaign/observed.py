@@ -1,4 +1,4 @@
-"""Values that the nominal log makes worth trying: limits, what is just beyond them, and what other fields hold."""
+"""Values that the nominal log suggests: limits, values just beyond them, and values of other fields."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
 __all__ = ["with_observed"]
 
 _SAMPLES = 200
-"""Messages of a topic that are looked at: enough for limits, and a second at most for large messages."""
+"""Messages of a topic that are read: enough for limits, and a second at most for large messages."""
 _WORDS = _OTHERS = 4
-"""Texts that a field holds itself, and values of other fields of its message, that are tried."""
+"""Number of texts of the field itself, and of values of other fields of its message, that are tried."""
 _LONG = 4096
-"""Longer texts are not tried elsewhere: each test case would hold them."""
+"""Texts of this length or longer are not tried elsewhere: each test case would hold them."""
 
 
 def with_observed(
     targets: Mapping[str, Sequence[Target]], messages: Sequence[Message], registry: TypeRegistry
 ) -> dict[str, list[Target]]:
-    """Return the targets with what the log tells of their values added to what their definitions tell.
+    """Return the targets with the values that the log suggests added to those from their definitions.
 
     Args:
-        targets: From `targets_of`.
+        targets: Targets by topic, from `targets_of`.
         messages: The nominal log.
-        registry: Knows the types.
+        registry: Registry of the log's types.
     """
     found = {}
     for topic, (_, samples) in samples_by_topic(messages, registry, most=_SAMPLES).items():

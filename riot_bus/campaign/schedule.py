@@ -1,4 +1,4 @@
-"""What a campaign tries: injection policies drawn from dictionaries (RIOT II-A; ASTAA's test cases).
+"""Schedule of a campaign: injection policies drawn from dictionaries (RIOT II-A; ASTAA's test cases).
 
 "For all messages of type A on channel X between t_i and t_j, set field f to value v." Trial number and seed alone
 decide the draw, so campaigns resume and repeat.
@@ -32,19 +32,19 @@ _FIELDS = (1, 1, 2, 3)
 _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
 _SOME, _BURST = 0.25, 20
-"""Share of a topic's messages that is missing at the begin; copies of a burst."""
+"""Share of a topic's messages that is missing at the start; number of copies in a burst."""
 _MOST_BYTES = 1 << 26
-"""What long values may make messages longer by in a trial, all together."""
+"""Most bytes that long values may add to all messages of a trial."""
 
 
 class Schedule:
-    """Draws the injections of trial 0, 1, 2, ...
+    """Random choice of the injections of trial 0, 1, 2, ...
 
     Args:
-        targets: Fields by topic, from `targets_of`; the elements of an array weigh as much as one field together.
-        dictionary: Exceptional values.
+        targets: Fields by topic, from `targets_of`; all elements of an array together weigh as much as one field.
+        dictionary: Dictionary of exceptional values.
         seed: Seed of the campaign.
-        groups: Mutations by topic and family, from `groups_of`; all of a family weigh as much as another one's.
+        groups: Mutations by topic and family, from `groups_of`; each family has the same weight.
 
     Attributes:
         types: Types of the fields, by topic and path.
@@ -81,7 +81,7 @@ class Schedule:
     def injections(self, trial: int) -> tuple[Injection, ...]:
         """Return the injections of one trial: a few policies, each on one topic, some fields, a stretch of the log.
 
-        Several policies per trial find more per trial; minimisation tells later which of them mattered.
+        Several policies find more per trial; minimisation later shows which of them mattered.
         """
         draw = random.Random(f"{self._seed}:{trial}")  # noqa: S311
         policies = draw.choice(_POLICIES)
@@ -90,7 +90,7 @@ class Schedule:
     def items(self) -> list[Variation]:
         """Return each value of each field, and each mutation, as things to try once.
 
-        Of an array's elements a value is tried in any one.
+        In an array, each value is tried in one element.
         """
         draw = random.Random(f"elements:{self._seed}")  # noqa: S311
         found = []
@@ -154,14 +154,14 @@ def _stretch(draw: random.Random, messages: int, most: int | None = None) -> tup
 def message_faults(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = ()
 ) -> list[Variation]:
-    """Return what may happen to whole messages of a log, as things to try once on each topic.
+    """Return faults of whole messages of a log, as things to try once on each topic.
 
-    Single ones and a few in a row are dropped, those at the begin are missing; one comes twice, or in a burst; one
-    comes later or earlier (`moves_of`).
+    Single messages and a few in a row are dropped, those at the start are missing; a message comes twice, or in a
+    burst, or later or earlier (`moves_of`).
 
     Args:
         messages: The log.
-        registry: Names topics.
+        registry: Registry that names topics.
         leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
     """
     patterns = tuple(leave)

@@ -1,4 +1,4 @@
-"""Situations of a log: while a field that has few values, such as a mode, has one of them."""
+"""Situations of a log: the times while a field with few values, such as a mode, has one of them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 __all__ = ["Situation", "Window", "numbers_within", "situations_of"]
 
 _SAMPLES = 400
-"""Messages of a topic that are looked at, evenly: a second at most for large ones; shorter situations are missed."""
+"""Messages of a topic that are read, evenly spaced: a second at most for large ones; short situations are missed."""
 
 
 class Window(NamedTuple):
-    """A stretch of a log: positions of its first message and of the first one behind it; seconds since it began."""
+    """A stretch of a log: positions of its first message and of the first one after it; seconds since its log began."""
 
     first: int
     behind: int
@@ -36,12 +36,12 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """While a field has a value, as the last message of its topic tells.
+    """The time while a field has a value, by the last message of its topic.
 
     Attributes:
         topic: Topic of the field.
-        path: The field.
-        windows: Stretches of the log in which it has it.
+        path: Path of the field.
+        windows: Stretches of the log in which it has the value.
         where: Predicate for messages of the topic itself; empty if there is none.
     """
 
@@ -52,14 +52,13 @@ class Situation:
 
 
 def situations_of(messages: Sequence[Message], registry: TypeRegistry) -> list[Situation]:
-    """Return the situations of a log: one for each value of each field that has few of them.
+    """Return the situations of a log: one for each value of each field with few values.
 
-    Truth values, integers and short texts count; stamps, numbers of messages and the like, and elements of arrays do
-    not.
+    Truth values, integers and short texts count; stamps, message numbers and the like, and elements of arrays do not.
 
     Args:
         messages: The log.
-        registry: Knows its types.
+        registry: Registry of its types.
     """
     found: list[Situation] = []
     for topic, positions in sorted(positions_of(messages, registry).items()):
@@ -95,7 +94,7 @@ def _of_field(
 
 
 def _seconds(messages: Sequence[Message], position: int) -> float:
-    """Return the time of a message, in whole microseconds, so that a window that begins there holds it."""
+    """Return the time of a message, rounded down to microseconds, so that a window from there contains it."""
     return math.floor((messages[position].time - messages[0].time) / 1e3) / 1e6
 
 

@@ -1,6 +1,6 @@
-"""The store of trials: what was asked once is never executed again, and a run that was cut off resumes.
+"""The store of trials: a trial is never executed twice, and an interrupted run resumes.
 
-Every step of the chain is a deterministic algorithm over the answers to its questions. So re-executing a step over
+Every step of the chain is a deterministic algorithm over the outcomes of its trials. So re-executing a step over
 this store *is* resuming it, and re-executing a finished step costs nothing.
 """
 
@@ -35,11 +35,11 @@ _OUTCOME: TypeAdapter[Outcome] = TypeAdapter(Outcome)
 _ATTEMPTS = 3
 _OLDER = "trials.jsonl"
 _WAIT_S = 60.0
-"""Somebody who copies or reads the file holds it for much shorter; a campaign should not end for that."""
+"""Time to wait for a lock on the file: copying or reading it takes much less, and should not end a campaign."""
 
 _SETTINGS = (
     "PRAGMA journal_mode = WAL",
-    "PRAGMA synchronous = NORMAL",  # the end of a process loses nothing; that of the machine perhaps the last trials
+    "PRAGMA synchronous = NORMAL",  # a process crash loses nothing; a machine crash perhaps the last trials
 )
 _TABLES = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'trials'"
 _CREATE = (
@@ -53,16 +53,16 @@ _PUT = "INSERT OR REPLACE INTO trials VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
 
 
 class TrialStore:
-    """Outcomes by test case, in one SQLite file that others may read meanwhile, by `stored_trials`.
+    """Outcomes by test case, in one SQLite file that others may read at the same time, by `stored_trials`.
 
-    The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an end at any moment leaves all
-    of it or nothing. Where there is no file yet, outcomes of an older `trials.jsonl` in the same folder are taken over.
+    The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an interruption leaves all of
+    it or nothing. A new file takes over the outcomes of an older `trials.jsonl` in the same folder.
 
     Args:
-        path: The file; made if there is none.
+        path: Path of the file, which is created if it does not exist.
 
     Raises:
-        EnvironmentFaultError: It is no such file, or somebody holds it for a minute.
+        EnvironmentFaultError: The file is not such a store, or is locked for a minute.
     """
 
     NAME = "trials.sqlite"
@@ -86,16 +86,16 @@ class TrialStore:
         return int(count)
 
     def get(self, key: str) -> Outcome | None:
-        """Return the outcome of an earlier trial, None if there was none or what is stored is no outcome."""
+        """Return the outcome of an earlier trial; None if there is none or it is not valid."""
         with self._lock, _told(self.path):
             row = self._database.execute("SELECT outcome FROM trials WHERE key = ?", (key,)).fetchone()
         return None if row is None else _outcome(row[0])
 
     def put(self, key: str, outcome: Outcome, case: TestCase | None = None) -> None:
-        """Keep an outcome, in the file before this returns; a disk that is full takes no half of it.
+        """Write an outcome to the file before returning; a full disk leaves no partial outcome.
 
         Args:
-            key: Identifies the test case and all else that decides its outcome.
+            key: Key of the test case and of all else that decides its outcome.
             outcome: The outcome.
             case: The test case; `tried` returns it if it has injections.
 
@@ -108,10 +108,10 @@ class TrialStore:
     def tried(
         self, scope: Mapping[str, object], log: Sequence[Message]
     ) -> Iterator[tuple[list[dict[str, Any]], int, Outcome]]:
-        """Yield what was injected into a log (the rows of the injections, and the seed), and the outcome.
+        """Yield the rows of the injections, the seed and the outcome of each injected trial of a log.
 
         Args:
-            scope: That of the `StoredRunner` that has asked.
+            scope: Scope of the `StoredRunner` of the trials.
             log: The log.
         """
         begin, wanted = f"{_text(scope)}|", _identity(log)
@@ -123,7 +123,7 @@ class TrialStore:
                 yield case["injections"], case["seed"], outcome
 
     def keep_only(self, part: str) -> int:
-        """Forget all trials whose keys do not hold a text; return how many these were, and give their room back."""
+        """Delete all trials whose keys do not contain a text, free their space, and return their number."""
         with self._lock, _told(self.path):
             count = self._database.execute("DELETE FROM trials WHERE instr(key, ?) = 0", (part,)).rowcount
             if count:
@@ -135,25 +135,25 @@ class TrialStore:
         self._database.close()
 
     def _begin(self, older: Path) -> None:
-        """Make the table, with the outcomes of an older store, or nothing if that is ended halfway."""
+        """Create the table, with the outcomes of an older store, or nothing if this is interrupted."""
         self._database.execute("BEGIN IMMEDIATE")
         with self._database:
-            if not self._database.execute(_TABLES).fetchone():  # nobody else has made it meanwhile
+            if not self._database.execute(_TABLES).fetchone():  # no other process has made it meanwhile
                 self._database.execute(_CREATE)
                 if older.is_file():
                     self._database.executemany(_PUT, _rows_of(older))
 
 
 def stored_trials(path: Path) -> list[dict[str, object]]:
-    """Return one row per trial of a store in the order in which they ended, without what was observed in it.
+    """Return one row per trial of a store, without observations, in the order in which the trials ended.
 
     Nothing is written. A trial that is executed again gets a new number.
 
     Args:
-        path: The file; if there is none or it is empty, there are no rows.
+        path: Path of the store; if it does not exist or is empty, there are no rows.
 
     Raises:
-        EnvironmentFaultError: It is no such file.
+        EnvironmentFaultError: The file is not such a store.
     """
     if not path.is_file():
         return []
@@ -170,7 +170,7 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Say what is wrong with the file as the rest of riot does."""
+    """Turn errors of SQLite into those that the rest of riot uses."""
     try:
         yield
     except sqlite3.Error as error:
@@ -191,7 +191,7 @@ def _injected(case: TestCase) -> str:
 
 
 def _identity(log: Sequence[Message]) -> list[object]:
-    """Return what tells one log of a campaign from others: their first and last messages and how many there are."""
+    """Return what identifies a log of a campaign: its first and last message and its number of messages."""
     return [len(log), *(log[place].digest().hex() for place in (0, -1) if log)]
 
 
@@ -210,7 +210,7 @@ def _outcome(text: str) -> Outcome | None:
 
 
 def _rows_of(path: Path) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of a store of before, whose lines are JSON; what a kill cut off or is no outcome is left out."""
+    """Yield the rows of an older store, whose lines are JSON; truncated lines and invalid outcomes are left out."""
     with path.open("rb") as stream:
         for line in stream:
             try:
@@ -226,15 +226,15 @@ class _RunsEach(Protocol):
 
 
 class StoredRunner:
-    """A `Runner` that asks the store first.
+    """A `Runner` that looks into the store first.
 
     Args:
-        runner: Executes what the store does not know.
-        store: Where outcomes are kept.
+        runner: Runner of trials that are not in the store.
+        store: Store of outcomes.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Called after each outcome.
         unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.
-        until: Returns when nothing more is executed, by the monotonic clock; None for never.
+        until: Function that returns the time of the monotonic clock at which execution ends; None for never.
     """
 
     def __init__(
@@ -266,7 +266,7 @@ class StoredRunner:
 
         Raises:
             EnvironmentFaultError: A trial could not be carried out, several times over.
-            OutOfTimeError: There are new ones, and the time is over.
+            OutOfTimeError: There are new cases, and the time is over.
         """
         keys = [f"{self._scope}|{case.digest()}" for case in cases]
         stored = {key: self._store.get(key) for key in keys}
@@ -290,7 +290,7 @@ class StoredRunner:
         return outcomes
 
     def _executed(self, pending: Mapping[str, TestCase]) -> Iterator[tuple[str, Outcome]]:
-        """Execute trials and yield their outcomes; where time is limited, only as many at once as run at once."""
+        """Execute trials and yield their outcomes; if time is limited, in batches that run in parallel."""
         left = dict(pending)
         while left:
             until = self._until()
@@ -304,7 +304,7 @@ class StoredRunner:
         return outcome.judged or (self._unjudged and outcome.verdict is Verdict.UNJUDGED)
 
     def _execute(self, cases: Mapping[str, TestCase]) -> Sequence[Outcome]:
-        """Execute trials; each is kept as it ends, where it ends if a runner tells so: an interruption loses none."""
+        """Execute trials; if the runner reports the end of each, it is stored at once, so interruptions lose none."""
         keys = list(cases)
 
         def ended(number: int, outcome: Outcome) -> None:

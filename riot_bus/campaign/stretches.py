@@ -1,8 +1,8 @@
-"""Chooses policies on many messages: in windows, while a predicate holds, or on a share of them.
+"""Choice of policies on many messages: in windows, while a predicate holds, or on a share of them.
 
-What single messages have not brought about may come of many: a state that wears out, a loss that is not made up for.
-What is tried so has passed on a single message; one policy for each topic is tried in a trial, and where it fails, its
-halves are, until it is known which of them fails alone.
+Many messages may cause failures that single ones do not, such as by accumulated state or losses. Things that are tried
+this way have passed on a single message. A trial has one policy for each topic; if it fails, its halves are tried,
+until it is known which policy fails alone.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 __all__ = ["Stretches"]
 
 _LEAST = 4
-"""Messages in a row that are a stretch: `Covering` tries three."""
+"""Fewest messages in a row that are a stretch: `Covering` tries three."""
 _FAULTS = 0.2
-"""Share of faults of whole messages, which are few beside values."""
+"""Share of faults of whole messages, of which there are fewer than values."""
 _BOTH = 0.25
 """Share of policies that set two fields."""
 _ENOUGH = 3
-"""Policies about one thing that fail alone before no more are tried."""
+"""Policies about one thing that fail alone after which no more are tried."""
 _SHARES = (0.1, 0.3, 0.5)
 _MISSES = 4
 
 
 class Stretches:
-    """Chooses policies on many messages. Equal answers in equal order give equal choices.
+    """Choice of policies on many messages; equal outcomes in equal order give equal choices.
 
     Args:
         positions: For each topic the positions of its messages in the log, ascending.
-        situations: When fields have which of their few values.
+        situations: Situations of the log: times when a field has one of its few values.
         seed: Seed of the choices.
     """
 
@@ -58,7 +58,7 @@ class Stretches:
         self._failed: Counter[str] = Counter()
 
     def add(self, item: Variation) -> None:
-        """Take in what has passed on a single message, any one of its topic."""
+        """Add a thing that has passed on a single message of its topic."""
         if len(self._positions[item.topic]) < _LEAST:
             return
         if item.injections[0].field is None:
@@ -67,7 +67,7 @@ class Stretches:
             self._values.setdefault(item.topic, {}).setdefault(item.about, []).append(item)
 
     def next(self, topics: Sequence[str]) -> tuple[Placed, ...]:
-        """Return what to try together, at most one policy for each of these topics; it may be nothing."""
+        """Return policies to try together, at most one for each of these topics, or none at all."""
         if self._halves:
             return self._halves.popleft()
         known = [topic for topic in topics if topic in self._values or topic in self._faults]
@@ -75,7 +75,7 @@ class Stretches:
         return tuple(sorted(found, key=lambda placed: self._positions[placed.item.topic][placed.firsts[0]]))
 
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Take in the outcome of a trial of a group, as `Covering.take` does; outputs do not matter here."""
+        """Record the outcome of a trial of a group, as `Covering.take` does; outputs do not matter here."""
         del nominal_outputs
         if outcome.verdict is Verdict.PASS:
             return
@@ -97,7 +97,7 @@ class Stretches:
         return None
 
     def _item(self, topic: str) -> Variation:
-        """Return what to do to the messages: any field weighs as much as another one, whatever values it has."""
+        """Return a change to the messages; all fields have the same weight, however many values they have."""
         values, faults = self._values.get(topic, {}), self._faults.get(topic, ())
         if faults and (not values or self._random.random() < _FAULTS):
             return self._random.choice(faults)
@@ -109,13 +109,13 @@ class Stretches:
         return replace(one, injections=(*one.injections, *other.injections), about=about, most=most)
 
     def _row(self, item: Variation, most: int) -> Placed:
-        """Return it on messages in a row: a window of numbers."""
+        """Return the change on messages in a row: a window of numbers."""
         length = round(math.exp(self._random.uniform(math.log(_LEAST), math.log(most))))
         first = self._random.randint(0, len(self._positions[item.topic]) - length)
         return Placed(replace(item, span=length), (first,))
 
     def _while(self, item: Variation, most: int) -> Placed | None:
-        """Return it in a situation: by a predicate that tells, else in a window of time."""
+        """Return the change in a situation: by a predicate if there is one, else in a window of time."""
         if not self._situations:
             return None
         situation = self._random.choice(self._situations)
@@ -133,7 +133,7 @@ class Stretches:
         return Placed(replace(item, injections=changes, span=len(numbers)), (numbers.start,))
 
     def _share(self, item: Variation, most: int) -> Placed:
-        """Return it on a share of messages in a row, by chance."""
+        """Return the change on a random share of messages in a row."""
         share, seed = self._random.choice(_SHARES), self._random.randrange(1 << 31)
         changes = tuple(replace(each, probability=share, seed=seed) for each in item.injections)
         return self._row(replace(item, injections=changes), most)

@@ -1,4 +1,4 @@
-"""What of a log may be changed: its fields, less those that are better left alone or that the user excludes."""
+"""Fields of a log that may be changed: all but brittle ones and those that the user excludes."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ __all__ = ["ELEMENTS", "Target", "family_of", "may_change", "samples_by_topic", 
 
 _SAMPLES = 5
 ELEMENTS = 4
-"""Elements of each array that are targets of their own."""
+"""Number of elements of each array that are targets of their own."""
 _PLACES = 64
-"""Elements of an array, or of arrays in arrays, that injections may get to: more make a campaign slow to prepare."""
+"""Elements of an array, or of nested arrays, that injections may reach: more make a campaign slow to prepare."""
 _INDEX = re.compile(r"\[(\d+)\]")
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One field that may be injected, and how many messages carry it.
+    """One field that may be injected, and the number of messages of its topic.
 
     Attributes:
-        told: Values that its definition tells.
-        elements: Paths of elements all over its array; none where it is in no array.
+        told: Values that its definition suggests.
+        elements: Paths of elements all over its array; empty if it is in no array.
     """
 
     topic: str
@@ -58,9 +58,9 @@ def targets_of(
 
     Args:
         messages: The nominal log.
-        registry: Knows the types.
+        registry: Registry of the log's types.
         leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
-        include: Patterns of brittle fields (stamps, sequence numbers, frame ids) that are asked for all the same.
+        include: Patterns of brittle fields (stamps, sequence numbers, frame ids) to include.
     """
     leave, include = tuple(leave), tuple(include)
     targets: dict[str, list[Target]] = {}
@@ -100,32 +100,32 @@ def targets_of(
 
 
 def family_of(path: str) -> str:
-    """Return a path with `[*]` for each index: what the elements of an array have in common."""
+    """Return a path with `[*]` for each index, which all elements of an array share."""
     return _INDEX.sub("[*]", path)
 
 
 def spread(length: int, most: int) -> list[int]:
-    """Return `most` indices of an array at most, evenly from the first to the last."""
+    """Return at most `most` indices of an array, evenly spaced from the first to the last."""
     if length <= most:
         return list(range(length))
     return [round(number * (length - 1) / (most - 1)) for number in range(most)]
 
 
 def _elements(kind: MessageType, payload: bytes, path: str, lengths: dict[str, int]) -> list[str]:
-    """Return paths that go evenly over the arrays of a path; none where it leads through none.
+    """Return paths of elements evenly spaced over the arrays of a path; none if it has no array.
 
     Args:
         kind: Type of the payload.
-        payload: A message.
-        path: A path.
-        lengths: Lengths of arrays that are known, to which others are added.
+        payload: Payload of a message.
+        path: Path of a field.
+        lengths: Known lengths of arrays, to which others are added.
     """
     arrays = [path[: each.start()] for each in _INDEX.finditer(path)]
     if not arrays:
         return []
     try:
         lengths |= {each: int(kind.read(payload, f"len({each})")) for each in arrays if each not in lengths}
-    except PayloadError:  # what looks like an index is part of a quoted name
+    except PayloadError:  # the apparent index is part of a quoted name
         return []
     most = max(2, round(_PLACES ** (1 / len(arrays))))
     return [_at(path, each) for each in product(*(spread(lengths[array], most) for array in arrays))]
@@ -139,7 +139,7 @@ def _at(path: str, indices: Iterable[int]) -> str:
 def samples_by_topic(
     messages: Sequence[Message], registry: TypeRegistry, *, most: int = _SAMPLES
 ) -> dict[str, tuple[int, list[tuple[MessageType, bytes]]]]:
-    """Return for each topic, sorted, how many messages it has, and types and payloads of about `most` of them."""
+    """Return for each topic, sorted, its number of messages, and types and payloads of about `most` of them."""
     by_topic: dict[str, list[Message]] = {}
     for message in messages:
         if message.kind == "put":
@@ -167,12 +167,12 @@ def may_change(
     """Return whether a field may be injected.
 
     Args:
-        topic: Its topic.
-        path: Its path.
+        topic: Topic of the field.
+        path: Path of the field.
         leave: Patterns of fields to leave alone.
-        include: Patterns of fields that are asked for.
+        include: Patterns of fields to include.
         kind: Type of its messages.
-        asked: Whether it has to be asked for, brittle or not.
+        asked: Whether it must be in `include`, brittle or not.
     """
     if _listed(leave, topic, path):
         return False
@@ -180,5 +180,5 @@ def may_change(
 
 
 def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
-    names = [path, path[4:-1]] if path.startswith("len(") else [path]  # whoever names an array means its length too
+    names = [path, path[4:-1]] if path.startswith("len(") else [path]  # naming an array includes its length
     return any(names_field(pattern, f"{topic}:{name}") for pattern in patterns for name in names)

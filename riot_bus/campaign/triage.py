@@ -24,7 +24,7 @@ _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abo
 _MOST_DETAILS = 5
 _MOST_OTHERS = 8
 _MINED_ALARMS = 0.01
-"""Rules that are mined from nominal trials may fire by chance in so many of them (docs/verdicts.md)."""
+"""Share of nominal trials in which mined rules may fire by chance (docs/verdicts.md)."""
 
 
 @dataclass(slots=True)
@@ -32,15 +32,15 @@ class Failure:
     """All failures of one signature so far.
 
     Attributes:
-        case: The simplest one that was repeated, else the simplest one.
-        trial: Its number.
-        outcome: Its outcome.
-        occurrences: Trials of the campaign that failed so.
-        rate: How often fresh trials of the case failed so; None while there were none.
-        nominal: How often trials of the nominal log failed so.
-        details: What was told of them, each once.
-        simpler: A simpler case that failed so later, its trial and outcome.
-        others: Some other cases that failed so.
+        case: The simplest case that was repeated, or the simplest one if none was.
+        trial: Number of its trial.
+        outcome: Outcome of that trial.
+        occurrences: Number of trials of the campaign that failed this way.
+        rate: Rate of this failure in fresh trials of the case; None while there were none.
+        nominal: Rate of this failure in trials of the nominal log.
+        details: Details of the failures, each once.
+        simpler: A simpler case that failed this way later, with its trial and outcome.
+        others: Some other cases that failed this way.
         types: Types of the fields that injections change.
     """
 
@@ -61,7 +61,7 @@ class Failure:
 
     @property
     def confirmed(self) -> bool:
-        """Whether fresh trials have failed so again; by a mined rule, more often than it may fire by chance."""
+        """Whether fresh trials have failed this way again; for a mined rule, more often than by chance."""
         if self.rate is None or not self.rate.hits:
             return False
         return self.violation.monitor != "mined" or self.rate.low > _MINED_ALARMS
@@ -77,7 +77,7 @@ class Failure:
         return int(self.outcome.statistics.get("played", 0))
 
     def take(self, case: TestCase, trial: int, outcome: Outcome) -> None:
-        """Let another case stand for the failure."""
+        """Make another case represent the failure."""
         self.case, self.trial, self.outcome, self.modified = case, trial, outcome, _modified(case, outcome)
 
 
@@ -86,13 +86,13 @@ def _modified(case: TestCase, outcome: Outcome) -> int:
 
 
 def complexity(injections: Iterable[Injection], modified: int, types: Types) -> tuple[int, int]:
-    """Return how hard a case is to explain, the simplest first.
+    """Return how hard a case is to explain, as a key that sorts the simplest case first.
 
-    A rule speaks of values that fields have; what is no number has no limits, and a payload that is cut off no fields.
+    A rule is about values of fields; values that are no numbers have no limits, and truncated payloads have no fields.
 
     Args:
-        injections: Those of the case.
-        modified: How many messages they changed.
+        injections: Injections of the case.
+        modified: Number of messages that they changed.
         types: Types of fields, by topic and path.
     """
     return max((_strangeness(each, types) for each in injections), default=0), modified
@@ -101,7 +101,7 @@ def complexity(injections: Iterable[Injection], modified: int, types: Types) -> 
 def plainer(failure: Failure) -> Iterator[TestCase]:
     """Yield cases of a failure without their stranger injections: plain values among them may do the same alone.
 
-    First its own case, the plainest first, then of other ones what is plainer than that.
+    First come parts of its own case, the plainest first, then plainer parts of other cases.
     """
     least = failure.complexity[0]
     for case in (failure.case, *failure.others) if least else ():
@@ -118,15 +118,15 @@ def _strangeness(injection: Injection, types: Types) -> int:
         return {"truncate": 3, "omit": 2}.get(injection.fault, 0)
     known = types.get((injection.topic, injection.field or ""))
     if known is not None and isinstance(value, str | bytes) != (known in ("string", "bytes")):
-        return 2  # it has another type, and so no value that the field may have
+        return 2  # a value of another type, which the field cannot have
     return int(value is None or (isinstance(value, float) and not math.isfinite(value)))
 
 
 def severity(violation: Violation) -> str:
-    """Return where a failure stands on the CRASH scale.
+    """Return the severity of a failure on the CRASH scale.
 
-    A component that must be restarted is worse than one that ended by itself; wrong outputs and silence come without
-    any sign of an error.
+    A component that must be restarted is worse than one that ended by itself; wrong outputs and silence give no sign
+    of an error.
     """
     return _SEVERITY.get(violation.monitor, "silent")
 
@@ -140,8 +140,8 @@ def finding_id(violation: Violation) -> str:
 def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, trial: int, types: Types) -> list[Failure]:
     """Add a failing outcome to the failures of all its signatures; return these.
 
-    A failure keeps the simplest case: with plain values, if there is one, and the fewest modified messages. One that
-    comes later waits as `simpler`.
+    A failure keeps the simplest case: with plain values, if there is one, and the fewest modified messages. After its
+    confirmation, a simpler case is kept as `simpler`.
     """
     modified = _modified(case, outcome)
     found = []

@@ -18,15 +18,15 @@ class Variation:
 
     Attributes:
         topic: Topic of the messages.
-        injections: What is done to them.
+        injections: Injections into them.
         about: What it changes, such as `topic:field`; variations about the same thing may fail in the same way.
         span: Number of consecutive messages that it takes.
         first: Number of the first of them within the topic; None for any.
         again: Whether it is made of things that have been tried before.
-        times: How often it happens in a trial.
-        most: Most messages that it may change in a trial, so that what it enlarges fits into memory; None for any.
+        times: Number of occurrences in a trial.
+        most: Most messages that it may change in a trial, so that enlarged messages fit into memory; None for any.
         elements: Paths of array elements that may get the value in place of the injection's own field.
-        moves: Where `span` is 1, used instead of `injections`: what is done to a message, by its number.
+        moves: Moves of a message by its number, used instead of `injections` if `span` is 1.
     """
 
     topic: str
@@ -41,21 +41,21 @@ class Variation:
     moves: Moves | None = field(default=None, compare=False)
 
     def fits(self, first: int, messages: int) -> bool:
-        """Return whether it can be done from the message of this number on, in a topic of so many."""
+        """Return whether it can start at message number `first`, in a topic of `messages` messages."""
         single = self.moves if self.span == 1 else None
         return first >= 0 and first + self.span <= messages and (single is None or first in single.numbers)
 
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A thing on certain messages of its topic, from the numbers in `firsts` on, which ascend."""
+    """A thing on certain messages of its topic, starting at each of the ascending numbers in `firsts`."""
 
     item: Variation
     firsts: tuple[int, ...]
 
     @property
     def injections(self) -> list[Injection]:
-        """What is done to these messages; a window of time says itself which they are."""
+        """Injections into these messages; those with a window of time need no message numbers."""
         span, moves = self.item.span, self.item.moves
         if moves is not None and span == 1:
             return [each for at in self.firsts for each in moves.injections(at)]
@@ -67,6 +67,6 @@ class Placed:
 
 
 def sets_value(item: Variation) -> bool:
-    """Return whether a thing gives a field a value, which other fields may get too."""
+    """Return whether a thing sets the value of a field, not a length."""
     first = item.injections[0]
     return first.fault == "set" and not str(first.field).startswith("len(")

@@ -1,4 +1,4 @@
-"""What fails since messages are missing: which ones, and the finding of its own that it is where others fail, too."""
+"""Failures because messages are missing: which ones, and a separate finding if modified messages fail, too."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 __all__ = ["absent_messages", "other_cause", "write_other_cause"]
 
 _DOUBT = 0.005
-"""Of each answer: a score of them leads to the result, and a wrong one is not asked again."""
+"""Accepted doubt of each answer: about twenty of them lead to the result, and a wrong one is not corrected."""
 _BUDGET = 1000
 _FIRST, _LATE = 10.0, 0.01
-"""Weights of the first message of a topic, which says what the unit starts with, and of those after the failure."""
+"""Weights of the first message of a topic, with which the unit starts, and of messages after the failure."""
 
 
 def absent_messages(
     step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise
 ) -> AbsentRecord | None:
-    """Return the fewest messages of the nominal log without which a part of it fails; None if that cannot be told.
+    """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
 
     Args:
         step: The running step.
         finding: The finding.
-        log: The part, with nothing modified.
-        cases: Execute trials.
-        noise: What is known of the rates of failure.
+        log: The part of the nominal log, with nothing modified.
+        cases: Runner of fresh trials.
+        noise: Known rates of failure.
     """
     workspace, registry = step.workspace, step.workspace.context.registry
     nominal = workspace.known_unit_log(finding.unit)
@@ -52,7 +52,7 @@ def absent_messages(
         number < len(nominal) and nominal[number].digest() == message.digest()
         for number, message in zip(kept, log.messages, strict=True)
     ):
-        return None  # it is no part of the nominal log in its order, so something else may be the cause
+        return None  # not a part of the nominal log in its order, so the cause may be another one
     others = [number for number in range(len(nominal)) if number not in set(kept)]
     topics = [registry.topic(message.key) for message in nominal]
     last = kept[-1] if kept else len(nominal)
@@ -84,7 +84,7 @@ def absent_messages(
             parallelism=cases.parallelism,
             progress=step.progress,
         )
-    except (InconclusiveError, BudgetSpentError):  # the nominal log fails as well, or it comes too seldom
+    except (InconclusiveError, BudgetSpentError):  # the nominal log fails, too, or the failure is too rare
         return None
     if not minimal.kept or not minimal.one_minimal:
         return None
@@ -96,7 +96,7 @@ def absent_messages(
 
 
 def other_cause(folder: Path) -> Path:
-    """Return the folder of what fails in the same place since messages are missing, if it does."""
+    """Return the folder for the finding that fails in the same place because messages are missing."""
     return folder.with_name(f"{folder.name}-missing")
 
 
@@ -107,10 +107,10 @@ def write_other_cause(
 
     Args:
         step: The running step.
-        folder: The finding with the modified messages.
-        finding: Its record.
-        log: What fails likewise.
-        failed: How many of how many trials of it did.
+        folder: Folder of the finding with the modified messages.
+        finding: Record of that finding.
+        log: Log that fails in the same place.
+        failed: Numbers of failed and of all trials of that log.
     """
     workspace = step.workspace
     other = other_cause(folder)

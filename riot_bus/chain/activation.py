@@ -36,18 +36,18 @@ def activation(
 ) -> ActivationRecord:
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
-    Where runs of the whole system cannot tell the failure, nothing is searched, and the record says why.
+    If runs of the whole system cannot show the failure, nothing is searched, and the record says why.
 
     Args:
         step: The running step.
-        folder: The finding.
-        budget: Runs of the whole system for the search; as many at most ask failing points again.
+        folder: Folder of the finding.
+        budget: Runs of the whole system for the search; at most as many more repeat failing points.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
-        study: Where optuna keeps studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
+        study: Storage of optuna studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
             of others for the same finding, rule, fields, code and settings; empty for none.
 
     Raises:
-        ConfigError: A step before has not been done, there is no such method, or no such storage.
+        ConfigError: An earlier step has not been done, or there is no such method or storage.
         InconclusiveError: No external field is permeable, so there is nothing to search.
     """
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of an earlier search
@@ -135,7 +135,7 @@ def _seconds(step: StepRun) -> str:
 
 
 def _study_name(system: DrivenSystem, names: Sequence[str]) -> str:
-    """Return a name that searches share for which a point and its distance mean the same."""
+    """Return a name that is shared by searches in which points and distances have the same meaning."""
     fields = [(repr(field.search_field()), field.choices) for field in map(system.fields.__getitem__, names)]
     same = repr((system.step.workspace.fingerprint, system.record.rule, sorted(system.record.scale.items()), fields))
     return f"{system.finding.system} {system.finding.id} {hashlib.sha256(same.encode()).hexdigest()[:12]}"

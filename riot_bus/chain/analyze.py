@@ -27,10 +27,10 @@ class Analysis:
     """A finding that has gone through the chain.
 
     Attributes:
-        folder: The finding; `riot_bus.report.finding_view.load` reads all that is known of it.
-        report: The page about it.
+        folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
+        report: Path of the report page.
         stopped: Why the chain ended early; empty if it did not.
-        unfinished: Whether that was for want of time.
+        unfinished: Whether it ended early for lack of time.
     """
 
     folder: Path
@@ -45,7 +45,7 @@ Options = Mapping[str, Mapping[str, Any]]
 def analyze_all(
     workspace: Workspace, folders: Sequence[Path], *, further: Sequence[ChainStep] = (), options: Options | None = None
 ) -> list[Analysis]:
-    """Take findings through all steps, and those that come up on the way, since another cause has the same end.
+    """Take findings through all steps, and further ones found on the way, with another cause of the same failure.
 
     Arguments are those of `analyze`.
     """
@@ -61,12 +61,12 @@ def analyze_all(
 def analyze(
     workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] = (), options: Options | None = None
 ) -> Analysis:
-    """Take a finding through all steps; a step that cannot say anything ends the chain, the report is written anyway.
+    """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
 
     Args:
         workspace: The system, its output folder and its slots.
-        folder: The finding.
-        further: Steps of other packages, which come after ours.
+        folder: Folder of the finding.
+        further: Steps of other packages, which come after the built-in ones.
         options: Options of steps, by the name of the step.
 
     Raises:

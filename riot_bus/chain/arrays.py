@@ -1,4 +1,4 @@
-"""Arrays behind relevant elements: varied as a whole, so that a rule can tell one element from any or all of them."""
+"""Arrays of relevant elements, varied as a whole, so that a rule can distinguish one element from any or all."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 __all__ = ["with_arrays"]
 
 _NOMINAL = 20
-"""So many nominal arrays are kept, evenly thinned out: one has values of many elements."""
+"""Number of nominal arrays that are kept, evenly spaced: each has values of many elements."""
 _INDEX = re.compile(r"\[(\d+)\](?!.*\[\d+\])", re.DOTALL)
 
 
 def with_arrays(questions: UnitQuestions, named: Sequence[NamedField], variables: Sequence[Variable]) -> list[Variable]:
     """Return the variables with whole arrays in place of their elements.
 
-    An element stays a variable where its array has none beside it, too many, other ones than numbers, or where its
-    length is a variable as well: then what is beyond the length decides, not what all elements have in common.
+    An element stays a variable if its array has no other elements, too many, or not only numbers, or if the array's
+    length is a variable, too: then the elements beyond the length decide, not what all elements have in common.
 
     Args:
-        questions: Of the log in which the fields are named.
+        questions: Questions about the log in which the fields are named.
         named: The fields of the variables, in the same order.
-        variables: Single fields.
+        variables: Variables of single fields.
     """
     names = {variable.name for variable in variables}
     arrays: dict[str, Variable] = {}

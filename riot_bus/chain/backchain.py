@@ -1,4 +1,4 @@
-"""`riot backchain`: from an internal field, or a finding, back to the outside, by logs alone (RIOT II-C, no run)."""
+"""`riot backchain`: from an internal field, or a finding, back to external topics, from logs alone (RIOT II-C)."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ def backchain(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> BacktrackRecord:
-    """Find the way from an internal field back to the outside in nominal logs; nothing is run.
+    """Find the paths from an internal field back to external topics in nominal logs; nothing is run.
 
     Args:
         logs: MCAP files, or folders of bags.
-        target: A field such as `/map_updates:y`, or the folder of a finding: its relevant fields, and the result is
-            kept there.
-        system: riot.toml; that of the finding if it is one.
-        externals: Topics that the outside controls, besides those of riot.toml.
-        horizon: Longest delay of one step that is looked for, in seconds.
+        target: A field such as `/map_updates:y`, or the folder of a finding: its relevant fields are used, and the
+            result is saved there.
+        system: Path of riot.toml; by default that of the finding, if the target is one.
+        externals: External topics, besides those of riot.toml.
+        horizon: Longest delay of one step that is tested, in seconds.
         seed: Seed of the null distributions.
-        progress: Told of the logs that are read, then of the fields that were looked at.
+        progress: Called while logs are read, then after each tested field.
 
     Raises:
         ConfigError: The target is no field of the logs, or a log or riot.toml cannot be read.
@@ -142,7 +142,7 @@ def _check(targets: Sequence[str], columns: LogColumns) -> None:
 def _graph(
     files: Sequence[Path], columns: LogColumns, context: Context | None
 ) -> tuple[TopicGraph, dict[str, str], list[str], TypeRegistry]:
-    """Return who reads and writes what, the external topics, and who says so."""
+    """Return the graph of readers and writers, the external topics, the sources of both, and the registry."""
     recorded = RecordedComponents()
     registry: TypeRegistry | None = None if context is None else context.registry
     for path in files:

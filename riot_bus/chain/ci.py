@@ -1,4 +1,4 @@
-"""`riot ci change` and `riot ci batch`: all units for their share of the time, held against what a repository knows."""
+"""`riot ci change` and `riot ci batch`: test all units for a share of the time and compare with the baseline."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
 __all__ = ["CiPlan", "answer_of", "log_of", "run_ci", "unit_folder", "units_of"]
 
 Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
-"""Opens a unit's workspace in its folder."""
+"""Function that opens a unit's workspace in its folder."""
 
 _REPLAYS, _CAMPAIGN = 0.5, 0.7
-"""Shares of a unit's time that known findings are played in at most, and after which no further trials of a campaign
-begin where findings are to be explained."""
+"""Shares of a unit's time after which no more known findings are replayed, and after which no more trials of a campaign
+begin if findings are to be explained."""
 _TITLE = 300
 _UNIT_STEPS = tuple(step for step in STEPS[1:] if not step.whole_system)
 _TAKEN = {"findings", "trials"}
 _EARLIER = 3
-"""Versions of a finding that are kept."""
+"""Number of earlier versions of a finding that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +53,8 @@ class CiPlan:
     Attributes:
         minutes: Time for all of them.
         stop_early: Whether a unit's test ends at its first finding that counts.
-        explain: Whether what is left of the time goes into explaining findings.
-        trials: At most so many injected trials of each unit; None for as many as there is time for.
+        explain: Whether the remaining time is used to explain findings.
+        trials: Largest number of injected trials of each unit; None for as many as there is time for.
     """
 
     minutes: float
@@ -72,18 +72,18 @@ def run_ci(
     plan: CiPlan,
     now: Callable[[], float] = time.monotonic,
 ) -> CiResult:
-    """Test units one after the other, each in a folder of its own, for equal shares of what is left of the time.
+    """Test units one after the other, each in a folder of its own, for equal shares of the remaining time.
 
     Args:
-        units: Their names.
-        opened: Opens the workspace of one.
-        out: Folder of all of their folders.
+        units: Names of the units.
+        opened: Function that opens the workspace of a unit.
+        out: Folder that contains the folders of all units.
         known: The baseline.
         plan: Time and trials, and what follows a finding.
-        now: Tells the time, in seconds.
+        now: Function that returns the time, in seconds.
 
     Raises:
-        ConfigError: Something that people wrote cannot be used; surroundings that fail are a result.
+        ConfigError: A file that people wrote cannot be used; a failing environment is a result, no error.
     """
     deadline, results = now() + plan.minutes * 60, list[UnitResult]()
     for number, unit in enumerate(units):
@@ -97,7 +97,7 @@ def units_of(system: Path, names: Sequence[str]) -> list[str]:
     """Return the units to test: the named ones, or all.
 
     Raises:
-        ConfigError: There is none, or none of that name.
+        ConfigError: There is no unit, or none of a given name.
     """
     file = load_system(system)
     return [file.choose_unit(name) for name in names] or list(file.unit) or [file.choose_unit(None)]
@@ -112,14 +112,14 @@ def unit_folder(out: Path, unit: str) -> Path:
 
 
 def log_of(entry: KnownFinding, known: KnownFindings, findings: Path) -> Path | None:
-    """Return a folder with the log of a known finding: the one that is kept, else one of an earlier run; or None."""
+    """Return a folder with the log of a known finding: the kept one, else one of an earlier run, or None."""
     if (kept := known.folder_of(entry)) is not None:
         return kept
     return next((path for path, record in _recorded(findings) if fingerprint_of(record) == entry.fingerprint), None)
 
 
 def _recorded(findings: Path) -> list[tuple[Path, FindingRecord]]:
-    """Return the findings of an output folder, but for those that cannot be used."""
+    """Return the findings of an output folder, without those that cannot be used."""
     found = []
     for path in sorted(findings.glob(f"*/{FindingRecord.FILE}")):
         with suppress(ConfigError):
@@ -128,7 +128,7 @@ def _recorded(findings: Path) -> list[tuple[Path, FindingRecord]]:
 
 
 def _tidy(workspace: Workspace) -> None:
-    """Keep an output folder from growing with each change: trials of other code, and most of what was put aside, go."""
+    """Delete trials of other code and old versions of findings, so that an output folder stays small."""
     workspace.store.keep_only(json.dumps({"system": workspace.fingerprint})[1:-1])
     for folder in workspace.findings.glob("*/earlier"):
         aside = sorted((path for path in folder.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
@@ -140,7 +140,7 @@ Answer = Literal["still failing", "fixed", "failing otherwise", "not decided"]
 
 
 def answer_of(workspace: Workspace, folder: Path) -> tuple[Answer, Reproduction | None, str]:
-    """Play the log of a finding again; return the answer, what it rests on, and that in a few words."""
+    """Replay the log of a finding; return the answer, the trials behind it, and a short text about them."""
     unit = FindingRecord.load(folder).unit
     if unit not in workspace.context.file.unit:
         return "not decided", None, f"riot.toml has no unit {clean(unit)!r}"
@@ -169,7 +169,7 @@ class _UnitRun:
     undecided: list[str] = field(default_factory=list)
 
     def run(self, opened: Opened) -> UnitResult:
-        """Test it; surroundings that fail are a result."""
+        """Test the unit; a failing environment is a result."""
         untested = ""
         try:
             with opened(self.unit, self.folder) as workspace:
@@ -191,7 +191,7 @@ class _UnitRun:
         workspace.tell(CampaignStarted(self.unit, self.fingerprint))
         self._share_nominal(workspace)
         log = workspace.unit_log(self.unit)
-        workspace.runners.baseline(self.unit, lambda: log)  # it takes time that the campaign does not have then
+        workspace.runners.baseline(self.unit, lambda: log)  # otherwise it would take time of the campaign
         self._play_known(workspace)
         begin, until = self.time
         end = begin + (until - begin) * _CAMPAIGN if self.plan.explain else until
@@ -211,7 +211,7 @@ class _UnitRun:
             self._explain(workspace)
 
     def _share_nominal(self, workspace: Workspace) -> None:
-        """Take the recording of another unit's folder if one is needed and there is none here."""
+        """Link to the recording in another unit's folder if one is needed and missing here."""
         file, own = workspace.context.file, self.folder / NOMINAL
         if file.system.nominal or file.unit[self.unit].log or own.exists():
             return
@@ -222,7 +222,7 @@ class _UnitRun:
             return
 
     def _play_known(self, workspace: Workspace) -> None:
-        """Play what was found before: first what was fixed, then what nobody knows yet, then what is known to fail."""
+        """Replay earlier findings: first fixed ones, then those not in the baseline, then those known to fail."""
         entries = self.known.of(self.unit)
         fixed = [(log_of(one, self.known, workspace.findings), one) for one in entries if one.fixed]
         open_ = [(log_of(one, self.known, workspace.findings), one) for one in entries if not one.fixed]
@@ -240,7 +240,7 @@ class _UnitRun:
     def _play_all(
         self, workspace: Workspace, some: Sequence[tuple[Path | None, KnownFinding | None]], end: float
     ) -> int:
-        """Play those that there is a log of as long as there is time; return how many were left out."""
+        """Replay findings that have a log while there is time; return the number of those left out."""
         logs = [(folder, entry) for folder, entry in some if folder is not None]
         for number, (folder, entry) in enumerate(logs):
             if self.now() >= end:
@@ -251,7 +251,7 @@ class _UnitRun:
     def _play(self, workspace: Workspace, folder: Path, entry: KnownFinding | None) -> None:
         record = FindingRecord.load(folder)
         if record.fingerprint == self.fingerprint and folder.parent == workspace.findings:
-            return  # it was found with this very code
+            return  # found with this same code
         title = clean(title_of(record), limit=_TITLE)
         with workspace.step("reproduce") as step:
             answer, found, why = answer_of(workspace, folder)
@@ -275,7 +275,7 @@ class _UnitRun:
         workspace.tell(FindingReplayed(str(folder), title, answer, text, failed, trials))
 
     def _was_fixed(self, workspace: Workspace, folder: Path, entry: KnownFinding | None) -> bool:
-        """Note in the output folder that a finding is fixed; return whether that was known."""
+        """Record in the output folder that a finding is fixed; return whether that was known."""
         path, before = workspace.findings / folder.name, bool(entry and entry.fixed)
         if FindingRecord.exists(path):
             record = FindingRecord.load(path)
@@ -288,7 +288,7 @@ class _UnitRun:
         return entry is None or bool(entry.fixed)
 
     def _enough(self, folders: Sequence[Path]) -> str:
-        """Return why the campaign ends; empty if it goes on."""
+        """Return why the campaign ends; empty if it continues."""
         if not self.plan.stop_early:
             return ""
         if self.counting:
@@ -296,7 +296,7 @@ class _UnitRun:
         return "a new finding is enough" if any(map(self._counts, folders)) else ""
 
     def _explain(self, workspace: Workspace) -> None:
-        """Take findings through the steps on the unit as long as there is time, those that count before the others."""
+        """Take findings through the steps on the unit while there is time, in each step those that count first."""
         ended = set[Path]()
         for step in _UNIT_STEPS:
             view = load_campaign(self.folder)

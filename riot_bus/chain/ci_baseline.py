@@ -33,7 +33,7 @@ _GIT_S = 10
 
 
 def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
-    """Return the day, and the commit of the repository that a folder is in, if there is one."""
+    """Return the current date, and the commit of the repository that contains a folder, if there is one."""
     commit = next((environment[name] for name in ("GITHUB_SHA", "CI_COMMIT_SHA") if environment.get(name)), "")
     git = shutil.which("git")
     if not commit and git:
@@ -44,10 +44,10 @@ def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
 
 
 def found_in(paths: Iterable[Path]) -> list[Path]:
-    """Return the folders of findings, and of all findings of the code that was tested in output folders.
+    """Return the folders of findings: the given ones, and those of the tested code in given output folders.
 
     Raises:
-        ConfigError: There is none in one of them.
+        ConfigError: One of the paths has no finding.
     """
     found = list[Path]()
     for path in paths:
@@ -79,15 +79,15 @@ def accept(
     keep: Path | None = None,
     reopen: bool = True,
 ) -> tuple[KnownFindings, list[str]]:
-    """Return a baseline that knows findings, and what has changed for people; entries keep what people wrote.
+    """Return a baseline with findings added, and lines on what has changed; entries keep what people wrote.
 
     Args:
         known: The baseline.
-        folders: The findings.
-        since: What entries say of when they were added.
-        note: What they say else; None to leave that as it is.
-        keep: Folder, beside the baseline, that gets what it takes to play them again; None for none.
-        reopen: Whether what was said to be fixed is not any more.
+        folders: Folders of the findings.
+        since: Text of new entries on when they were added.
+        note: Note of the entries; None to leave notes unchanged.
+        keep: Folder, beside or below the baseline, for the files to replay the findings; None for none.
+        reopen: Whether entries that are marked as fixed lose this mark.
 
     Raises:
         ConfigError: A finding cannot be used, or `keep` lies elsewhere.
@@ -120,11 +120,11 @@ def accept(
 
 @dataclass(frozen=True, slots=True)
 class PrunedFinding:
-    """A finding of the baseline, and what its log says of it.
+    """A finding of the baseline, and the result of its replay.
 
     Attributes:
-        answer: As of `chain.reproduce.Reproduction`, or `cannot be run`.
-        back: Whether it was said to be fixed, and fails again.
+        answer: Answer as in `chain.reproduce.Reproduction`, or `cannot be run`.
+        back: Whether it was marked as fixed and fails again.
     """
 
     unit: str
@@ -136,10 +136,10 @@ class PrunedFinding:
 
 @dataclass(frozen=True, slots=True)
 class PruneResult:
-    """What has become of all findings of the baseline, and the baseline that says so.
+    """Results of the replays of findings of the baseline, and the updated baseline.
 
     Attributes:
-        left_out: Units with known findings that were not asked for.
+        left_out: Units with known findings that were not replayed.
     """
 
     asked: tuple[PrunedFinding, ...]
@@ -147,7 +147,7 @@ class PruneResult:
     left_out: tuple[str, ...] = ()
 
     def exit_code(self, *, strict: bool) -> int:
-        """Return 1 if what was fixed fails again; where it is strict, that of what cannot be run, or is not decided."""
+        """Return 1 if a fixed finding fails again; if strict, the code for one not run or not decided; else 0."""
         answers = {one.answer for one in self.asked}
         if any(one.back for one in self.asked):
             return 1
@@ -156,7 +156,7 @@ class PruneResult:
         return InconclusiveError.exit_code if strict and "not decided" in answers else 0
 
     def lines(self) -> list[str]:
-        """Return it for people."""
+        """Return the results for people."""
         found = [
             f"{'failing again' if one.back else one.answer}: {one.unit}: {one.title} ({one.text})" for one in self.asked
         ]
@@ -167,21 +167,21 @@ class PruneResult:
         return [clean(line, limit=1000) for line in (*found, last)]
 
     def to_json(self) -> list[dict[str, Any]]:
-        """Return it as JSON values."""
+        """Return the results as JSON values."""
         return [asdict(one) for one in self.asked]
 
 
 def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindings, when: str) -> PruneResult:
-    """Play the log of each known finding to fresh components, and mark as fixed what does not fail any more.
+    """Replay the log of each known finding to fresh components, and mark findings that no longer fail as fixed.
 
-    Nothing that was marked loses its mark, and nothing that is marked is left out: `riot ci change` plays it again.
+    Marked findings stay marked, and are still replayed, also by `riot ci change`.
 
     Args:
-        units: Units whose findings are asked.
-        opened: Opens the workspace of one.
-        out: Folder of the units' folders.
+        units: Units whose findings are replayed.
+        opened: Function that opens the workspace of a unit.
+        out: Folder that contains the units' folders.
         known: The baseline.
-        when: What entries say of when they were fixed.
+        when: Text of entries on when they were fixed.
     """
     asked, fixed = list[PrunedFinding](), list[KnownFinding]()
     for unit in units:
@@ -205,7 +205,7 @@ def _ask(
     found = list[PrunedFinding]()
     try:
         with opened(unit, out) as workspace:
-            workspace.unit_log(unit)  # what it shows of the unit tells some failures
+            workspace.unit_log(unit)  # some failures are judged by comparison with it
             for entry in entries:
                 title = clean(entry.title, limit=_TITLE)
                 folder = log_of(entry, known, workspace.findings)

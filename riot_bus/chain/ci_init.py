@@ -1,4 +1,4 @@
-"""`riot ci init`: the workflows for GitHub and GitLab, as files of this package that are copied."""
+"""`riot ci init`: copy the workflows for GitHub and GitLab from this package."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ __all__ = ["WORKFLOWS", "init_ci"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 WORKFLOWS = {"github": Path(".github/workflows/riot.yml"), "gitlab": Path(".gitlab-ci.riot.yml")}
-"""Where each kind stands in a repository."""
+"""Path of each kind of workflow in a repository."""
 _SIGNS = {"github": ".github", "gitlab": ".gitlab-ci.yml"}
 
 
 def init_ci(folder: Path, *, github: bool = False, gitlab: bool = False, force: bool = False) -> list[str]:
-    """Write the workflows that are asked for, or those for which there are signs; return what was done and is next.
+    """Write the requested workflows, or those that the repository suggests; return what was done and the next steps.
 
     Args:
         folder: Root of the repository.
-        github: Whether one for GitHub is asked for.
-        gitlab: Whether one for GitLab is.
-        force: Whether a file that is there is replaced.
+        github: Whether to write the workflow for GitHub.
+        gitlab: Whether to write the workflow for GitLab.
+        force: Whether to replace existing files.
 
     Raises:
-        ConfigError: It is not known which, or a file is there already, or cannot be written.
+        ConfigError: No workflow is requested or suggested, or a file exists already or cannot be written.
     """
     asked = {"github": github, "gitlab": gitlab}
     chosen = [kind for kind, wanted in asked.items() if wanted]

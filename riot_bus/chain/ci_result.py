@@ -1,4 +1,4 @@
-"""What `riot ci change` and `riot ci batch` have come to, for people, programs and builds."""
+"""Results of `riot ci change` and `riot ci batch`, for people, programs and builds."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = ["CiResult", "UnitResult"]
 
 @dataclass(frozen=True, slots=True)
 class UnitResult:
-    """What has become of a unit.
+    """Result of a unit.
 
     Attributes:
-        view: Its campaign and findings, held against the baseline.
-        undecided: Findings of which their replay does not decide whether they are back.
-        untested: Why it was not tested, or not to the end; empty if it was.
+        view: Campaign and findings of the unit, compared with the baseline.
+        undecided: Findings whose replay does not decide whether they are back.
+        untested: Why the unit was not tested, or not to the end; empty if it was.
     """
 
     unit: str
@@ -34,11 +34,11 @@ class UnitResult:
 
     @property
     def doubts(self) -> list[str]:
-        """Why nothing can be concluded from it if nothing was found."""
+        """Why a test without findings would be inconclusive."""
         return [*self.undecided, *self.view.doubts]
 
     def lines(self) -> list[str]:
-        """Return it for people."""
+        """Return the result for people."""
         found = [f"{self.unit}: {self.view.verdict}"]
         for one in sorted(self.view.current, key=lambda one: self.view.standing(one) == "known"):
             standing, entry, rate = self.view.standing(one), self.view.entry(one), one.finding.rate
@@ -49,7 +49,7 @@ class UnitResult:
         return [clean(line, limit=1000) for line in found]
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the result as JSON values."""
         findings = [
             {
                 "folder": str(one.directory),
@@ -65,17 +65,17 @@ class UnitResult:
 
 @dataclass(frozen=True, slots=True)
 class CiResult:
-    """What has become of all units."""
+    """Results of all units."""
 
     units: tuple[UnitResult, ...]
 
     @property
     def failures(self) -> list[FindingView]:
-        """The findings that count: those that the baseline does not know, or says to be fixed."""
+        """The findings that count: those not in the baseline, or marked as fixed there."""
         return [one for unit in self.units for one in unit.view.failures]
 
     def exit_code(self, *, strict: bool) -> int:
-        """Return 1 if there are such; where it is strict, that of what was not tested, or not decided."""
+        """Return 1 if findings count; if strict, the code for units not tested or not decided; else 0."""
         if self.failures:
             return 1
         untested = any(unit.untested for unit in self.units)

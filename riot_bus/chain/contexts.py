@@ -1,9 +1,9 @@
-"""Whether a rule that was learnt on the minimal log also holds after nominal messages, and which of them matter if not.
+"""Check of a rule from the minimal log: whether it holds after nominal messages, and which of them matter if not.
 
-A unit keeps what earlier messages said: a mode, a size, a calibration. The minimal log has none of that but what the
-failure needs, so a rule that is right on it may be wrong for the unit. So some trials of the rule are asked again
-behind parts of the nominal log. Where the answer is another one, the messages that make it so are searched as in
-minimisation; with them in front, the rule can be learnt again.
+A unit keeps state from earlier messages: a mode, a size, a calibration. The minimal log sets only the state that the
+failure needs, so a rule that is right on it may be wrong for the unit. Therefore some trials of the rule are repeated
+after parts of the nominal log. If an outcome differs, the messages that cause this are searched as in minimisation;
+with them in front, the rule can be learnt again.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 __all__ = ["ContextAnswers", "ask_in_contexts", "behind", "bring_in", "contexts", "near_the_limit", "with_context"]
 
 _DOUBT, _SURE = 0.02, 0.002
-"""Few trials carry the claim that a rule holds for the unit, so those that are against it have to be sure."""
+"""Accepted doubts: few trials decide whether a rule holds for the unit, so those against it must be more certain."""
 _LONGEST = 1000
-"""So many nominal messages at most come before: a trial should stay about as cheap as one of the nominal log."""
+"""Most nominal messages in front: a trial should stay about as cheap as one of the nominal log."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContextAnswers:
-    """Trials behind nominal messages: what the rule says of each, and whether the unit failed.
+    """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed.
 
     Attributes:
         context: The messages that came before.
         asked: Values of the rule's fields.
-        predicted: What the rule says.
-        failed: What the unit did.
+        predicted: Whether the rule predicts a failure.
+        failed: Whether the unit failed.
     """
 
     context: tuple[Message, ...]
@@ -54,16 +54,16 @@ class ContextAnswers:
 
     @property
     def wrong(self) -> list[int]:
-        """Numbers of the trials of which the rule says what is not so."""
+        """Numbers of the trials that the rule predicts wrongly."""
         return [place for place, pair in enumerate(zip(self.predicted, self.failed, strict=True)) if pair[0] != pair[1]]
 
 
 def contexts(nominal: Sequence[Message], registry: TypeRegistry) -> list[tuple[Message, ...]]:
-    """Return the parts of the nominal log that trials are asked behind: a short one and one up to its middle.
+    """Return the parts of the nominal log that trials follow: a short one and one up to its middle.
 
     Args:
         nominal: Inputs of the unit in the nominal log.
-        registry: Names topics.
+        registry: Registry that names topics.
     """
     topics = [registry.topic(message.key) for message in nominal]
     first = {topic: place for place, topic in reversed(list(enumerate(topics)))}
@@ -73,7 +73,7 @@ def contexts(nominal: Sequence[Message], registry: TypeRegistry) -> list[tuple[M
 
 
 def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Message, ...]:
-    """Return messages behind a context, numbered anew, a millisecond after its last one."""
+    """Return a context and messages from a millisecond after its last one on, renumbered."""
     shift = context[-1].time + 1_000_000 - messages[0].time if context and messages else 0
     both = [*context, *(message.with_(time=message.time + shift) for message in messages)]
     return tuple(message.with_(sequence=place) for place, message in enumerate(both))
@@ -82,13 +82,13 @@ def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Me
 def near_the_limit(
     learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float], *, count: int
 ) -> tuple[list[Mapping[str, Setting]], list[bool]]:
-    """Return trials of the rule that it explains, the ones nearest to its limit and the furthest, and what it says.
+    """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions.
 
     Args:
         learned: The rule and its trials.
-        variables: Its fields.
-        scale: Their nominal spread.
-        count: So many that fail, and so many that pass, where there are as many.
+        variables: Fields of the rule.
+        scale: Nominal spread of the fields.
+        count: Number of failing and of passing trials to return, if there are as many.
     """
     samples = [one for one in learned.samples if one.phase != "context"]
     columns = columns_of(variables, [one.assignment for one in samples])
@@ -107,14 +107,14 @@ def ask_in_contexts(
     predicted: Sequence[bool],
     said: Callable[[Sequence[Message]], bool] | None = None,
 ) -> list[ContextAnswers]:
-    """Ask trials behind each context.
+    """Run trials after each context.
 
     Args:
-        questions: Asks the unit.
+        questions: Questions to the unit.
         found: The contexts.
         asked: Values of the rule's fields.
-        predicted: What the rule says of them.
-        said: What it says of the whole of a log, where that is not told by the values.
+        predicted: Prediction of the rule for these values.
+        said: Prediction of the rule for a whole log, if the values alone do not decide it.
     """
     cases = [behind(questions, context, values) for context in found for values in asked]
     told = [said(case.messages) for case in cases] if said else [*predicted] * len(found)
@@ -134,9 +134,9 @@ def bring_in(
     """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
 
     Args:
-        questions: Asks the unit.
-        answers: Of which the rule is wrong somewhere.
-        progress: Told of the search.
+        questions: Questions to the unit.
+        answers: Answers of which the rule predicts at least one wrongly.
+        progress: Called during the search.
     """
     number = answers.wrong[0]
     values, failed = answers.asked[number], answers.failed[number]
@@ -161,7 +161,7 @@ def bring_in(
 
 
 def with_context(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Setting]) -> NamedFields:
-    """Return the fields of a log that has a context in front of the minimal one with these values."""
+    """Return the fields of a log with a context in front of the minimal log with these values."""
     fields = questions.fields
     changed = fields.with_values(values)
     messages = _joined(context, changed)
@@ -174,7 +174,7 @@ def with_context(questions: UnitQuestions, context: Sequence[Message], values: M
 
 
 def behind(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Setting]) -> TestCase:
-    """Return the minimal log with values set by name, behind other messages."""
+    """Return a test case of the minimal log, with values set by name, after other messages."""
     case = questions.case(values)
     messages = _joined(context, case.messages)
     several = len({message.key for message in messages}) > 1

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["axes_of", "crash_region"]
 
 _REGION_BUDGET, _AXES = 80, 2
-"""Runs for a map of two fields; of more fields, if the failure needs more, in proportion."""
+"""Runs for a map of two fields, and these fields' number; more fields, if the failure needs them, get more runs."""
 _EDGE = 0.05
 
 
@@ -38,9 +38,9 @@ def axes_of(permeable: PermeabilityRecord, fields: Mapping[str, ExternalField]) 
 
 
 def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[str, float]) -> RegionRecord | None:
-    """Map the failing region over the numbers that were found, and the most telling others if these are fewer than two.
+    """Map the failing region over the numeric fields that were found, and the strongest others if fewer than two.
 
-    What is no number keeps its value. There is no region where fields have to vary in time, or are not finite.
+    Other fields keep their values. Return None if fields have to vary in time, or are not finite.
     """
     if found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
         return None

@@ -41,8 +41,8 @@ def find_example(name: str) -> Path:
 def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None = None) -> dict[str, Any]:
     """Record, test, explain and backchain; return the figures.
 
-    A run that was cut off goes on where it stopped: finished steps are read from their files, and trials of the step
-    that was cut off come from the store.
+    An interrupted run resumes where it stopped: finished steps are read from their files, and trials of the
+    interrupted step come from the store.
 
     Args:
         workspace: The system, its output folder and its slots.

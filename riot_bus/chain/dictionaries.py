@@ -1,4 +1,4 @@
-"""Dictionary files as people look at them: which there are, what is in one, and what that applies to in a log."""
+"""Views of dictionary files: which there are, their contents, and the fields of a log to which these apply."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class ListedDictionary:
     Attributes:
         name: `package/file.toml`, or the path of a file of the user's own.
         units: Units of riot.toml that name it.
-        values: Values for all fields of their types.
-        fields: Bindings to some fields.
-        mutations: Mutations of messages.
+        values: Number of values for all fields of their types.
+        fields: Number of bindings to some fields.
+        mutations: Number of mutations of messages.
     """
 
     name: str
@@ -44,14 +44,14 @@ class ListedDictionary:
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """A log that a dictionary is looked at beside.
+    """A log to which a dictionary is applied.
 
     Attributes:
-        name: What it is called.
-        messages: The messages.
-        registry: Knows their types.
+        name: Name of the log, for people.
+        messages: Messages of the log.
+        registry: Registry of their types.
         leave: Patterns of fields that campaigns leave alone.
-        include: Patterns of brittle fields that they do not.
+        include: Patterns of brittle fields that campaigns change.
     """
 
     name: str
@@ -86,10 +86,10 @@ def _counted(name: str, text: str, units: tuple[str, ...]) -> ListedDictionary:
 
 
 def find_dictionary(name: str) -> tuple[str, str]:
-    """Return the name and the text of a dictionary file: a path, or `float64` for that of an installed package.
+    """Return the name and the text of a dictionary file, given by its path or, if installed, by a name like `float64`.
 
     Raises:
-        ConfigError: There is none.
+        ConfigError: There is no such file, or more than one.
     """
     if Path(name).is_file():
         return name, own_text(Path(name))
@@ -105,10 +105,10 @@ def find_dictionary(name: str) -> tuple[str, str]:
 
 
 def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | None:
-    """Return the log to look at: a file, or the inputs of a unit in it or in its nominal log; None if none is named.
+    """Return the log to use: a file, or the inputs of a unit in it or in the nominal log; None if none is named.
 
     Args:
-        log: A log.
+        log: Path of a log.
         system: System file that describes the unit.
         unit: The unit, if there are several.
 
@@ -136,7 +136,7 @@ def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | 
 
 
 def what_applies(name: str, text: str, where: Beside | None) -> tuple[DictionaryFile, dict[str, AppliesTo]]:
-    """Return a dictionary file, and what its tables apply to beside a log; nothing of that without one.
+    """Return a dictionary file, and what its tables apply to in a log; nothing of that without a log.
 
     Raises:
         ConfigError: The file is wrong.
@@ -148,7 +148,7 @@ def what_applies(name: str, text: str, where: Beside | None) -> tuple[Dictionary
 
 
 def wrong_with(path: Path, where: Beside | None) -> tuple[ListedDictionary | None, list[ConfigError]]:
-    """Return what is in a file of the user's own, if it can be read, and everything that is wrong with it."""
+    """Return the contents of a file of the user's own, if it can be read, and all of its errors."""
     try:
         text = own_text(path)
         if where is None:

@@ -1,4 +1,4 @@
-"""Runs of the whole system with external fields driven, and what they tell of internal ones (RIOT II-C)."""
+"""Runs of the whole system with external fields driven, and their effects on internal fields (RIOT II-C)."""
 
 from __future__ import annotations
 
@@ -45,49 +45,49 @@ __all__ = [
 ]
 
 _HOLD = 5
-"""Samples of the slowest internal field for which a value is kept."""
+"""Samples of the slowest internal field during which a value is held."""
 _DRAWS = 399
 _TEXTS = 8
-"""Of an internal field with texts, those that come most often are told apart."""
+"""Number of the most frequent texts of an internal field that are distinguished."""
 _IS = "\0"
-"""Between a field and one of its texts; no name holds it."""
+"""Separator between a field and one of its texts; no name contains it."""
 _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "mean": np.mean,
     "spread": np.std,
     "last": itemgetter(-1),
 }
-"""What of an internal field is told of a run as a whole."""
+"""Summaries of an internal field over a whole run."""
 
 _LIVELY = 0.5
 """An internal field is frozen if it has less than this share of the values that it has in nominal runs."""
 
 _PROMISING = 0.05
-"""Where an internal field is reached by nothing, a smaller chance than this is worth further runs."""
+"""If nothing reaches an internal field, a p-value up to this is worth further runs."""
 
 _SAMPLES = 600
-"""Of a field on the way, that many in a run show what matters, and a fast one costs no more than others."""
+"""Samples per run of an intermediate field: enough to show what matters, so that fast fields cost no more."""
 
 _FEWEST = 8
-"""Runs with one value of a field each that tell something of it."""
+"""Fewest runs, each with one value of a field, from which its effect can be judged."""
 _ABSENT = "no message of its topic came in these runs"
 _UNCHANGED = "no message that came in these runs could be changed in it"
 _RARE = "messages of its topic came in too few of these runs"
 _STILL = "inner fields had far fewer values than in nominal runs where each external field had one value in a run"
 
 Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
-"""Signals of the external fields in a run, and what came of it."""
+"""Signals of the external fields in a run, and its outcome."""
 
 
 _Drawn = Mapping[ExternalField, tuple[Signal, Callable[[float], float]]]
-"""A signal with one value for each run, and what makes a field's value of it."""
+"""A signal with one value for each run, and a function from that to the field's value."""
 
 
 class Usual(NamedTuple):
-    """What an internal field does in a nominal run.
+    """Behaviour of an internal field in nominal runs.
 
     Attributes:
         rate: Its messages per second in the nominal log.
-        values: How many it has in a run.
+        values: Number of its values in a run.
         moves: Whether it has more than one value.
     """
 
@@ -97,13 +97,13 @@ class Usual(NamedTuple):
 
 
 class ConstantRuns(NamedTuple):
-    """What runs tell in which each external field is constant.
+    """Results of runs in which each external field is constant.
 
     Attributes:
-        edges: What is known of pairs of fields.
-        runs: How many runs there were.
-        untold: External fields of which they tell nothing, or not all, and why.
-        intermediate: What is known of pairs with a field on the way.
+        edges: Results for pairs of external and internal fields.
+        runs: Number of runs.
+        untold: External fields that could not, or not fully, be judged, and why.
+        intermediate: Results for pairs of external and intermediate fields.
     """
 
     edges: list[EdgeRecord]
@@ -118,16 +118,16 @@ class DrivenRuns:
 
     Attributes:
         step: The running step.
-        runner: Executes them; it observes the internal fields, and the times of the external topics.
-        driving: What is played to it; nothing where external components drive it.
-        internals: The internal fields.
-        usual: What each of them does in a nominal run.
-        speed: How fast the runs are, as a multiple of the system's own time.
-        signature: Failure that is looked into.
-        intermediates: Fields on the way to the internal ones, which the runner observes, too.
+        runner: Runner that observes the internal fields, and the times of the external topics.
+        driving: Messages played to the system; empty if external components drive it.
+        internals: Names of the internal fields.
+        usual: Behaviour of each of them in nominal runs.
+        speed: Speed of the runs, as a multiple of the system's own time.
+        signature: Signature of the failure under analysis.
+        intermediates: Fields on the path to the internal ones, which the runner observes, too.
         changed: Names of the fields that were set in a message in some run.
-        failures: Runs that have failed, by signature; any that has the one looked into counts for it alone.
-        failing: Values by field, as a search sets them, of runs with one value of each that failed as is looked into.
+        failures: Failed runs by signature; a run that fails with `signature` counts for it alone.
+        failing: Values by field, as a search sets them, of runs with constant fields that failed with `signature`.
     """
 
     step: StepRun
@@ -169,7 +169,7 @@ class DrivenRuns:
         return found
 
     def _carried_out(self, plans: Sequence[Iterable[ExternalField]], cases: Sequence[TestCase]) -> list[Outcome]:
-        """Carry out cases, of which the fields are known that each sets, in the order of its injections."""
+        """Run cases; each plan has the fields that its case sets, in the order of its injections."""
         outcomes = list(self.runner.run(cases))
         for plan, case, outcome in zip(plans, cases, outcomes, strict=True):
             own = outcome.failed_as(self.signature)
@@ -177,18 +177,18 @@ class DrivenRuns:
             fields = [one for one in plan if not one.parameter]
             if case.messages and "delivered" not in outcome.statistics:
                 self.changed.update(changed_in_log(fields, case, self.step.workspace.context.registry, self.changed))
-            else:  # what ran in an earlier version does not say what was changed
+            else:  # runs of earlier versions do not say what was changed
                 counts = outcome.statistics.get("delivered") or [_times(outcome, one) for one in fields]
                 self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
         return outcomes
 
     def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
-        """Return why runs tell nothing of a field: they did not set it; empty if they did.
+        """Return why runs did not set a field, so that they say nothing about it; empty if they did.
 
         Args:
-            one: The field.
-            outcomes: What came of the runs.
-            least: Runs that are enough.
+            one: The external field.
+            outcomes: Outcomes of the runs.
+            least: Number of runs with messages that is enough.
         """
         if one.parameter:
             return ""
@@ -200,13 +200,13 @@ class DrivenRuns:
     def between(
         self, fields: Sequence[ExternalField], numbers: range, *, alpha: float, design: Design = "between runs"
     ) -> ConstantRuns:
-        """Return what fields do to the mean, the spread and the last of internal ones in runs where they are constant.
+        """Return how constant external fields affect mean, spread and last value of internal ones over runs.
 
         Args:
             fields: External fields.
-            numbers: Of the runs; as many more follow if nothing reaches an internal field, but something nearly does.
-            alpha: Accepted share of false discoveries for each internal field in each of the two looks.
-            design: Beyond nominal, values are spread over all that may be tried, evenly on the scale of searches.
+            numbers: Numbers of the runs; as many more follow if something almost reaches an otherwise unreached field.
+            alpha: Accepted share of false discoveries for each internal field in each of the two tests.
+            design: Design of the runs; `beyond nominal` spreads values over all that may be tried, on search scale.
         """
         drawn = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
         outcomes = self._constant(drawn, 0, numbers)
@@ -227,7 +227,7 @@ class DrivenRuns:
         return ConstantRuns(edges, count, untold, intermediate)
 
     def _constant(self, drawn: _Drawn, first: int, numbers: range) -> list[Outcome]:
-        """Return runs in which each field has the next value that is drawn for it, from the given one on."""
+        """Return outcomes of runs in which each field has the next value drawn for it, starting with number `first`."""
         points = [
             {field: value(signal.value(at)) for field, (signal, value) in drawn.items()}
             for at in range(first, first + len(numbers))
@@ -258,9 +258,9 @@ class DrivenRuns:
         design: Design,
         names: Sequence[str] | None = None,
     ) -> tuple[list[EdgeRecord], dict[str, str]]:
-        """Return what internal fields, or others, have to do with the values that external ones had in each run.
+        """Return how internal fields, or others, depend on the values that external ones had in each run.
 
-        Also the external fields of which nothing can be told, and why.
+        Also return the external fields that could not be judged, and why.
         """
         count = range(len(outcomes))
         untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=_FEWEST))}
@@ -277,7 +277,7 @@ class DrivenRuns:
                 seen = [(float(run), np.asarray(told[run][name].values, dtype=np.float64)) for run in count]
                 kept = [(run, float(summary(values))) for run, values in seen if len(values)]
                 outputs[name] = Series(tuple(run for run, _ in kept), tuple(value for _, value in kept))
-            # each summary is one more chance to be found by chance
+            # each summary is one more chance of a false discovery
             result = analysed(
                 [Run(inputs, outputs)], alpha=alpha / len(_SUMMARIES), seed=self.step.workspace.seed, lags=1
             )
@@ -287,12 +287,12 @@ class DrivenRuns:
         return list(strongest(found).values()), {name: why for name, why in untold.items() if name not in told_of}
 
     def freezes(self, outcome: Outcome, *, constant: bool = False) -> bool:
-        """Return whether an internal field has far fewer values than in nominal runs, or one where it has several.
+        """Return whether an internal field has far fewer values than in nominal runs, or just one instead of several.
 
-        A run that has failed does not freeze: what has crashed says nothing more, but it has not refused anything.
+        A failed run does not count as frozen: a crashed component publishes nothing more, but it refused no input.
 
         Args:
-            outcome: What came of the run.
+            outcome: Outcome of the run.
             constant: Whether external fields were constant in it, so that internal ones may be.
         """
         if outcome.violations:
@@ -306,15 +306,15 @@ class DrivenRuns:
     def freezing(
         self, fields: Sequence[ExternalField], numbers: range
     ) -> tuple[list[ExternalField], list[ExternalField], int]:
-        """Find the fields without which the inside does not freeze; those of a message that is refused, for example.
+        """Find the external fields that freeze internal ones, for example because a message is refused.
 
         Args:
-            fields: External fields that freeze it when they are driven together.
-            numbers: Of the runs, at most.
+            fields: External fields that freeze internal ones when they are driven together.
+            numbers: Numbers of the runs, as many as may be used.
 
         Returns:
-            These fields, those that the runs did not suffice to tell apart, and how many runs it took. There are none
-            of either if it also freezes when nothing is driven.
+            These fields, those that the runs did not suffice to tell apart, and the number of runs used. There are no
+            fields of either kind if internal ones also freeze when nothing is driven.
         """
         ((_, idle),) = self._driven([[]], numbers[:1])
         if self.freezes(idle):
@@ -336,12 +336,11 @@ class DrivenRuns:
         return found, list(chain.from_iterable(waiting)), spent
 
     def runs(self, some: Sequence[Perturbed], *, intermediate: bool = False) -> list[Run]:
-        """Return runs in which fields were driven, as the analysis takes them.
+        """Return runs in which fields were driven, in the form that the analysis takes.
 
         Args:
-            some: The runs.
-            intermediate: Whether the fields on the way are asked about, of which some samples will do, instead of the
-                internal ones.
+            some: Signals and outcomes of the runs.
+            intermediate: Whether outputs are the intermediate fields, with fewer samples, instead of the internal ones.
         """
         outputs = as_numbers([outcome for _, outcome in some], self.intermediates if intermediate else self.internals)
         if intermediate:
@@ -369,7 +368,7 @@ class DrivenRuns:
         return field.signal(self._seed(field, run), hold=hold)
 
     def _drawn(self, field: ExternalField, *, beyond: bool) -> tuple[Signal, Callable[[float], float]]:
-        """Return a signal with one value for each run, and what makes a field's value of it."""
+        """Return a signal with one value for each run, and a function from that to the field's value."""
         if not beyond or field.choices:
             return field.signal(self._seed(field, -1), hold=1), float
         search = field.search_field()
@@ -387,9 +386,9 @@ def changed_in_log(
 
     Args:
         fields: The fields, in the order of its injections; parameters of commands are left out.
-        case: The case.
-        registry: Knows topics and types.
-        known: Names of fields that are not asked for.
+        case: The test case.
+        registry: Registry of topics and types.
+        known: Names of fields that need no check.
     """
     injections = [each for each in case.injections if each.topic != PARAMETERS]
     pairs = [(one, each) for one, each in zip(fields, injections, strict=True) if one.name not in known]
@@ -406,7 +405,7 @@ def _promising(edges: Sequence[EdgeRecord]) -> bool:
 
 
 def analysed(runs: Sequence[Run], *, alpha: float, seed: int, lags: int = 12) -> PermeabilityResult:
-    """Return what `analyse` finds, with one rate of errors for all that is told of an internal field."""
+    """Return the result of `analyse`, with one error rate for all numbers made from an internal field."""
     groups: dict[str, set[str]] = {}
     for name in {name for run in runs for name in run.outputs}:
         groups.setdefault(internal_of(name), set()).add(name)
@@ -440,9 +439,9 @@ def _times(outcome: Outcome, one: ExternalField) -> int:
 
 
 def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[dict[str, Series]]:
-    """Return the internal fields of each run as numbers: of one with texts, for each of them whether it has it.
+    """Return the internal fields of each run as numbers: a field with texts becomes one 0/1 series for each text.
 
-    A text that it always has tells nothing; of two texts, one tells of both.
+    A field with a single text gives no series, and one with two texts gives one, as the other says the same.
     """
     texts = {
         name: Counter(one for each in outcomes for one in each.observed[name].values if isinstance(one, str))
@@ -466,12 +465,12 @@ def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[di
 
 
 def internal_of(told: str) -> str:
-    """Return the internal field of which something is told as numbers."""
+    """Return the internal field of a name from `as_numbers`."""
     return told.partition(_IS)[0]
 
 
 def strongest(edges: Iterable[EdgeRecord]) -> dict[tuple[str, str], EdgeRecord]:
-    """Return for each pair of fields the edge that shows most, of all that is told of the internal one."""
+    """Return the strongest edge of each pair of fields, preferring permeable ones."""
     found: dict[tuple[str, str], EdgeRecord] = {}
     for edge in edges:
         known = found.get((edge.external, edge.internal))
@@ -481,7 +480,7 @@ def strongest(edges: Iterable[EdgeRecord]) -> dict[tuple[str, str], EdgeRecord]:
 
 
 def edge_record(edge: PermeabilityEdge, design: Design) -> EdgeRecord:
-    """Return what is kept of an edge."""
+    """Return the record of an edge."""
     return EdgeRecord(
         external=edge.external,
         internal=internal_of(edge.internal),

@@ -1,4 +1,4 @@
-"""The whole system as a search sees it: runs with external inputs, and how near they come to the rule (RIOT II-D)."""
+"""The whole system for a search: runs with external inputs, and their distances to the rule (RIOT II-D)."""
 
 from __future__ import annotations
 
@@ -40,27 +40,26 @@ if TYPE_CHECKING:
 __all__ = ["AGAIN", "DrivenSystem", "least_distance"]
 
 AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
-"""Runs at a failing point, and with nominal inputs, that are compared one pair after the other. Four failures of four
-against none of ten have a chance of 0.001 if the rates are the same, six of twenty against none of forty one of 0.0008.
-"""
+"""Numbers of runs at a failing point and with nominal inputs, compared pair after pair. Four failures of four against
+none of ten have a chance of 0.001 if the rates are the same, and six of twenty against none of forty 0.0008."""
 _FRESH, _FRESH_CHANCE = 20, 0.05
-"""Further runs of either kind where a failing point does not always fail: those before were looked at several times."""
+"""Further runs of either kind if a failing point does not always fail, as the earlier ones were tested repeatedly."""
 _CONTROL_SEEDS = 1 << 20
-"""Runs with nominal inputs have seeds that no other run of the step has."""
+"""Offset for runs with nominal inputs, so that they have seeds that no other run of the step has."""
 _SIMPLER = 8
-"""Points that are tried with constant values where values that vary in time were found."""
+"""Points with constant values that are tried if values that vary in time were found."""
 _LATE = 1e-3
-"""Seconds by which a message is late if that is only to show that it came."""
+"""Delay of a message in seconds, if it only serves to show that the message came."""
 _ODD = (math.nan, math.inf, -math.inf)
 
 
 def least_distance(
     rule: Rule, observed: Mapping[str, Series], scale: Mapping[str, float], topics: Sequence[str] = ()
 ) -> float | None:
-    """Return the least distance to the rule over a run; None when a field of it was never seen, or it has none.
+    """Return the least distance to the rule over a run; None if one of its fields was never seen, or it has no field.
 
-    Fields are joined in time: at each sample of any of them, the latest value of every other; of a message before the
-    latest one, the value that it had.
+    Fields are joined in time: each sample of one field meets the latest value of every other one, or the value in an
+    earlier message if the rule refers to that.
 
     Args:
         rule: The unit-level rule.
@@ -91,11 +90,11 @@ class DrivenSystem:
 
     Args:
         step: The running step.
-        folder: The finding.
-        driving: What is played to it, with these fields changed; nothing where external components drive it.
-        judged: The unit that is held against its nominal runs.
-        names: Of the fields that may be set.
-        budget: Runs at most that failing points are asked again with.
+        folder: Folder of the finding.
+        driving: Messages played to the system, with fields changed; empty if external components drive it.
+        judged: Name and baseline of the unit that is compared with its nominal runs.
+        names: Names of the fields that may be set.
+        budget: Largest number of runs that repeat failing points.
     """
 
     def __init__(
@@ -131,14 +130,14 @@ class DrivenSystem:
         self._left = budget
 
     def only_reached(self, names: Sequence[str]) -> list[str]:
-        """Return those fields that can be set in a message within a run; the others do not vary in time either.
+        """Return the fields that can be set in some message of a run; the others will not vary in time either.
 
-        What components publish is seen in a run with each field at an end of its nominal range, or two.
+        If components publish the messages, this takes one or two runs with fields at an end of their nominal range.
         """
         fields = [self.fields[name] for name in names if not self.fields[name].parameter]
         reached: set[str] = set()
         for value in ("low", "high"):
-            # what may be late or lost needs that messages come at all
+            # messages can only be late or lost if there are any
             injections = tuple(
                 Injection(each.topic, fault="delay", delay=_LATE)
                 if each.timing
@@ -164,8 +163,8 @@ class DrivenSystem:
         """Run the system at each point.
 
         Args:
-            points: See `VariedInputs.drives`.
-            phase: What these runs are for, as the record says it.
+            points: Points as in `VariedInputs.drives`.
+            phase: Purpose of these runs, for the record.
         """
         cases: list[TestCase] = []
         for point in points:
@@ -186,7 +185,7 @@ class DrivenSystem:
         return evaluations
 
     def search(self, points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-        """Run the system at each point; a failure counts if it comes again more often than with nominal inputs."""
+        """Run the system at each point; a failure counts if it recurs more often than with nominal inputs."""
         evaluations: list[Evaluation] = []
         for point, found in zip(points, self.run(points, "search"), strict=True):
             if found.failed and not any(one.failed for one in evaluations) and not self._comes_again(point):
@@ -201,7 +200,7 @@ class DrivenSystem:
         return bool(failing) and all(any(map(_odd, sample.values.values())) for sample in failing)
 
     def odd_points(self, names: Sequence[str]) -> list[dict[str, float]]:
-        """Return points that are not finite, in each field alone and in all; none if the unit never failed so."""
+        """Return points with values that are not finite, in single fields and in all, if the unit failed with such."""
         if not any(any(map(_odd, sample.values.values())) for sample in self.record.samples if sample.failed):
             return []
         carry = [name for name in names if not (self.fields[name].integer or self.fields[name].timing)]
@@ -209,7 +208,7 @@ class DrivenSystem:
         return alone + [dict.fromkeys(carry, value) for value in _ODD if len(carry) > 1]
 
     def search_each(self, points: Sequence[Mapping[str, float]]) -> Activation:
-        """Return what comes of points, one after the other until one fails."""
+        """Run the system at points in order until one fails, and return the result."""
         history: list[tuple[Mapping[str, float], Evaluation]] = []
         found = None
         while found is None and (batch := points[len(history) : len(history) + self.runner.parallelism]):
@@ -220,7 +219,7 @@ class DrivenSystem:
         return Activation(found, len(history), nearest, tuple(history))
 
     def limited(self) -> list[str]:
-        """Return the fields with the least or the largest value that may be tried where constant ones came nearest."""
+        """Return the fields that are at an end of their range in the nearest point with constant values."""
         constant = [one for one in self.points if one.values.keys() <= self.fields.keys()]
         near = [(one.distance, place) for place, one in enumerate(constant) if one.distance is not None]
         values = constant[min(near)[1]].values if near else {}
@@ -228,10 +227,10 @@ class DrivenSystem:
         return [name for name, some in ends.items() if not self.fields[name].choices and values[name] in some]
 
     def _comes_again(self, point: Mapping[str, float]) -> bool:
-        """Return whether a failure comes again more often at a point than in runs with nominal inputs.
+        """Return whether a failure recurs more often at a point than in runs with nominal inputs.
 
-        The more often that was asked, the surer it has to be: all false answers together have a chance of a percent.
-        Where the runs for it are used up, nothing is shown any more.
+        The more points were chance before, the stronger the evidence must be: all false answers together have a chance
+        of one percent. When the budget of these runs is used up, the answer is no.
         """
         asked = self.chance + 1
         failed = total = 0
@@ -248,7 +247,7 @@ class DrivenSystem:
         return False
 
     def _still_comes(self, point: Mapping[str, float]) -> bool:
-        """Return whether fresh runs alone show that a failure comes more often at a point than with nominal inputs."""
+        """Return whether fresh runs alone show that a failure is more frequent at a point than with nominal inputs."""
         self._left -= _FRESH
         known = self._controls
         failed = sum(one.failed for one in self.run([point] * _FRESH, "again"))
@@ -257,15 +256,15 @@ class DrivenSystem:
         return chance_of_difference(failed, _FRESH, *fresh) <= _FRESH_CHANCE
 
     def seen(self, axes: Sequence[str], fixed: Mapping[str, float]) -> list[RegionSample]:
-        """Return what came of some fields in runs that were for something else, the nominal ones included.
+        """Return the samples of some fields from runs with another purpose, the nominal ones included.
 
         Args:
-            axes: These fields; a run that left one alone had its nominal value.
+            axes: Names of the fields; a run that left one alone had its nominal value.
             fixed: Values that other fields had in these runs.
         """
         failed, total = self.controls()
         usual = {name: self.fields[name].told(self.fields[name].nominal) for name in (*axes, *fixed)}
-        phases = ("search", "needed")  # the others are of the region, or one point again and again
+        phases = ("search", "needed")  # the others are of the region, or repeat one point
         asked = [(point.values, point.failed) for point in self.points if point.phase in phases]
         asked += [({}, number < failed) for number in range(total)]
         told = self.told(fixed)
@@ -278,7 +277,7 @@ class DrivenSystem:
         ]
 
     def controls(self, least: int = AGAIN[0][1]) -> tuple[int, int]:
-        """Return how many runs with nominal inputs failed likewise, and how many there were; there are so many then."""
+        """Return how many runs with nominal inputs failed the same way, of how many, after running at least `least`."""
         failed, total = self._controls
         if total < least:
             first = self.step.workspace.seed + _CONTROL_SEEDS
@@ -289,9 +288,9 @@ class DrivenSystem:
         return self._controls
 
     def needed(self, found: Mapping[str, float]) -> dict[str, float]:
-        """Return the inputs of a failing point without those that can be left alone, each one and all together.
+        """Return the inputs of a failing point without those that are not needed, each one and all together.
 
-        Fields come first; of fields that vary in time, then the numbers that say how.
+        Whole fields are tried first, then, if fields vary in time, the single numbers that define how.
         """
         kept = dict(found)
         fields: dict[str, list[str]] = {}
@@ -304,7 +303,7 @@ class DrivenSystem:
         return self._without_idle(kept, [[name] for name in kept if name in self.varied.field_of])
 
     def simplest(self, found: Mapping[str, float]) -> dict[str, float]:
-        """Return inputs that are constant if these suffice, of the values that fields have in a failing point."""
+        """Return constant inputs, with values that fields have in a failing point, if these suffice; else the point."""
         values: dict[str, dict[float, None]] = {}
         for drive in self.varied.drives(found):
             if drive.value is not None:
@@ -325,11 +324,11 @@ class DrivenSystem:
             kept = {name: value for name, value in found.items() if not any(name in group for group in idle)}
             if self.moved(kept) and self._comes_again(kept):
                 return kept
-            del idle[0]  # the one that tells most
+            del idle[0]  # the strongest one
         return found
 
     def moved(self, point: Mapping[str, float]) -> set[str]:
-        """Return the fields that a point does something to."""
+        """Return the fields that a point changes."""
         return {each.field for each in self.varied.drives(point)}
 
     def told(self, point: Mapping[str, float]) -> dict[str, Scalar]:
@@ -337,7 +336,7 @@ class DrivenSystem:
         return {name: self._told(name, value) for name, value in point.items()}
 
     def in_words(self, point: Mapping[str, float]) -> str:
-        """Return what a point does to the fields."""
+        """Return a text on how a point changes the fields."""
         return ", ".join(
             f"{each.field} {each.how}"
             if each.value is None

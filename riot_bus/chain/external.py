@@ -1,4 +1,4 @@
-"""The external fields of a system: what the outside controls, and how it behaves in the nominal log."""
+"""The external fields of a system: the inputs that the outside controls, and their behaviour in the nominal log."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ __all__ = [
 
 _REACH = 2500.0
 _MOST_TEXTS = 16
-"""Of a text, those that came most often in the nominal log are tried."""
+"""Number of the most frequent texts of a field in the nominal log that are tried."""
 _LONGER, _LONG, _MOST_LONGER = 4, 16, 1 << 16
-"""Arrays get so many times their greatest nominal length, or so many elements, but no more than so many longer: that is
-longer than anything that was foreseen, and an image does not fill memory."""
+"""Longest arrays: a multiple of their greatest nominal length, or a number of elements, and the most added elements:
+longer than anything that was foreseen, but an image does not fill memory."""
 DELAY, LOSS = "#delay", "#loss"
-"""What fields are called, after their topic, that say how many seconds its messages are late, and what share is lost.
-No type's field is called so."""
+"""Names, after the topic, of the fields for the delay of its messages in seconds and the share that is lost. No field
+of a type has such a name."""
 _PERIODS, _MOST_LOSS = 10, 0.95
-"""Messages come late by so many times of their nominal distance at most, if riot.toml says nothing, and not all of them
-get lost: a failing run has to be played again from what came."""
+"""Largest delay of messages, as a multiple of their nominal period, if riot.toml states none; and the largest share of
+lost messages, which is not all, since a failing run is replayed from the messages that came."""
 
 
 _NEVER = "a topic without a message in the nominal log"
@@ -57,19 +57,19 @@ _NOT_FINITE = "never a finite number in the nominal log"
 
 @dataclass(frozen=True, slots=True)
 class ExternalField:
-    """What the outside controls, as a number: a field or the length of an array, or a parameter of commands.
+    """An input that the outside controls, as a number: a field, the length of an array, or a parameter of commands.
 
-    It may also be how late the messages of a topic are, in seconds, or which share of them gets lost.
+    It may also be the delay of a topic's messages, in seconds, or the share of them that is lost.
 
     Attributes:
-        path: Of the field; `len(path)` of an array; the parameter's name; `DELAY` or `LOSS`.
-        nominal: Median in the nominal log; of a field with choices the most frequent one.
-        spread: Standard deviation there; for a constant field a tenth of its size, or 1; of one with choices a half.
-        low: Smallest nominal value; of a constant field a spread below it; of a boolean one, or with choices, 0.
-        high: Largest nominal value, likewise; 1; the last choice.
+        path: Path of the field; `len(path)` of an array; the parameter's name; `DELAY` or `LOSS`.
+        nominal: Median in the nominal log; for a field with choices, the most frequent one.
+        spread: Standard deviation there; a tenth of the size, or 1, for a constant field; a half for choices.
+        low: Smallest nominal value; for a constant field, a spread below it; for a boolean, or choices, 0.
+        high: Largest nominal value; for a constant field, a spread above it; for a boolean 1; the last choice.
         range: Values that may be tried, from riot.toml or 2,500 spreads around the nominal value, within its type.
         rate: Messages per second of its topic in the nominal log.
-        choices: What it may be: from riot.toml, or the texts of the nominal log; none if it is a number.
+        choices: Its possible values, from riot.toml, or the texts of the nominal log; empty for a number.
     """
 
     name: str
@@ -86,7 +86,7 @@ class ExternalField:
 
     @property
     def integer(self) -> bool:
-        """Whether its number is a whole one."""
+        """Whether its values are whole numbers."""
         return bool(self.choices) or "int" in self.type or self.type == "bool"
 
     @property
@@ -96,17 +96,17 @@ class ExternalField:
 
     @property
     def constant(self) -> bool:
-        """Whether it has one value in a run: it is no field of messages."""
+        """Whether it has one value in a run, since it is not a field of messages."""
         return self.parameter or self.timing
 
     @property
     def timing(self) -> bool:
-        """Whether it says how late messages are, or which share of them is lost."""
+        """Whether it is the delay of messages, or the share that is lost."""
         return self.path in (DELAY, LOSS)
 
     @property
     def alone(self) -> bool:
-        """Whether it is a text of which only one value is known."""
+        """Whether it has only one known choice."""
         return len(self.choices) == 1
 
     def told(self, value: float) -> Scalar:
@@ -116,7 +116,7 @@ class ExternalField:
         if not self.integer or not math.isfinite(value):
             return value
         least, most = _whole_limits(self.type)
-        return min(max(round(value), least), most)  # of 64 bits, a float rounds the largest up
+        return min(max(round(value), least), most)  # as a float, the largest 64-bit value is rounded up
 
     def injection(
         self,
@@ -127,14 +127,14 @@ class ExternalField:
         end: float | None = None,
         message: int | None = None,
     ) -> Injection:
-        """Return what sets it to a number.
+        """Return the injection that sets it to a number.
 
         Args:
             value: The number.
-            speed: How fast the run is, as a multiple of the system's own time.
-            start: When that begins, in seconds since the first message.
-            end: When it ends, in seconds; None for never.
-            message: Number of the only message of its topic that gets it; None for all in that time.
+            speed: Speed of the run, as a multiple of the system's own time.
+            start: Start of the injection, in seconds since the first message.
+            end: End of the injection, in seconds; None for never.
+            message: Number of the only message of its topic that is changed; None for all in that time.
         """
         if self.path == DELAY:
             return Injection(self.topic, fault="delay", delay=value / speed)
@@ -145,7 +145,7 @@ class ExternalField:
         )
 
     def search_field(self) -> SearchField:
-        """Return it as a search sets it."""
+        """Return it as a field of a search."""
         low, high = self.range
         return SearchField(
             self.name, self.nominal, self.spread, low, high, integer=self.integer, choice=bool(self.choices)
@@ -156,10 +156,10 @@ class ExternalField:
 
         Args:
             seed: Seed of the signal.
-            hold: Messages for which a value is kept.
+            hold: Number of messages for which a value is held.
         """
         half = (self.high - self.low) / 2
-        # all whole numbers of the range come equally often
+        # so that all choices are equally likely
         reach = half + 0.499 if self.choices else half
         return Signal((self.high + self.low) / 2, reach, hold, seed, self.integer, self.choices)
 
@@ -181,17 +181,17 @@ def external_messages(workspace: Workspace) -> list[Message]:
         raise ConfigError(
             "no external topics", where=f"{file.path}: [external]", hint="list what the outside controls in `topics`"
         )
-    told = file.system.clock.topic if file.system.clock else None  # by riot, in the time of its runs
+    told = file.system.clock.topic if file.system.clock else None  # riot publishes it, in the time of its runs
     log = [one for one in workspace.nominal_messages() if told is None or registry.topic(one.key) != told]
     return [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
 
 
 def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
-    """Return what is played to the system in a nominal run; nothing where riot.toml names external components.
+    """Return the messages to play to the system in a nominal run; none if riot.toml names external components.
 
     Args:
         workspace: The system.
-        pace: How long the run lasts, and how fast it is.
+        pace: Duration and speed of the run.
 
     Raises:
         ConfigError: There are no external components, and nothing external in the nominal log, or they share the
@@ -206,7 +206,7 @@ def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
 
 
 def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Message, ...]:
-    """Return what comes from outside in the begin of the nominal log, which has the speed of `nominal_run`.
+    """Return the external messages at the start of the nominal log, which has the speed of `nominal_run`.
 
     Args:
         workspace: The system.
@@ -265,7 +265,7 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
 
 
 def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str, str]:
-    """Return what comes from outside and is none of the external fields, and why; not what riot.toml excludes.
+    """Return the external inputs that are no external field, and why, without those that riot.toml excludes.
 
     Args:
         workspace: The system.
@@ -301,7 +301,7 @@ def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str,
 
 
 def _lengths(messages: Sequence[Message], workspace: Workspace) -> dict[str, list[Target]]:
-    """Return the lengths of arrays that may have any, by topic."""
+    """Return the lengths of arrays that may change, by topic."""
     leave, found = workspace.context.file.external.exclude, dict[str, list[Target]]()
     for topic, (count, samples) in samples_by_topic(messages, workspace.context.registry).items():
         paths: dict[str, str] = {}
@@ -319,10 +319,10 @@ def _lengths(messages: Sequence[Message], workspace: Workspace) -> dict[str, lis
 
 
 def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) -> Iterator[ExternalField]:
-    """Yield how late the messages of a topic are, and which share of them is lost.
+    """Yield the fields for the delay of a topic's messages and for the share that is lost.
 
     Raises:
-        ConfigError: There are none in the nominal log.
+        ConfigError: The nominal log has no such message, or a range of riot.toml loses more than all of them.
     """
     if topic not in times:
         raise ConfigError(
@@ -351,12 +351,12 @@ def _parameter(name: str, told: Parameter) -> ExternalField:
 
 
 def parameter_name(name: str) -> str:
-    """Return how findings call a parameter of commands."""
+    """Return the name of a parameter of commands in findings."""
     return f"{PARAMETERS.removeprefix('#')}:{name}"
 
 
 def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scalar, ...]:
-    """Return what a field may be by riot.toml, or the texts that it was; nothing if it is a number."""
+    """Return the values of a field from riot.toml, or its texts in the log; nothing if it is a number."""
     stated = [values for pattern, values in file.external.values.items() if names_field(pattern, name)]
     if stated:
         return stated[-1]
@@ -397,12 +397,12 @@ def _described(
 
 
 def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[float, float]:
-    """Return what riot.toml states for a field as values that may be tried, the usual ones if it does not.
+    """Return the range that riot.toml states for a field, or the usual one.
 
-    What is no field of messages, and the length of an array, is only meant by a pattern that says so.
+    Delays, losses and lengths of arrays only match patterns that name them with `#` or `len(`.
 
     Raises:
-        ConfigError: There is no value between its limits.
+        ConfigError: The range of such a pattern is empty or begins below 0.
     """
     said = [sign for sign in ("#", "len(") if sign in name]
     for pattern, limits in reversed(file.external.ranges.items()):
@@ -423,7 +423,7 @@ def _limits(type_name: str) -> tuple[float, float]:
 
 
 def _whole_limits(type_name: str) -> tuple[int, int]:
-    """Return the same of a type of whole numbers."""
+    """Return the least and the largest value of an integer type."""
     if type_name == "bool":
         return 0, 1
     bits = int(type_name.partition("int")[2])

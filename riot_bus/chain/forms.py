@@ -1,4 +1,4 @@
-"""The forms of a rule that a maintainer takes into the code: files in the finding's folder, and a formula."""
+"""Forms of a rule for use in a maintainer's code: files in the finding's folder, and a formula."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> Rule
     """Write the rule as Python and C++ into the finding's folder, and return its record with the formula.
 
     Args:
-        record: The rule.
-        finding: What it is about.
+        record: Record of the rule.
+        finding: Record of its finding.
         folder: The finding's folder.
     """
     terms, types = Rule.from_json(record.rule).terms, dict(record.types)

@@ -1,4 +1,4 @@
-"""A guard made of a finding's rule, and tried on the finding's logs before it stands in front of the unit."""
+"""A guard made from a finding's rule, and tried on the finding's logs before it protects the unit."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ __all__ = ["GuardPlan", "GuardTrial", "plan_guard"]
 
 @dataclass(frozen=True, slots=True)
 class GuardTrial:
-    """What a guard does to a log.
+    """Effect of a guard on a log.
 
     Attributes:
         log: Name of the log.
-        messages: Messages of the unit's input in it.
-        met: For how many of them the rule held.
-        done: What was done with these: dropped, clamped, held, reported.
-        unread: How many could not be judged, since they lack a field of the rule.
+        messages: Number of messages of the unit's input in it.
+        met: Number of messages for which the rule held.
+        done: Number of messages by action: dropped, clamped, held, reported.
+        unread: Number of messages that could not be judged, since they lack a field of the rule.
     """
 
     log: str
@@ -44,7 +44,7 @@ class GuardTrial:
     unread: int
 
     def text(self) -> str:
-        """Return it in a line."""
+        """Return the effect in one line."""
         done = ", ".join(f"{count} {what}" for what, count in self.done.items()) or "all pass as they are"
         unread = f"; {self.unread} pass that lack a field of the rule" if self.unread else ""
         return f"{self.log}: the rule holds for {self.met} of {counted(self.messages, 'message')}: {done}{unread}"
@@ -52,13 +52,13 @@ class GuardTrial:
 
 @dataclass(frozen=True, slots=True)
 class GuardPlan:
-    """A guard as riot.toml and the command line name it, and what it does to the finding's logs.
+    """A guard for riot.toml and for the command line, and its effect on the finding's logs.
 
     Attributes:
         rule: The finding's rule, as text.
         toml: Lines for riot.toml.
         command: The command that starts a router with it.
-        trials: What it does to the logs of the finding, the nominal one first if there is one.
+        trials: Its effect on the logs of the finding, the nominal one first if there is one.
         bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
     """
 
@@ -83,9 +83,9 @@ def plan_guard(
     """Try a guard on the logs of a finding, and say how to put it in front of the unit.
 
     Args:
-        workspace: Where the finding is from.
-        folder: The finding.
-        action: What is done with messages for which the rule holds.
+        workspace: Workspace of the finding.
+        folder: Folder of the finding.
+        action: Action on messages for which the rule holds.
 
     Raises:
         ConfigError: There is no rule, or a guard cannot carry it out.
@@ -128,4 +128,4 @@ def _tried(name: str, log: Sequence[Message], guard: RuleGuard, workspace: Works
 
 
 def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML, but for DEL
+    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML, except for DEL

@@ -1,4 +1,4 @@
-"""What failed only after other test cases in the same process: is there one log with which a fresh process fails so?"""
+"""Failures only after other test cases in the same process: search for one log that makes a fresh process fail so."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["join_logs", "shrink_history"]
 
 _GAP_NS = 1_000_000
 _TRIES = 8
-"""Trials of the whole history, which is long, until one fails; three failures in ten are missed once in 17 times."""
+"""Most trials of the whole, long history until one fails; a failure in 3 of 10 trials is missed once in 17 times."""
 
 
 def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
@@ -45,16 +45,16 @@ def shrink_history(
     probe: Sequence[Message],
     progress: Progress | None = None,
 ) -> Failure | None:
-    """Return the failure with the fewest earlier cases that a fresh process needs for it; None if it does not fail so.
+    """Return the failure with the fewest earlier cases that a fresh process needs for it; None if it does not recur.
 
-    Its case has one log: those cases as they were injected, each with the probe that came after it, and the last one.
+    Its case has one log: these cases with their injections, each followed by the probe, and then the last case.
 
     Args:
-        found: What failed, and what came before.
-        runner: Executes trials, each with a process of its own.
-        registry: Names topics.
-        probe: What the unit got after each case.
-        progress: Told of the search.
+        found: The failure and the cases before it.
+        runner: Runner of trials, each in a process of its own.
+        registry: Registry that names topics.
+        probe: Messages that the unit got after each case.
+        progress: Called during the search.
     """
     *before, last = (
         inject_log(case.messages, case.injections, registry=registry, seed=case.seed)[0]

@@ -1,4 +1,4 @@
-"""Topics between the outside and the relevant fields: what is looked at of them, and the most permeable paths."""
+"""Topics between the external and the relevant fields: choice of their fields, and the most permeable paths."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ if TYPE_CHECKING:
 __all__ = ["intermediate_fields", "most_permeable_paths", "with_strengths"]
 
 _PER_TOPIC, _MOST = 3, 48
-"""Fields that are looked at of a topic, and of all: each costs a read for each message of a run, and an analysis."""
+"""Most fields per topic, and in total: each costs a read for each message of a run, and an analysis."""
 _LARGEST, _MOST_MESSAGES = 16 << 10, 10_000
-"""Bytes of a message, and messages of a topic in a run: all of a run are in memory, so topics with more, such as
-images, are not looked at."""
+"""Largest bytes of a message, and messages of a topic in a run: a whole run is in memory, so topics with more, such as
+images, are left out."""
 _READ, _PATHS = 100, 64
-"""Nominal messages of a topic, and fields of them, by which those that vary most are chosen."""
+"""Nominal messages of a topic, and fields of them, among which those that vary most are chosen."""
 
 
 def intermediate_fields(
     workspace: Workspace, graph: TopicGraph, topics: Iterable[str], externals: Iterable[str]
 ) -> tuple[str, ...]:
-    """Return numbers on topics that lie between the outside and some topics, those that vary most in the nominal log.
+    """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log.
 
     Args:
         workspace: The system.
-        graph: Who reads and writes what.
-        topics: The topics inside; they are none that lie between.
-        externals: The topics that the outside controls, likewise.
+        graph: Graph of the readers and writers of topics.
+        topics: The internal topics, which are left out.
+        externals: The external topics, which are left out.
     """
     inside, outside = set(topics), set(externals)
     before = {one for topic in inside for one in graph.reaching(topic)}
@@ -68,7 +68,7 @@ def intermediate_fields(
 
 
 def _are_few(messages: Sequence[Message], workspace: Workspace) -> bool:
-    """Return whether a run holds no more messages of a topic than fit into memory, and no large ones."""
+    """Return whether a topic's messages in a run fit into memory, and none of them is large."""
     system = workspace.context.file.system
     rate = message_rate(one.time for one in messages) / system.nominal_run.speed
     few = max(len(messages), rate * system.perturbed_run.duration) <= _MOST_MESSAGES
@@ -76,7 +76,7 @@ def _are_few(messages: Sequence[Message], workspace: Workspace) -> bool:
 
 
 def _can_be_observed(topic: str, path: str) -> bool:
-    """Return whether a run can be asked for a field: keys of JSON may be anything."""
+    """Return whether a selector can name a field: keys of JSON may be any text."""
     try:
         selector = parse_selector(f"{topic}:{path}")
     except ConfigError:
@@ -91,14 +91,14 @@ def _different_numbers(values: Sequence[Scalar]) -> int:
 
 
 def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[str, Any]:
-    """Return a backtrack tree in which each topic says what of it follows an external field most.
+    """Return a backtrack tree with the field of each topic that follows an external field most.
 
     Args:
-        tree: As `Hop.as_json` returns it.
-        edges: What is known of fields of its topics.
+        tree: Backtrack tree, as `Hop.as_json` returns it.
+        edges: Edges to fields of its topics.
 
     Returns:
-        The tree; each node has `follows` (an edge as data, None where no field of the topic was looked at).
+        The tree; each node has `follows` (an edge as data; None if no field of the topic was tested).
     """
     best: dict[str, EdgeRecord] = {}
     for edge in edges:
@@ -117,14 +117,14 @@ def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[st
 
 
 def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[EdgeRecord]) -> tuple[PathRecord, ...]:
-    """Return for each root the path from an external field on which most of it gets through where it is weakest.
+    """Return for each root the path from an external field whose weakest topic is strongest.
 
-    What is known of a topic is the share of its strongest field that follows the external one. A path counts if it is
-    known of each of its topics, and not nothing; there may be none.
+    The strength of a topic is the share of its strongest field that follows the external one. A path counts only if
+    the strength of each of its topics is known and not 0; there may be none.
 
     Args:
         trees: Backtrack trees, as `Hop.as_json` returns them.
-        edges: What is known of fields of their topics.
+        edges: Edges to fields of their topics.
     """
     known: dict[tuple[str, str], EdgeRecord] = {}
     for edge in edges:
@@ -159,7 +159,7 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
 
 
 def _ways(tree: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield the topics of each path of a tree, from an external one to the root; none that begins at the root's."""
+    """Yield the topics of each path of a tree, from an external one other than the root's topic to the root."""
     waiting: list[tuple[Mapping[str, Any], tuple[str, ...]]] = [(tree, ())]
     while waiting:
         node, behind = waiting.pop()
@@ -170,5 +170,5 @@ def _ways(tree: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _shown(edge: EdgeRecord) -> float:
-    """Return the share that follows, 0 if that may be chance."""
+    """Return the strength of an edge; 0 if it may be chance."""
     return edge.strength if edge.permeable else 0.0

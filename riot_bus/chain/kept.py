@@ -1,4 +1,4 @@
-"""Findings from one version of a system to the next: kept beside its code, and taken up where they fail again."""
+"""Findings across versions of a system: kept beside its code, and taken over if they fail again."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 __all__ = ["LARGEST", "NOMINAL", "keep_finding", "take_up"]
 
 LARGEST = 8 << 20
-"""Bytes of a log that is kept in somebody's repository."""
+"""Most bytes of a log that is kept in a user's repository."""
 NOMINAL = "nominal.mcap"
 """Name of the nominal run in an output folder."""
 _IGNORED = "/trials/\n"
 
 
 def keep_finding(folder: Path, into: Path) -> Path | None:
-    """Copy what it takes to play a finding again; return its new folder, None if its log is too large to be kept.
+    """Copy the files to replay a finding; return its new folder, or None if its log is missing or too large.
 
-    The folder `into` is then like an output folder. Nothing in it leads to where the finding was made. The nominal run
-    goes with a finding that only nominal trials tell, unless one is there or it is too large.
+    The folder `into` is then like an output folder, without references to the original one. The nominal run is copied
+    with a finding that is judged by nominal trials, unless there is one already or it is too large.
 
     Args:
-        folder: The finding.
-        into: Where to, beside the system's code.
+        folder: Folder of the finding.
+        into: Target folder, beside the system's code.
     """
     record, minimal = FindingRecord.load(folder), MinimalRecord.exists(folder)
     log = folder / ("minimal.mcap" if minimal else "failure.mcap")
@@ -66,15 +66,15 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
 def take_up(
     workspace: Workspace, source: Path, found: Reproduction, *, other: Violation | None = None, evidence: bool
 ) -> Path:
-    """Make a finding of this version of the system of one whose log fails again; return its folder.
+    """Make a finding for this version of the system from one whose log fails again; return its folder.
 
-    What was learnt of it with other code is put aside.
+    Results from other versions of the code are put aside.
 
     Args:
         workspace: The system, its output folder and its slots.
-        source: The finding that was played.
-        found: What came of it.
-        other: How its log fails, if it is not as before.
+        source: Folder of the finding that was replayed.
+        found: Result of the replay.
+        other: Violation of the log, if it fails in another way than before.
         evidence: Whether to repeat it until it leaves evidence.
     """
     record = FindingRecord.load(source)

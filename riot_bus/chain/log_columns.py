@@ -1,4 +1,4 @@
-"""The numbers of whole logs as arrays, in bounded memory: what observational evidence is made of."""
+"""The numbers of whole logs as arrays, in bounded memory, for observational evidence."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 __all__ = ["LogColumns", "read_pieces"]
 
 _MEMORY = 1 << 29
-"""Bytes that the numbers may take: what is more is looked at in stretches."""
+"""Bytes that the numbers may take: of larger logs, only stretches are read."""
 
 _CHUNKS = 1 << 27
 _STRETCHES = 10
 _ELEMENTS = 4
-"""So many elements of each array are fields of their own, as in `chain.logs`."""
+"""Number of elements of each array that are fields of their own, as in `chain.logs`."""
 
 _MOST_FIELDS = 200
 _TEXTS = frozenset({"string", "bytes"})
@@ -41,15 +41,15 @@ _TEXTS = frozenset({"string", "bytes"})
 
 @dataclass(slots=True)
 class LogColumns:
-    """What was read.
+    """Numbers that were read from logs.
 
     Attributes:
         pieces: The logs, or stretches of them.
-        topics: Messages of each topic that the logs have.
-        keys: Zenoh key of each topic (of a ROS bag its name).
-        messages: Messages in all logs.
-        looked_at: Messages of them that were looked at.
-        notes: What could not be looked at, and why.
+        topics: Number of messages of each topic in the logs.
+        keys: Zenoh key of each topic (for a ROS bag, its name).
+        messages: Number of messages in all logs.
+        looked_at: Number of messages that were read.
+        notes: Notes on what could not be read, and why.
     """
 
     pieces: list[Piece] = field(default_factory=list)
@@ -72,10 +72,10 @@ def read_pieces(
 
     Args:
         logs: MCAP files.
-        registry_of: Returns what knows the types of an open log.
-        wanted: Fields that are read whatever they are.
-        memory: Bytes that the numbers may take; of more, ten stretches of each log are looked at, evenly spread.
-        progress: Told after each log.
+        registry_of: Function that returns the registry of an open log's types.
+        wanted: Fields that are read in any case.
+        memory: Bytes that the numbers may take; if there are more, ten evenly spaced stretches of each log are read.
+        progress: Called after each log.
 
     Raises:
         ConfigError: A file is no log.
@@ -151,7 +151,7 @@ def _paths(each: FieldType) -> list[str]:
 
 
 class _Growing:
-    """Values of one field; one number as long as they are all alike."""
+    """Values of one field; a single number as long as they are all equal."""
 
     def __init__(self) -> None:
         self.base: float | None = None
@@ -165,7 +165,7 @@ class _Growing:
         if self.base is None:
             self._parts.append(np.full(len(values), np.nan, np.float32))
             return
-        # Against the first value, since float32 has too few digits for a place on Earth.
+        # Relative to the first value, since float32 has too few digits for a place on Earth.
         with np.errstate(over="ignore", invalid="ignore"):
             moved = (values - self.base).astype(np.float32)
         if not self._parts and not moved.any():
@@ -176,7 +176,7 @@ class _Growing:
         self._parts.append(moved)
 
     def values(self) -> NDArray[np.float32] | None:
-        """Return them; None if they are all alike."""
+        """Return the values relative to `base`; None if they are all equal or not finite."""
         return np.concatenate(self._parts) if self._parts and self.base is not None else None
 
 
@@ -200,13 +200,13 @@ def _collect(parts: Iterable[Columns], fields: Mapping[str, Sequence[str]], *, l
             grown = growing.pop(name)
             if topic in seconds and grown.base is not None:
                 found = grown.values()
-                # What never changed needs no room: one number is broadcast over all messages.
+                # A field that never changed needs no memory: one number is broadcast over all messages.
                 values[name] = np.broadcast_to(np.float32(0.0), len(seconds[topic])) if found is None else found
     return Piece(seconds, values, log)
 
 
 def _numbers(column: Column, whole: Column) -> NDArray[np.float64]:
-    """Return a column's numbers, NaN where it has none, one for each message of its topic."""
+    """Return a column's numbers, one for each message of its topic, NaN where it has none."""
     values = column.values
     if values.dtype == np.object_:
         values = np.array(

@@ -46,17 +46,17 @@ __all__ = [
 
 _ELEMENTS = 4
 _CHANGED = 64
-"""So many elements of each array are looked at for changes; those without one are fields up to `_ELEMENTS`."""
+"""Elements of each array that are checked for changes; unchanged ones are fields only up to `_ELEMENTS`."""
 _INDEX = re.compile(r"\[(\d+)\]")
 _LONGEST = (1 << 16) - 1
-"""Lengths of arrays that injections changed are fields too, up to this: any number of 16 bits has to do."""
+"""Up to this, lengths of arrays that injections changed are fields, too, with the type of 16-bit numbers."""
 _LOG = logging.getLogger(__name__)
 
 
 def read_messages(path: Path, *, registry: TypeRegistry) -> tuple[Message, ...]:
-    """Return the delivered messages of a log, and learn the types that it names; what is damaged is said on stderr.
+    """Return the delivered messages of a log, and learn the types that it names; damage is logged as a warning.
 
-    Those of a ROS 2 bag get the keys and attachments of rmw_zenoh.
+    Messages of a ROS 2 bag get the keys and attachments of rmw_zenoh.
 
     Raises:
         ConfigError: The file is missing or not MCAP.
@@ -75,14 +75,14 @@ def inputs_of(
     """Return the messages of a log that are inputs of a unit.
 
     Args:
-        unit: Its name.
-        messages: The log.
-        file: Describes the unit.
-        registry: Names topics.
-        path: Where the log is.
+        unit: Name of the unit.
+        messages: Messages of the log.
+        file: System file that describes the unit.
+        registry: Registry that names topics.
+        path: Path of the log, for error messages.
 
     Raises:
-        ConfigError: The log holds none.
+        ConfigError: The log has no input of the unit.
     """
     inputs = file.components[file.unit[unit].component or unit].inputs
     log = list(messages)
@@ -103,7 +103,7 @@ def _warn(path: str, loss: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FailingLog:
-    """A log and, by message number, what modified messages were before."""
+    """A log and, by message number, the originals of modified messages."""
 
     messages: tuple[Message, ...]
     originals: Mapping[int, Message]
@@ -115,7 +115,7 @@ class FailingLog:
         return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
 
     def names(self, registry: TypeRegistry) -> list[str]:
-        """Return what messages are called: `topic`, or `topic[i]` where the log holds several of the topic."""
+        """Return the names of messages: `topic`, or `topic[i]` if the log has several of the topic."""
         topics = [registry.topic(message.key) for message in self.messages]
         counts, seen = Counter(topics), Counter[str]()
         names = []
@@ -125,7 +125,7 @@ class FailingLog:
         return names
 
     def restored(self) -> FailingLog:
-        """Return the log with the originals in place of what was modified, each once and in their order."""
+        """Return the log with originals in place of modified messages, each once and in order of their numbers."""
         known = {one.sequence: self.originals.get(one.sequence, one) for one in self.messages}
         return FailingLog(tuple(known[number] for number in sorted(known)), {})
 
@@ -166,11 +166,11 @@ class NamedField:
     """One scalar field of one message of a short log.
 
     Attributes:
-        name: `topic:path`, or `topic[i]:path` where the log holds several messages of the topic.
+        name: `topic:path`, or `topic[i]:path` if the log has several messages of the topic.
         position: Index of the message in the log.
-        original: Value before the injection, None if the field was not changed.
+        original: Value before the injection; None if the field was not changed.
         kind: Type of the message.
-        payload: Of the message.
+        payload: Payload of the message.
     """
 
     name: str
@@ -207,7 +207,7 @@ class NamedFields:
             for position, order in enumerate(orders)
             if not several & {order.first, order.second} and order_of(str(order)) == order
         }
-        """Neighbouring messages of two topics that come once each, by their order: the place of the first of them."""
+        """Order of two adjacent messages, whose topics occur once each, to the position of the first message."""
 
     def _leaves(self, kind: MessageType, message: Message) -> Iterable[tuple[Leaf, Scalar | None]]:
         before = self.log.originals.get(message.sequence)
@@ -233,11 +233,11 @@ class NamedFields:
         """Return the log's messages with fields set by name; fields that keep their value keep their bytes.
 
         Args:
-            values: By the names of fields; of an array, by a name with `[*]`, all elements; of an order, whether it
-                is that of the log.
+            values: Values by name: of fields; of all elements of an array, by a name with `[*]`; for an order, whether
+                it is that of the log.
 
         Raises:
-            ConfigError: No such field.
+            ConfigError: The log has no such field or array.
         """
         changes: dict[int, dict[str, Scalar]] = {}
         turned: set[int] = set()
@@ -279,11 +279,11 @@ class NamedFields:
 
 
 def _turned(messages: Sequence[Message], turned: set[int]) -> tuple[Message, ...]:
-    """Return messages with the order of some pairs of neighbours turned round: whole runs of them are.
+    """Return messages with the order of some adjacent pairs reversed; a chain of such pairs is reversed as a whole.
 
     Args:
-        messages: The log.
-        turned: Place of the first message of each pair.
+        messages: Messages of the log.
+        turned: Position of the first message of each pair.
     """
     found: list[Message] = []
     run: list[Message] = []
@@ -302,7 +302,7 @@ def internal_name(name: str) -> str:
 
 
 def _changed(kind: MessageType, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-    """Return a payload with fields changed; elements of arrays that are cut off have no value to set."""
+    """Return a payload with fields changed; changes of elements beyond a shortened array are ignored."""
     lengths = {path: value for path, value in changes.items() if path.startswith("len(")}
     if not lengths:
         return kind.rebuild(payload, changes)
@@ -317,7 +317,7 @@ def _changed(kind: MessageType, payload: bytes, changes: Mapping[str, Scalar]) -
 def nominal_values(
     messages: Sequence[Message], paths: Mapping[str, Iterable[str]], *, registry: TypeRegistry, at_most: int = 2000
 ) -> dict[str, list[Scalar]]:
-    """Return the values that fields (by topic, then path) took in a log, evenly thinned out."""
+    """Return the values of fields (by topic, then path) in evenly spaced messages of a log."""
     values: dict[str, list[Scalar]] = {f"{topic}:{path}": [] for topic, some in paths.items() for path in some}
     by_topic: dict[str, list[Message]] = {topic: [] for topic in paths}
     for message in messages:

@@ -29,27 +29,27 @@ __all__ = ["minimize"]
 _INJECTED = 20.0
 _RECENT = 1.0
 _UNMODIFIED, _DOUBT = 0.1, 0.02
-"""Prior that what was kept fails without its modifications, and what decides about it."""
+"""Prior probability that the kept messages fail unmodified, and the doubt below which that is decided."""
 _ALWAYS = 0.95
-"""A rate that is expected to be higher is taken to be 1."""
+"""An estimated failure rate above this is taken to be 1."""
 _LEAST, _MOST, _SURE = 12, 40, 0.2
-"""Trials for a rate, and how uncertain it may stay, as a share of it. Later steps take an input for harmless
-after so few trials that a rate of 0.3 that passes for 0.6 made a third of their answers wrong."""
+"""Fewest and most trials to estimate a rate, and the uncertainty allowed, as a share of the rate. Later steps take an
+input for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of their answers wrong."""
 _APART = 1_000_000
-"""Nanoseconds between messages of a log that is fed as fast as the unit takes it: its times play no part."""
+"""Nanoseconds between messages of a log that is fed as fast as the unit takes it: its timestamps do not matter."""
 
 
 def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRecord:
     """Shrink `failure.mcap` to `minimal.mcap`: it fails with the same signature, and no message can be taken away.
 
-    What was modified in it goes back to nominal or to simple values as far as the failure stays. Where nothing modified
-    is needed, it is told which messages of the nominal log are missing. When it is interrupted, the best so far is
-    kept, and said not to be proven.
+    Modified values return to nominal or simple ones as far as the failure persists. If no modification is needed,
+    the record names the messages of the nominal log that are missing. If the step is interrupted, the best result so
+    far is saved and marked as unproven.
 
     Args:
         step: The running step.
-        folder: The finding.
-        budget: Most trials.
+        folder: Folder of the finding.
+        budget: Maximum number of trials.
 
     Raises:
         InconclusiveError: The failing log does not fail again.
@@ -59,7 +59,7 @@ def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRec
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """What is kept: positions in the failing log, the messages as they are by now, and what is known of them."""
+    """The result so far: positions kept in the failing log, the messages as simplified, and figures about them."""
 
     kept: tuple[int, ...]
     log: FailingLog
@@ -102,7 +102,7 @@ class _Minimization:
         return self._saved(found, absent)
 
     def _messages(self) -> _Found:
-        """Return the messages that are needed; where modified ones are the cause, with one at least."""
+        """Return the messages that are needed, at least one of them modified if modified messages are the cause."""
         minimal = self._shrunk(self.log)
         if not self.needs_cause or not minimal.kept:
             return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
@@ -112,7 +112,7 @@ class _Minimization:
             return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
         self.best = None  # what was found so far has another cause
         if self._decided(self.log.restored(), minimal.noise)[-1]:
-            # Nothing that was modified matters, but what is missing.
+            # No modification matters; missing messages do.
             self.needs_cause, self.log = False, self.log.restored()
         else:
             self._tell_other_cause(unmodified, (failed, total))
@@ -124,8 +124,8 @@ class _Minimization:
         """Return the messages of a log that are needed.
 
         Args:
-            log: It fails.
-            within: What the log is of; what becomes of it is a smaller one.
+            log: A log that fails.
+            within: The result so far that holds this log, to be reduced further; None for a first search.
         """
         n = len(log.messages)
         modified = [place for place, message in enumerate(log.messages) if message.sequence in log.originals]
@@ -155,7 +155,7 @@ class _Minimization:
         return minimal
 
     def _simplified(self, found: _Found) -> _Found:
-        """Return what was found as simple as it can be, and again without messages that are needed no more."""
+        """Return the result with values as simple as possible, and without messages that are no longer needed."""
         if not self.paced:
             found = replace(found, log=spaced(found.log, [_APART] * (len(found.log.messages) - 1)))
         if not found.minimal.one_minimal:
@@ -192,20 +192,20 @@ class _Minimization:
         )
         try:
             minimal = self._shrunk(work.log, within=simpler)
-        except InconclusiveError:  # chance has led the search to what does not fail
+        except InconclusiveError:  # chance has led the search to messages that do not fail
             return replace(found, simplified_trials=work.trials)
-        if not minimal.one_minimal:  # what was shown before is worth more than simpler values
+        if not minimal.one_minimal:  # proven minimality is worth more than simpler values
             return found
         kept = tuple(simpler.kept[place] for place in minimal.kept)
         return replace(simpler, kept=kept, log=work.log.keep(minimal.kept), minimal=minimal)
 
     def _rated(self, found: _Found) -> _Found:
-        """Return what was found with its rate in fresh trials, if it does not always fail.
+        """Return the result with its failure rate in fresh trials, unless it always fails.
 
-        Those of the search tell more failures than there are: what they kept was kept because it failed.
+        The trials of the search overestimate the rate: messages were kept because they failed.
 
         Raises:
-            InconclusiveError: None of them failed.
+            InconclusiveError: None of the fresh trials failed.
         """
         failed, total = found.minimal.failed
         if failed == total and found.minimal.noise.rate > _ALWAYS:
@@ -227,7 +227,7 @@ class _Minimization:
         return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if failed else found
 
     def _without_modified(self, found: _Found) -> _Found:
-        """Return it with trials of its messages without the modified ones: these may do what their absence does."""
+        """Return the result with trials without its modified messages: their absence may have the same effect."""
         log, without = found.log, list(found.minimal.without)
         rest = [place for place, message in enumerate(log.messages) if message.sequence not in log.originals]
         if not self.needs_cause or not log.originals or not rest or self.missing:
@@ -261,14 +261,14 @@ class _Minimization:
         return [outcome.failed_as(finding.signature) for outcome in outcomes]
 
     def _failing_if_modified(self, logs: Sequence[FailingLog]) -> list[bool]:
-        """Whether logs fail that do not fail with the originals of what was modified."""
+        """Return for each log whether it fails, but not with the originals of its modified messages."""
         answers = self._failing(logs)
         failed = [log.restored() for log, answer in zip(logs, answers, strict=True) if answer]
         unmodified = iter(self._failing(failed))
         return [answer and not next(unmodified) for answer in answers]
 
     def _decided(self, log: FailingLog, noise: Noise) -> tuple[int, int, bool]:
-        """Return how many of how many trials of a log failed that should not, and whether it triggers the failure."""
+        """Return the failed and total trials of a log presumed harmless, and whether it triggers the failure."""
         failed = total = 0
         chance = _UNMODIFIED
         while total < 1 or _DOUBT < chance < 1 - _DOUBT:
@@ -278,7 +278,7 @@ class _Minimization:
         return failed, total, chance > 0.5
 
     def _saved(self, found: _Found, absent: AbsentRecord | None = None) -> MinimalRecord:
-        """Write `minimal.mcap` and return what it is."""
+        """Write `minimal.mcap` and return its record."""
         metadata = {
             "finding": self.finding.id,
             "signature": self.finding.signature,

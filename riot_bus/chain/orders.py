@@ -1,4 +1,4 @@
-"""The order of two messages as what a failure depends on: turned round in trials, and told of whole logs."""
+"""The order of two messages as a condition of a failure: swapped in trials, and checked in whole logs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DOUBT = 0.02
 
 
 def order_spaces(fields: NamedFields) -> list[FieldSpace]:
-    """Return the orders of neighbouring messages as what may matter: as in the log, or turned round."""
+    """Return the orders of neighbouring messages as fields that may matter: as in the log, or swapped."""
     return [FieldSpace(name, failing=True, nominal=None, draws=(False,)) for name in fields.orders]
 
 
@@ -38,14 +38,14 @@ def order_variables(names: Iterable[str]) -> list[Variable]:
 def with_first(
     questions: UnitQuestions, learned: LearnedRule, variables: Sequence[Variable]
 ) -> tuple[LearnedRule, list[Variable]]:
-    """Return a rule that says `a before the first b` where an earlier b keeps the failure off, as a trial has shown.
+    """Return the rule with `a before the first b` wherever a trial shows that an earlier b prevents the failure.
 
-    The trial has the second message of the order once more, in front of the minimal log.
+    The trial repeats the second message of the order in front of the minimal log.
 
     Args:
-        questions: Asks the unit.
-        learned: The rule.
-        variables: Its variables.
+        questions: The trials of the unit.
+        learned: The learned rule.
+        variables: The variables of the rule.
     """
     words: dict[str, str] = {}
     failing = {variable.name: variable.failing for variable in variables}
@@ -75,7 +75,7 @@ def with_first(
 
 
 def judge_of_logs(questions: UnitQuestions, rule: Rule) -> Callable[[Sequence[Message]], bool] | None:
-    """Return what says of a whole log whether a rule holds somewhere; None if that is said by values alone."""
+    """Return a function that tells whether a rule holds anywhere in a log; None if the rule has no order in it."""
     if not any(order_of(name) for name in rule.variables):
         return None
     registry, topics = questions.fields.registry, questions.fields.topics

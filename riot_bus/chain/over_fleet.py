@@ -44,8 +44,8 @@ class LogAnswer:
 
     Attributes:
         place: The log.
-        answer: `fixed`: no trial failed. `failed`: at least one did. `error`: there is no telling.
-        detail: Why.
+        answer: `fixed`: no trial failed. `failed`: at least one did. `error`: no verdict was possible.
+        detail: The reason.
         failed: Trials that failed as the test case says, or in any way if it does not say.
         trials: Number of trials on this log.
         injected: Messages that were changed.
@@ -69,7 +69,7 @@ class FleetOptions:
         times: Fresh trials of each log.
         start: Seconds of each log that are left out at its beginning.
         duration: Seconds of each log; None for all.
-        again: Whether to try again what was tried before.
+        again: Whether to try logs again that have an answer already.
     """
 
     times: int = 1
@@ -83,14 +83,13 @@ def run_over(
 ) -> list[LogAnswer]:
     """Replay a test case over logs, several at once.
 
-    Answers are kept in the folder for everything that is written: to run it again is to go on. What could not be told
-    is tried again.
+    Answers are kept in the output folder, so a second run continues the first. Logs without a verdict are tried again.
 
     Args:
-        workspace: Where to work; its jobs are the logs that are tried at once.
+        workspace: The workspace; its `jobs` is the number of logs that are tried at once.
         challenge: The test case.
         unit: The unit to which the logs are played.
-        logs: As a catalogue knows them.
+        logs: Catalogue entries of the logs.
         options: How each log is tried.
 
     Returns:
@@ -133,7 +132,7 @@ def run_over(
 
 
 def exit_code(answers: Sequence[LogAnswer]) -> int:
-    """Return 1 if the test case still fails somewhere, else 4 if there is no telling somewhere, else 0."""
+    """Return 1 if the test case still fails on some log, else 4 if some log has no verdict, else 0."""
     kinds = {each.answer for each in answers}
     return 1 if "failed" in kinds else 4 if "error" in kinds else 0
 
@@ -164,7 +163,7 @@ class _Work:
         self._stopping.set()
 
     def answer_all(self, waiting: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer | BaseException]) -> None:
-        """Try logs until there are no more, or it is stopped; whatever else ends it is an answer, too."""
+        """Try logs until none are left or it is stopped; any other exception is put among the answers."""
         try:
             while not self._stopping.is_set():
                 answers.put(self.answer(waiting.get_nowait()))
@@ -174,7 +173,7 @@ class _Work:
             answers.put(error)
 
     def answer(self, log: LogEntry) -> LogAnswer:
-        """Try one log; what goes wrong is an answer too."""
+        """Try one log; an error is an answer, too."""
         try:
             with copied(log.place) as path:
                 messages, damage = self._read(path)
@@ -249,7 +248,7 @@ class _Work:
 
 
 class _Answers:
-    """Answers by what decides them, as JSON lines that are only ever appended to."""
+    """Answers by a hash of everything that determines them, in an append-only file of JSON lines."""
 
     _ADAPTER = TypeAdapter(LogAnswer)
 
@@ -263,7 +262,7 @@ class _Answers:
                 record = json.loads(line)
                 self._known[str(record["key"])] = dict(record["answer"])
             except (ValueError, KeyError, TypeError):
-                continue  # a kill cut it off
+                continue  # the process was killed while writing it
         if data and not data.endswith(b"\n"):
             with path.open("ab") as stream:
                 stream.write(b"\n")

@@ -36,12 +36,12 @@ __all__ = ["permeability"]
 
 _ALPHA = 0.01
 _ALPHA_AGAIN = 0.05
-"""In further runs, of which only what has been found already is asked."""
+"""For further runs, which only have to confirm effects found already."""
 _FEWEST_AGAIN = 4
 _SEARCHED = 3
-"""Runs at most that look for what freezes the inside, likewise."""
+"""Most runs that search for fields that freeze the inner ones, as a multiple of the long runs."""
 _BETWEEN = 3
-"""Runs in which fields are constant, as a multiple of the long ones: each tells one value."""
+"""Runs in which fields are constant, as a multiple of the long runs: each yields one value."""
 _UNTOLD = "no internal field had values by which it could be told"
 _UNSEEN, _IDLE = "it had no value in any long run", "it was constant, or had too few values, in every run"
 _FREEZING = "inner fields hardly move when it is driven, as if it was refused, so others were driven without it"
@@ -52,17 +52,19 @@ _ALONE = "a text that is always the same in the nominal log, and riot.toml state
 
 
 def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
-    """Perturb the external fields of the whole system, and see what comes of the relevant ones and those of the rule.
+    """Perturb the external fields of the whole system, and measure their effect on the fields that matter.
+
+    These internal fields are the relevant ones and those of the rule.
 
     Args:
         step: The running step.
-        folder: The finding.
-        runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance, and
-            three times as many in which fields are constant, if some tell nothing within runs, such as those of a
-            message that is sent once, if nothing reaches an internal field, or if only the first value of a field
-            seems to count. If then still nothing reaches one, as many follow with values beyond the nominal ones. Where
-            something nearly shows in either, there are twice as many.
-        prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
+        folder: Folder of the finding.
+        runs: Number of long runs of the whole system. Half as many more follow if an effect is so weak that it may be
+            chance. Three times as many, with constant fields, follow if some fields show nothing within runs (such as
+            those of a message that is sent once), if nothing reaches an internal field, or if only the first value of a
+            field seems to count. If still nothing reaches one, as many again follow with values beyond the nominal
+            ones. If an effect nearly shows in either of these, their number is doubled.
+        prune: Whether to leave out external topics that cannot reach a relevant topic in the declared graph.
 
     Raises:
         ConfigError: The step before has not been done, or nothing external is described.
@@ -186,7 +188,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
 def _driven_without_refused(
     system: DrivenRuns, fields: Sequence[ExternalField], runs: int
 ) -> tuple[list[Perturbed], dict[str, str], int]:
-    """Return so many runs in which fields are driven, those that are left out, and why, and the number of all runs."""
+    """Return the runs in which fields are driven, the fields left out and why, and the number of all runs."""
     done = system.within(fields, range(runs))
     if sum(system.freezes(outcome) for _, outcome in done) <= runs // 2:
         return done, {}, runs
@@ -200,7 +202,7 @@ def _driven_without_refused(
 
 
 def _usual(workspace: Workspace, internals: Sequence[str]) -> dict[str, Usual]:
-    """Return what internal fields do in the nominal log, and how many values they have in a run at its pace."""
+    """Return how internal fields behave in the nominal log, and how many values to expect in a perturbed run."""
     registry, system = workspace.context.registry, workspace.context.file.system
     messages = workspace.nominal_messages()
     paths: dict[str, list[str]] = {}
@@ -231,7 +233,7 @@ def _is_permeable(edges: Mapping[tuple[str, str], EdgeRecord], external: str, to
 
 
 def _unless_doubtful(edge: EdgeRecord) -> EdgeRecord:
-    """Return an edge as not permeable if its interval holds 0: no further runs settle that on the way."""
+    """Return an edge, not permeable if its interval contains 0: no further runs settle intermediate fields."""
     return edge.model_copy(update={"permeable": edge.permeable and edge.low > 0})
 
 

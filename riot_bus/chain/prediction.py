@@ -1,4 +1,4 @@
-"""What a rule says of a whole log: at which messages the unit would fail."""
+"""Prediction of a rule for a whole log: the messages at which the unit would fail."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = ["Moment", "Prediction", "alike", "column_of", "explained", "predict",
 _TOLD = 20
 _RELIABLE = 0.95
 _MOST_MESSAGES = 300_000
-"""Messages of trials that a rule is held against, in all: about half a minute."""
+"""Most messages of trials that a rule is checked against, in all: about half a minute."""
 
 _ROWS = 4096
 """Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
@@ -54,16 +54,16 @@ class Moment:
 
 @dataclass(slots=True)
 class Prediction:
-    """What a rule says of a log.
+    """The prediction of a rule for a log.
 
     Attributes:
-        judged: Messages at which all fields of the rule were known.
-        unknown: Messages of the last of the rule's topics at which one was not.
-        fails: At how many of the judged ones the rule holds.
-        moments: The first of those.
+        judged: Number of messages at which all fields of the rule were known.
+        unknown: Number of messages of the last of the rule's topics at which a field was not known.
+        fails: Number of judged messages at which the rule holds.
+        moments: The first of these messages.
         begin: When the first message of the log was sent (ns).
         rule: The rule as text.
-        topics: Of the log in which its fields are named.
+        topics: Topic of each message of the log in which the rule's fields are named.
     """
 
     rule: str = ""
@@ -75,7 +75,7 @@ class Prediction:
     moments: list[Moment] = field(default_factory=list)
 
     def lines(self) -> list[str]:
-        """Return it for people."""
+        """Return the prediction as lines of text."""
         of = f"{counted(self.judged, 'message')} of its topics"
         first = (
             f"{'would fail' if self.fails else 'would not fail'}: the rule {self.rule} holds at {self.fails} of {of}"
@@ -87,7 +87,7 @@ class Prediction:
         return found + ([f"  ... and {self.fails - _TOLD} more"] if self.fails > _TOLD else [])
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
+        """Return the prediction as a JSON object."""
         moments = [
             {"message": one.place, "time": one.time, "values": {n: json_value(v) for n, v in one.values.items()}}
             for one in self.moments
@@ -97,15 +97,15 @@ class Prediction:
 
 
 def predict_log(path: Path, folder: Path) -> Prediction:
-    """Return what the rule of a finding says of a log.
+    """Return the prediction of a finding's rule for a log.
 
     Args:
-        path: The log; it may be longer than memory.
-        folder: The finding.
+        path: Path of the log, which may be larger than memory.
+        folder: Folder of the finding.
 
     Raises:
         ConfigError: There is no such log, or the finding has no rule.
-        InconclusiveError: The fields of the rule are nowhere in it together.
+        InconclusiveError: The fields of the rule are never known together in the log.
     """
     record = RuleRecord.load(folder)
     registry = open_system(Path(FindingRecord.load(folder).system_file)).registry
@@ -123,12 +123,12 @@ def predict_log(path: Path, folder: Path) -> Prediction:
 
 
 class Explained(NamedTuple):
-    """What a rule says of earlier trials.
+    """Comparison of a rule with earlier trials.
 
     Attributes:
-        trials: How many it was held against.
-        wrong: Those of which it says what is not so: what was injected, and whether they failed.
-        holds: Where the failure comes only sometimes: how many of how many trials in which the rule holds failed so.
+        trials: Number of trials compared.
+        wrong: Trials that the rule predicts wrongly: what was injected, and whether they failed.
+        holds: If the failure occurs only sometimes: the failed and all trials in which the rule holds.
     """
 
     trials: int
@@ -137,18 +137,19 @@ class Explained(NamedTuple):
 
 
 def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, rate: float = 1.0) -> Explained:
-    """Hold a rule against what campaigns have tried on the nominal log already; nothing is run.
+    """Compare a rule with the trials that campaigns have run on the nominal log already; nothing is run.
 
-    Trials that failed otherwise do not count: whether this failure would have come, they do not tell. Neither do those
-    that failed so where the rule holds nowhere, but not all of its fields were known, such as before the first message
-    of a topic; nor passing ones where the rule holds, if the failure comes only sometimes: those are counted apart.
+    Trials that failed in another way do not count, since they do not show whether this failure would have occurred.
+    Nor do trials with this failure where the rule holds nowhere but some of its fields were unknown, such as before the
+    first message of a topic; nor passing ones where the rule holds, if the failure occurs only sometimes: `holds`
+    counts those.
 
     Args:
         record: The rule.
         step: The running step.
         unit: The unit.
-        signature: The failure.
-        rate: How often it comes where it is triggered.
+        signature: Signature of the failure.
+        rate: Rate at which the failure occurs when triggered.
 
     """
     rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
@@ -183,12 +184,12 @@ def predict(
     Args:
         rule: The rule.
         topics: Topic of each message of the short log in which the rule's fields are named.
-        messages: The log, in order; it may be longer than memory.
-        registry: Names topics and knows types.
-        at_most: Moments that are kept.
+        messages: The log, in order; it may be larger than memory.
+        registry: The registry of topics and types.
+        at_most: Maximum number of moments to keep.
 
     Raises:
-        ConfigError: A variable of the rule is no field.
+        ConfigError: A variable of the rule is not a field.
     """
     latest = LatestFields(rule.variables, topics, registry=registry)
     found = Prediction(rule.renamed(lambda name: in_words(name, topics)).text(), topics)
@@ -221,11 +222,13 @@ def _judge(rule: Rule, rows: Sequence[Moment], found: Prediction, at_most: int) 
 
 
 def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the rows whose columns hold numbers alike: one that holds a text counts as texts in all of its rows.
+    """Yield groups of row numbers within which each column holds only numbers, or none.
+
+    A column that holds a text counts as texts in all of its rows.
 
     Args:
         columns: One array of equal length per variable.
-        count: Their length.
+        count: Number of rows.
     """
     mixed = [column for column in columns.values() if column.dtype == np.object_]
     if not mixed:
@@ -237,7 +240,7 @@ def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[n
 
 
 def column_of(values: Sequence[Scalar]) -> NDArray[Any]:
-    """Return values as an array, of floats where all are, else of objects: integers stay exact."""
+    """Return values as an array of floats if all are floats, else of objects, so that integers stay exact."""
     if all(type(value) is float for value in values):
         return np.array(values, dtype=np.float64)
     column = np.empty(len(values), dtype=object)

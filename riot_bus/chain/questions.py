@@ -40,11 +40,11 @@ __all__ = [
 _OBSERVED = 8
 _DOUBT = 0.05
 _MOST_TRIALS = 10_000
-"""Far more than a rule takes at a rate of 0.2; each takes a tenth of a second at least."""
+"""Far more than a rule needs at a failure rate of 0.2; each trial takes at least a tenth of a second."""
 
 
 def json_value(value: Scalar) -> Value:
-    """Return a value as JSON can hold it."""
+    """Return a value in a form that JSON can hold."""
     return value.hex() if isinstance(value, bytes) else value
 
 
@@ -70,7 +70,7 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
 def observed_in(
     log: Sequence[Message], fields: Iterable[NamedField], *, registry: TypeRegistry, at_most: int = 2000
 ) -> dict[str, list[Scalar]]:
-    """Return the values that fields of a short log took in another one, evenly thinned out, by name."""
+    """Return the values that fields of a short log took in another log, evenly thinned out, by name."""
     named = list(fields)
     paths: dict[str, set[str]] = {}
     for field in named:
@@ -80,11 +80,11 @@ def observed_in(
 
 
 def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> Noise:
-    """Return what is known of the rates of a failure, and of the same failure without its cause.
+    """Return what is known about the rate of a failure, and its rate without the cause.
 
     Args:
-        finding: What a campaign has shown. Its case may have many causes of the failure, so it may come more often.
-        minimal: What trials of the minimal log have shown; then they alone count for the rate.
+        finding: The finding of a campaign. Its case may have many causes of the failure, so it may fail more often.
+        minimal: Results of trials of the minimal log, which then alone count for the rate.
     """
     rate, nominal = finding.rate, finding.nominal
     shown = minimal.failed if minimal and minimal.failed[1] else (rate.count, rate.total) if rate else ()
@@ -93,17 +93,17 @@ def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> No
 
 
 def unit_case(workspace: Workspace, finding: FindingRecord, messages: Sequence[Message]) -> TestCase:
-    """Return what plays messages to the unit of a finding."""
+    """Return a test case that plays messages to the unit of a finding."""
     paced = workspace.context.file.unit[finding.unit].rate > 0
     return TestCase(tuple(messages), seed=workspace.seed, ordered=finding.ordered, paced=paced)
 
 
 class FreshCases:
-    """Executes a case each time by a fresh trial: the store knows the first, second, ... of each.
+    """A runner that gives each case a fresh trial each time: the store knows the first, second, ... of each.
 
     Args:
-        runner: Executes trials.
-        after: So many trials of each case are someone else's; the next ones are asked.
+        runner: The runner that executes the trials.
+        after: Number of first trials of each case to skip, since they have another purpose.
     """
 
     def __init__(self, runner: Runner, *, after: int = 0) -> None:
@@ -117,11 +117,11 @@ class FreshCases:
         return self._runner.parallelism
 
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
-        """Return the outcomes of fresh trials, also of cases that are alike."""
+        """Return the outcomes of fresh trials, even of identical cases."""
         numbered = []
         for case in cases:
             digest = case.digest()
-            # A first trial is numbered 0 as everywhere; 1 to 20 are those that have confirmed the finding.
+            # A first trial is numbered 0 as everywhere; 1 to 20 are the trials that confirmed the finding.
             number = self._after + self._asked[digest]
             numbered.append(replace(case, again=number + CONFIRMATIONS if number else 0))
             self._asked[digest] += 1
@@ -133,14 +133,14 @@ class UnitQuestions:
 
     Args:
         step: The running step.
-        folder: The finding.
+        folder: Folder of the finding.
 
     Attributes:
-        finding: The failure that is asked for.
+        finding: The finding whose failure is asked for.
         fields: The minimal log, by field.
         dictionary: Exceptional values for the unit.
-        runner: Executes the trials.
-        noise: What is known of the rates of the failure.
+        runner: The runner that executes the trials.
+        noise: What is known about the rates of the failure.
     """
 
     def __init__(self, step: StepRun, folder: Path) -> None:
@@ -176,12 +176,12 @@ class UnitQuestions:
         return observed_in(self.nominal_log(), fields, registry=self._workspace.context.registry, at_most=at_most)
 
     def case(self, values: Mapping[str, Setting]) -> TestCase:
-        """Return the minimal log with values set by name; where it has an order, the unit takes it in in that order."""
+        """Return a case of the minimal log with values set by name, played in order if the log has orders."""
         case = self.case_of(self.fields.with_values(values))
         return replace(case, ordered=case.ordered or bool(self.fields.orders))
 
     def case_of(self, messages: Sequence[Message]) -> TestCase:
-        """Return what plays messages to the unit."""
+        """Return a test case that plays messages to the unit."""
         return unit_case(self._workspace, self.finding, messages)
 
     def failed(self, outcome: Outcome) -> bool:
@@ -189,7 +189,7 @@ class UnitQuestions:
         return outcome.failed_as(self.finding.signature)
 
     def fresh(self, *, after: int = 0) -> Ask[Mapping[str, Setting]]:
-        """Return what asks by a fresh trial each time; see `FreshCases` for `after`."""
+        """Return a function that answers by a fresh trial each time; see `FreshCases` for `after`."""
         cases = FreshCases(self.runner, after=after)
         return lambda asked: [self.failed(one) for one in cases.run([self.case(values) for values in asked])]
 
@@ -198,15 +198,15 @@ class UnitQuestions:
     ) -> list[bool]:
         """Return for each case whether it triggers the failure, from as many fresh trials as that takes.
 
-        One trial decides where nothing has shown that the failure comes only sometimes. What is known of a case counts.
+        One trial decides unless the failure was seen to occur only sometimes. What is known about a case counts.
 
         Args:
-            cases: The cases.
-            doubt: Probability of an answer being wrong at most.
-            priors: How likely each one is to trigger it before any trial; None if nothing is known.
+            cases: The test cases.
+            doubt: Maximum probability that an answer is wrong.
+            priors: Probability of each case to trigger the failure before any trial; None if nothing is known.
 
         Raises:
-            InconclusiveError: All trials that this may take are spent.
+            InconclusiveError: The maximum number of trials is spent.
         """
         try:
             return self._trials.decide(cases, doubt=doubt, doing="deciding", priors=priors)

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["FOLDER", "RegionRule", "box_rule", "learnt_rule", "with_simple_limits"]
 
 FOLDER = "region"
-"""Of the finding's folder, where the rule is."""
+"""Folder within that of the finding, where the rule is."""
 _FRESH, _LEAST = 20, 5
-"""Runs in which a learnt rule is tested, half of them where it says that they fail; on either side at least."""
+"""Runs that test a learnt rule, half of them where it predicts a failure; and the fewest runs on either side."""
 _DRAWS = 1000
 
 
@@ -45,7 +45,7 @@ class RegionRule(NamedTuple):
     Attributes:
         rule: The rule.
         samples: Values of its fields, and whether a run with them failed.
-        tested: Runs by which it was not made: whether each was to fail, and whether it did.
+        tested: Runs that the rule was not learnt from: whether each was predicted to fail, and whether it did.
     """
 
     rule: Rule
@@ -54,14 +54,14 @@ class RegionRule(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether nine of ten tested runs are as it says, on either side, of a few there at least."""
+        """Whether nine of ten tested runs are as predicted on either side, with at least a few on each."""
         inside, outside = ([failed for said, failed in self.tested if said is side] for side in (True, False))
         enough = min(len(inside), len(outside)) >= _LEAST
         return enough and sum(inside) >= FIT * len(inside) and sum(outside) <= (1 - FIT) * len(outside)
 
     @property
     def text(self) -> str:
-        """The rule, and what came of its test."""
+        """The rule and the results of its test."""
         inside, outside = ([failed for said, failed in self.tested if said is side] for side in (True, False))
         return (
             f"it fails when {self.rule.text()} ({sum(inside)} of {counted(len(inside), 'fresh run')} where this holds "
@@ -69,11 +69,11 @@ class RegionRule(NamedTuple):
         )
 
     def save(self, folder: Path, fields: Sequence[ExternalField]) -> None:
-        """Write it into a finding's folder as a rule that `riot scan` and guards take.
+        """Write it into a finding's folder as a rule that `riot scan` and guards accept.
 
         Args:
-            folder: The finding.
-            fields: The fields of the rule; with what is no field of a log, such as parameters, nothing is written.
+            folder: Folder of the finding.
+            fields: Fields of the rule; nothing is written if one is not a field of a log, such as a parameter.
         """
         if any(field.constant for field in fields):
             return
@@ -110,13 +110,13 @@ def with_simple_limits(region: Region, fields: Sequence[ExternalField], samples:
 def box_rule(
     region: Region, fields: Sequence[ExternalField], fixed: Mapping[str, Scalar], samples: Sequence[RegionSample]
 ) -> RegionRule | None:
-    """Return the rule that a box is; None if it has no limits.
+    """Return a box as a rule; None if it has no limits.
 
     Args:
-        region: The box.
-        fields: Its fields.
-        fixed: Values of others that the failure needs.
-        samples: All runs in which these had these places.
+        region: The region, which is a box.
+        fields: Fields of the box.
+        fixed: Values of other fields that the failure needs.
+        samples: All runs in which those other fields had these values.
     """
     literals = _equal(fixed)
     for axis, field in enumerate(fields):
@@ -134,14 +134,14 @@ def learnt_rule(
     fixed: Mapping[str, float],
     samples: Sequence[RegionSample],
 ) -> RegionRule | None:
-    """Return a rule that is learnt from runs, and tested in fresh ones; None if nothing tells them apart.
+    """Return a rule that is learnt from runs and tested in fresh ones; None if nothing distinguishes them.
 
     Args:
-        system: Runs it.
-        region: What is no box.
-        fields: Its fields.
-        fixed: Places of others that the failure needs.
-        samples: All runs in which these had these places.
+        system: The system, which runs the tests.
+        region: The region, which is not a box.
+        fields: Fields of the region.
+        fixed: Places of other fields that the failure needs.
+        samples: All runs in which those other fields had these places.
     """
     told = {name: system.fields[name].told(value) for name, value in fixed.items()}
     known = _told(samples, fields, told)
@@ -165,7 +165,7 @@ def learnt_rule(
 def _fresh_places(
     rule: Rule, region: Region, fields: Sequence[ExternalField], *, seed: int
 ) -> list[tuple[bool, Place]]:
-    """Draw as many places where a rule holds as others, evenly over all that the samples span on the search's scale."""
+    """Draw as many places where a rule holds as others, uniformly over the samples' span on the search's scale."""
     rng = np.random.default_rng([seed, 43])
     known = {place for place, _ in region.samples}
     axes = [field.search_field() for field in fields]

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 __all__ = ["considered_fields", "field_spaces", "relevance"]
 
 _REPEATS, _MOST = 3, 30
-"""Fresh trials of each side of a certificate: at least, and at most; 30 decide at a rate of 0.2."""
+"""Fewest and most fresh trials of each side of a certificate; 30 decide at a failure rate of 0.2."""
 _DOUBT, _REFUTED = 0.05, 0.002
-"""What confirms one side, and what drops a certificate: the search has been sure of it, so bad luck must not do."""
+"""Doubt that still confirms a side, and probability that drops it: low, so that bad luck does not refute the search."""
 _AFTER = 1000
-"""Trials of the minimal log itself, by which it was chosen, are none of these."""
+"""Number of first trials to skip, so that those by which the minimal log was chosen do not count."""
 _INJECTED_PRIOR = 10.0
 
 QuestionT = TypeVar("QuestionT")
@@ -44,8 +44,8 @@ QuestionT = TypeVar("QuestionT")
 def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
     """Return the fields that may be varied: all but the brittle ones and those that riot.toml leaves alone.
 
-    A brittle one is varied where the same field of another message of its topic was injected: the failure may relate
-    both, such as sequence numbers that fall.
+    A brittle field is varied if the same field of another message of its topic was injected: the failure may depend on
+    both, such as on decreasing sequence numbers.
     """
     injected = {(field.topic, field.leaf.path) for field in fields.fields.values() if field.original is not None}
 
@@ -62,13 +62,13 @@ def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
 def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRecord:
     """Find the relevant fields of `minimal.mcap` and write the certificates' logs.
 
-    Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped. Then it is asked
-    what besides values the failure needs: keys, the order of messages, times between them.
+    Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped. Further trials
+    show what the failure needs besides values: keys, the order of messages, times between them.
 
     Args:
         step: The running step.
-        folder: The finding.
-        budget: Most trials of the search.
+        folder: Folder of the finding.
+        budget: Maximum number of trials of the search.
 
     Raises:
         ConfigError: The step before has not been done.
@@ -121,7 +121,7 @@ def _with_structure(
     noise: Noise,
     budget: int,
 ) -> FieldsRecord:
-    """Return the record with what besides values matters, each confirmed by fresh trials alone."""
+    """Return the record with what matters besides values, each confirmed by fresh trials alone."""
     unit = step.workspace.context.file.unit[questions.finding.unit]
     known = {*(one.name for one in record.fields), *record.unconfirmed}
     parts = parts_of(questions.fields, considered, known, paced=unit.rate > 0)
@@ -193,7 +193,7 @@ def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """What fresh trials of one side of a certificate have shown: how many of how many were as they should."""
+    """Fresh trials of one side of a certificate: the number with the expected outcome, and of all."""
 
     right: int
     total: int
@@ -201,7 +201,7 @@ class _Side:
 
 
 def _repeated(side: QuestionT, fails: int, ask: Ask[QuestionT], noise: Noise) -> _Side:
-    """Repeat one side of a certificate until fresh trials alone decide about it, or are too many."""
+    """Repeat one side of a certificate until fresh trials alone decide about it, or their limit is reached."""
     failed = total = 0
     while True:
         count = max(1, _REPEATS - total)

@@ -1,4 +1,4 @@
-"""Replays of what came from outside in a failing run of the whole system, and the few messages that it needs."""
+"""Replays of the external messages of a failing run of the whole system, and the few that the failure needs."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ __all__ = ["Replay", "replay"]
 
 _REPLAYS = 10
 _RELIABLE = 0.9
-"""Where fewer replays fail, what a failure needs is not searched for."""
+"""Share of replays that must fail; otherwise the messages that the failure needs are not searched for."""
 _BUDGET = 60
-"""Runs for that search: it takes about log2 of all messages for each that is needed."""
+"""Runs for that search, which takes about log2 of the number of messages for each that is needed."""
 
 
 class Replay(NamedTuple):
-    """What replays have shown.
+    """The results of replays.
 
     Attributes:
-        messages: How many came from outside; 0 if they were not kept.
-        total: How many replays there were of them.
-        failed: How many of these failed again.
-        needed: How many of them are enough; 0 if that was not found out.
-        proven: Whether it was shown that none of these can be missed.
+        messages: Number of external messages; 0 if they were not kept.
+        total: Number of replays of all these messages.
+        failed: Number of replays that failed again.
+        needed: Number of messages that are enough; 0 if unknown.
+        proven: Whether it was shown that none of these can be left out.
     """
 
     messages: int = 0
@@ -49,12 +49,12 @@ class Replay(NamedTuple):
 
 
 def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Replay:
-    """Play the external messages of a failing run alone to fresh runs, all of them and then fewer; write the logs.
+    """Replay only the external messages of a failing run in fresh runs, all and then fewer; write the logs.
 
     Args:
         system: The system.
         case: The failing run; None if there is none.
-        log: What came from outside in it; None where that is what the case plays.
+        log: Path of the log of its external messages; None if the case itself plays them.
     """
     target, context = system.folder / "activation.mcap", system.step.workspace.context
     metadata = {"system": context.file.system.name, "seed": str(case.seed if case else 0)}
@@ -100,7 +100,7 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             parallelism=runner.parallelism,
             progress=system.step.progress,
         )
-    except InconclusiveError:  # chance has led the search to what does not fail
+    except InconclusiveError:  # chance has led the search to messages that do not fail
         return Replay(len(external), _REPLAYS, failed)
     kept = [external[place] for place in minimal.kept]
     write_log(system.folder / "activation-minimal.mcap", kept, context=context, metadata=metadata)

@@ -35,24 +35,23 @@ __all__ = ["Reproduction", "play_again", "reproduce", "why_untold"]
 
 
 _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
-"""Trials at least, and trials of the unit and runs of the whole system at most where it is not said how many."""
+"""Fewest trials, most trials of the unit, and most runs of the whole system, if no number is given."""
 _DOUBT = 0.05
-"""Of the answer."""
+"""Accepted doubt about the answer."""
 _NO_LOG = "there is no nominal log"
 _COUNTED = re.compile(r" \(\d+\)$")
-"""What tells monitors apart that are called alike."""
+"""Suffix that distinguishes monitors of the same name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """The answer: in how many of how many fresh trials the same failure came again.
+    """The answer: how many of the fresh trials showed the same failure again.
 
     Attributes:
-        answer: `failing otherwise`: each trial failed, all of them alike, and none as before.
-        missed: Of a fixed one: how likely it is that none of so many trials would have failed if it came as often as
-            before.
-        others: Other failures that came, each once.
-        expected: How often trials failed before.
+        answer: `failing otherwise`: every trial failed, all in the same way, but none as before.
+        missed: For `fixed`: the probability that no trial would have failed if the failure still had its former rate.
+        others: Other failures that occurred, each once.
+        expected: Failure rate of earlier trials.
     """
 
     answer: Literal["still failing", "fixed", "failing otherwise", "not decided"]
@@ -93,14 +92,14 @@ def play_again(
 
     Args:
         workspace: The system, its output folder and its slots.
-        folder: The finding.
-        times: So many fresh trials; None for as many as it takes.
-        whole_system: Play the external messages of `activation.mcap` to the whole system instead of the minimal log
-            to the unit.
+        folder: Folder of the finding.
+        times: Number of fresh trials; None for as many as it takes.
+        whole_system: Whether to play the external messages of `activation.mcap` to the whole system instead of the
+            minimal log to the unit.
 
     Raises:
-        InconclusiveError: Runs of the whole system cannot tell, nominal trials of the unit cannot, or the monitor that
-            has found it had nothing to judge.
+        InconclusiveError: Runs of the whole system or nominal trials of the unit cannot tell, or the monitor that found
+            the failure had nothing to judge.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -129,7 +128,7 @@ def play_again(
         monitors = workspace.context.monitors_of(component_of(workspace.context.file, finding.unit))
         of = {"unit": finding.unit, "monitor": finding.monitor, "signature": finding.signature}
         untold = why_untold(workspace, **of, nominal=nominal)
-        if untold and finding.monitor != "hang":  # where it comes again, it may show in other ways
+        if untold and finding.monitor != "hang":  # if it occurs again, it may show in other ways
             raise _nothing_tells(workspace, finding, folder, untold)
         noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
     ordered = finding.ordered and not whole_system
@@ -156,7 +155,7 @@ def play_again(
 
 
 def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, why: str) -> InconclusiveError:
-    """Return the error that trials which pass say nothing of a failure."""
+    """Return the error for passing trials that prove nothing about a failure."""
     log = workspace.out / "nominal.mcap"
     return InconclusiveError(
         f"nothing tells {finding.monitor!r} here: {why}",
@@ -166,15 +165,15 @@ def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, w
 
 
 def why_untold(workspace: Workspace, *, unit: str, monitor: str, signature: str, nominal: Sequence[Message]) -> str:
-    """Return why nominal trials of a unit do not tell a failure; empty if they do, or nothing is held against them.
+    """Return why a comparison with nominal trials cannot show a failure; empty if it can, or is not needed.
 
-    A hang without a place was one of a unit that never came to rest, or took no messages: that shows in any trial.
+    A hang without a place means that the unit never came to rest, or took no messages: that shows in any trial.
 
     Args:
         workspace: The system.
         unit: Name of the unit.
-        monitor: What has found the failure.
-        signature: The failure.
+        monitor: The monitor that found the failure.
+        signature: Signature of the failure.
         nominal: The unit's nominal log, empty if there is none.
     """
     place = signature.partition(": ")[2]
@@ -191,9 +190,9 @@ def why_untold(workspace: Workspace, *, unit: str, monitor: str, signature: str,
 
 
 def _why_blind(monitors: Sequence[Monitor], finding: FindingRecord, outcomes: Sequence[Outcome]) -> str:
-    """Return why no monitor of riot.toml could tell a failure in any trial; empty if one could, or it is none of these.
+    """Return why no monitor of riot.toml could detect a failure in any trial; empty if one could, or none is needed.
 
-    Of a monitor of another package it is not known what it names. One of logs reads what is always there.
+    What a monitor of another package names is unknown. A `log` monitor reads what is always there.
     """
     if needs_baseline(finding.monitor) or finding.monitor in ("crash", "limit", "log"):
         return ""
@@ -213,7 +212,7 @@ def _why_blind(monitors: Sequence[Monitor], finding: FindingRecord, outcomes: Se
 
 
 def _why_not_judged(name: str, outcome: Outcome) -> str:
-    """Return why a monitor did not judge a trial, since it saw nothing, or failed itself; empty if it did."""
+    """Return why a monitor did not judge a trial (it saw nothing, or failed itself); empty if it did."""
     lines = [*map(str, outcome.statistics.get("unseen", ())), *outcome.detail.split("; ")]
     return next((line.removeprefix(f"{name}: ") for line in lines if line.startswith(f"{name}: ")), "")
 
@@ -228,7 +227,7 @@ def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:
 
 
 def _replays(folder: Path) -> tuple[int, ...]:
-    """Return how many of how many replays of the external messages failed; nothing if there were none."""
+    """Return the numbers of failed and of all replays of the external messages; empty if none failed."""
     record = ActivationRecord.load(folder)
     return (record.replays_failed, record.replays) if record.replays_failed else ()
 
@@ -242,7 +241,7 @@ def _outcomes(
     *,
     all_of_them: bool,
 ) -> list[Outcome]:
-    """Return the outcomes of as many cases as decide."""
+    """Run cases until they decide the answer, or all of them, and return their outcomes."""
     outcomes: list[Outcome] = []
     while len(outcomes) < len(cases):
         count = len(cases) if all_of_them else runner.parallelism if outcomes else _LEAST

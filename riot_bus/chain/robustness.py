@@ -61,18 +61,18 @@ __all__ = ["keep_evidence", "put_aside", "test_unit", "tested"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_HISTORIES = 5
-"""Each may take some hundred trials."""
+"""Most histories to shrink: each may take some hundred trials."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
-"""Trials that a runner carries out for evidence when it is asked, those at most, and how likely none of them fails."""
+"""Trials for evidence in one call of a runner, trials in all at most, and the accepted probability that none fails."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Subject:
-    """What a campaign is on: a unit with its nominal log, or the running system with what comes from outside.
+    """The subject of a campaign: a unit with its nominal log, or the running system with its external messages.
 
     Attributes:
-        name: What it is called.
-        log: Nominal messages that injections are planned on.
+        name: Name of the subject.
+        log: Nominal messages for which injections are planned.
         leave: Patterns of fields that are left alone.
         include: Patterns of fields that are injected though they would be left alone.
     """
@@ -109,17 +109,17 @@ def test_unit(
     whole_system: bool = False,  # noqa: PT028 - it is no test
     stop: Callable[[Sequence[Path]], str] = lambda _: "",  # noqa: PT028
 ) -> list[Path]:
-    """Run a campaign and write one folder per finding, the worst first, then those that come easily.
+    """Run a campaign and write one folder per finding, the worst first, then those that occur easily.
 
     Args:
         workspace: The system, its output folder and its slots.
         unit: The unit to test.
-        trials: At most so many injected trials; None for no limit.
-        seconds: At most so much time; None for no limit.
-        covered: Whether to end when all that there is to try was tried.
-        whole_system: Whether trials are runs of the whole system with injections into what comes from outside, instead
-            of a log that is played to the unit; of the other components less can be told than of the unit.
-        stop: Says, by the findings so far, why there should be no further injected trials; empty to go on.
+        trials: Maximum number of injected trials; None for no limit.
+        seconds: Maximum time in seconds; None for no limit.
+        covered: Whether to end when there is nothing left to try.
+        whole_system: Whether trials are runs of the whole system with injections into the external messages, instead of
+            a log that is played to the unit; they show less about the other components than about the unit.
+        stop: Function of the findings so far that returns why to run no further injected trials; empty to continue.
 
     Raises:
         RiotError: The unit does not start, its log holds nothing for it, nothing can be injected, or one of its
@@ -240,7 +240,7 @@ def tested(workspace: Workspace, unit: str) -> list[Path] | None:
 def _after_others(
     step: StepRun, unit: str, result: CampaignResult, baseline: Baseline
 ) -> tuple[list[Failure], list[UnconfirmedRecord]]:
-    """Look for logs with which a fresh process fails as one did after other cases; return these, and what has none."""
+    """Return failures seen only after other cases: those with a log that makes a fresh process fail, and the rest."""
     traced, untraced = [], []
     if result.after_others:
         runner, registry = step.unit_runner(unit), step.workspace.context.registry
@@ -277,7 +277,7 @@ def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
 
 
 def _unjudged(cases: Sequence[tuple[TestCase, str]]) -> tuple[UnjudgedRecord, ...]:
-    """Return what could not be judged, by the reason."""
+    """Return the cases that could not be judged, by reason."""
     reasons: dict[str, list[TestCase]] = {}
     for case, reason in cases:
         reasons.setdefault(reason, []).append(case)
@@ -323,23 +323,23 @@ def _told(failure: Failure) -> str:
 
 
 def _started(result: CampaignResult) -> list[str]:
-    """Return a line about how trials started the unit; nothing if none has told."""
+    """Return a line about how trials started the unit; empty if none reported it."""
     told = (f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
     return [f"how the unit was started: {'; '.join(told)}"] if result.starts else []
 
 
 class _Inside:
-    """A runner whose outcomes leave out how external components failed: what drives the system is not under test.
+    """A runner whose outcomes leave out failures of external components, which drive the system and are not tested.
 
-    Nor is told what nominal runs of the whole system have shown, too, that were judged alike.
+    Failures that nominal runs of the whole system, judged in the same way, have shown are left out, too.
 
     Args:
-        runner: Runs the whole system.
+        runner: The runner of the whole system.
         external: Names of external components.
         alarms: Signatures that nominal runs have shown.
 
     Attributes:
-        failed: Signatures of external components that were left out, and in how many runs.
+        failed: Signatures of external components that were left out, with the number of runs.
     """
 
     def __init__(self, runner: StoredRunner, external: Collection[str], alarms: Collection[str]) -> None:
@@ -361,7 +361,7 @@ class _Inside:
 
 
 def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside, Baseline, tuple[str, ...]]:
-    """Return what executes trials, what they are held against, and what cannot be told of them."""
+    """Return the runner of trials, the baseline they are compared with, and what they cannot show."""
     workspace, unit = step.workspace, subject.unit
     if not subject.whole_system:
         baseline = workspace.runners.baseline(unit, lambda: subject.log)
@@ -380,9 +380,9 @@ def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside,
 
 
 def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline) -> Path:
-    """Write a finding; of one that is there already, only how often it was seen: its rate is that of the log it keeps.
+    """Write a finding; for a known one, update only its figures: its rate is that of the log it keeps.
 
-    Nothing is deleted.
+    A simpler case replaces a known one, and its evidence, as long as there is no minimal log.
     """
     workspace = step.workspace
     name = finding_id(failure.violation) + ("-system" if subject.whole_system else "")
@@ -424,14 +424,14 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
 def keep_evidence(
     workspace: Workspace, finding: FindingRecord, case: TestCase, folder: Path, *, in_system: Baseline | None = None
 ) -> None:
-    """Repeat a case until it leaves evidence, or would have so at 95 % by the rate of the finding, 30 times at most.
+    """Repeat a case until it leaves evidence, or by its failure rate would have at 95 %, at most 30 times.
 
     Args:
         workspace: The system, its output folder and its slots.
         finding: The finding.
-        case: Its case.
-        folder: Its folder.
-        in_system: What its unit does in nominal runs of the whole system, if trials are such runs.
+        case: Test case of the finding.
+        folder: Folder of the finding.
+        in_system: Baseline of its unit in nominal runs of the whole system, if trials are such runs.
     """
     share = finding.rate.value if finding.rate else 1.0
     tries = min(_MOST_TRIES, math.log(_MISSED) / math.log1p(-share)) if 0 < share < 1 else 1.0
@@ -442,9 +442,9 @@ def keep_evidence(
 
 
 def put_aside(folder: Path, fingerprint: str) -> Path:
-    """Move what was learnt of a finding in another version of the system into a folder of its own, and return that.
+    """Move the results of a finding from another version of the system into a folder of their own, and return that.
 
-    `finding.json` goes last: as long as it is there, what was cut off is done again.
+    `finding.json` is moved last: as long as it is there, an interrupted move is done again.
     """
     names = itertools.chain([fingerprint], (f"{fingerprint}-{number}" for number in itertools.count(2)))
     target = next(path for name in names if not FindingRecord.exists(path := folder / "earlier" / name))
@@ -480,7 +480,7 @@ def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> Ef
 def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> FindingRecord:
     workspace, injections = step.workspace, failure.case.injections
     context, delivered = workspace.context, tuple(failure.outcome.statistics.get("delivered", ()))
-    if len(delivered) == len(injections):  # else it is not known what was
+    if len(delivered) == len(injections):  # else it is unknown which were delivered
         injections = tuple(each for each, count in zip(injections, delivered, strict=True) if count)
         delivered = tuple(filter(None, delivered))
     folder.mkdir(parents=True, exist_ok=True)
@@ -516,8 +516,8 @@ def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> 
 
 
 def _keep_external(failure: Failure, folder: Path) -> int:
-    """Keep what came from outside in the failing run, as it was delivered; return the number of messages."""
-    if failure.outcome.log is None or not Path(failure.outcome.log).is_file():  # somebody has removed it
+    """Keep the external messages of the failing run, as delivered; return their number."""
+    if failure.outcome.log is None or not Path(failure.outcome.log).is_file():  # it was removed
         return 0
     shutil.copyfile(failure.outcome.log, folder / "failure.mcap")
     return len(read_log(folder / "failure.mcap"))

@@ -40,32 +40,32 @@ __all__ = ["rules"]
 _NOMINAL = 200
 _ROUNDS = 4
 _ODD, _FEW, _SURE = 20, 3, 0.002
-"""So many samples that the rule gets wrong are asked again, and of others on which it depends, until they are wrong
-with this probability at most."""
+"""Number of samples to repeat that the rule gets wrong, of others on which it depends, and the accepted probability
+that their answers are wrong."""
 _NEAR = 6
-"""So many trials that fail, and as many that pass, are asked again behind each part of the nominal log."""
+"""Number of failing trials, and of passing ones, that are repeated behind each part of the nominal log."""
 _SELDOM, _FEWER = 0.6, 0.5
-"""Where a failure comes at less than this rate, each answer takes many trials: this share of all checks is made."""
+"""Failure rate below which each answer takes many trials, and the share of all checks that is made then."""
 _CONTEXTS = 2
-"""So many times at most messages are put in front: one for a size, one for a mode beside it."""
+"""How often messages are put in front at most: once for a size, once for a mode beside it."""
 _OTHERS = 64
-"""So many other fields take other nominal values in some of the fresh trials."""
+"""Number of other fields that take other nominal values in some of the fresh trials."""
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
     """Learn the rule.
 
-    Each answer is decided from as many fresh trials as it takes, and those that the rule gets wrong from more of them.
+    Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong are decided by more.
 
     Args:
         step: The running step.
-        folder: The finding.
-        budget: Trials for learning.
-        validation: Fresh cases for one validation; half of them where the failure comes seldom.
+        folder: Folder of the finding.
+        budget: Number of trials for learning.
+        validation: Number of fresh cases for one validation; half as many if the failure is rare.
 
     Raises:
         ConfigError: The step before has not been done.
-        InconclusiveError: No field is relevant, so there is nothing to make a rule of.
+        InconclusiveError: No field is relevant, so there is nothing to make a rule from.
     """
     relevant = FieldsRecord.load(folder)
     if not relevant.fields:
@@ -99,13 +99,13 @@ class _Found:
     """A rule with what it was learnt from.
 
     Attributes:
-        questions: Ask the unit with the log in which the rule's fields are named.
-        passing: A value without failure of each field.
-        variables: The fields, or the arrays that they are elements of.
-        scale: Their nominal spread.
-        learned: The rule.
-        answers: Some of its trials, asked again behind nominal messages.
-        context: How many messages in front of the minimal log matter.
+        questions: Questions to the unit about the log in which the rule's fields are named.
+        passing: A value of each field without failure.
+        variables: The fields, or the arrays that contain them.
+        scale: Nominal spread of each variable.
+        learned: The learned rule.
+        answers: Answers to some of its trials, repeated behind nominal messages.
+        context: Number of messages in front of the minimal log that matter.
     """
 
     questions: UnitQuestions
@@ -118,7 +118,7 @@ class _Found:
 
     @property
     def wrong(self) -> int:
-        """Of how many of the answers the rule says what is not so."""
+        """Number of answers that the rule predicts wrongly."""
         return sum(len(one.wrong) for one in self.answers)
 
 
@@ -182,14 +182,14 @@ class _Teacher:
         return _Found(questions, passing, variables, scale, learned, answers, context)
 
     def learn_behind(self, found: _Found) -> _Found | None:
-        """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be told."""
+        """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be found."""
         wrong = max(found.answers, key=lambda one: len(one.wrong))
         failing = next((values for values, failed in zip(wrong.asked, wrong.failed, strict=True) if failed), None)
         if failing is None:
             return None
         try:
             return self._behind(found, bring_in(found.questions, wrong, progress=self.step.progress), failing)
-        except InconclusiveError:  # what the rule was learnt on is not called in doubt by that
+        except InconclusiveError:  # this casts no doubt on what the rule was learnt from
             return None
 
     def _behind(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]) -> _Found | None:
@@ -232,10 +232,10 @@ class _Teacher:
 
 
 def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float]) -> list[Sample]:
-    """Return the samples on which a rule depends, so that one wrong answer would make it another one.
+    """Return the samples on which a rule depends so much that one wrong answer would change it.
 
-    They are those that it gets wrong, failing ones by which alone a term stands, passing ones by which alone a literal
-    does, and passing ones next to its limit.
+    They are those that it gets wrong, failing ones that alone support a term, passing ones that alone support a
+    literal, and passing ones next to its limit.
     """
     samples, rule = [one for one in learned.samples if one.phase != "context"], learned.rule
     columns = columns_of(variables, [one.assignment for one in samples])
@@ -290,7 +290,7 @@ def _record(found: _Found) -> RuleRecord:
 
     asked = sum(len(one.asked) for one in found.answers)
     rules = [learned.rule, *(one.rule for one in learned.alternatives)]
-    # of an array, what rules could have said and do not say is left out
+    # variables of an array that no rule uses are left out
     told = {one.name for one in found.variables}.union(*(rule.variables for rule in rules))
     types = {one.name: one.type for one in scalars_of(found.variables) if one.name in told}
     rows = [row_of(found.variables, sample.assignment) for sample in learned.samples]

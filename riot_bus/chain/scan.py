@@ -1,4 +1,4 @@
-"""How near a fleet's logs came to a rule: its distance at every moment, and the moments at which it was least."""
+"""How near a fleet's logs came to meeting a rule: the distance at every moment, and the nearest moments."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ __all__ = ["ScanRule", "Scanner", "scan_logs"]
 _MEMORY = 1 << 27
 _ROWS = 4096
 _CANDIDATES = 64
-"""Moments for each near miss that are kept while a log is read: those of one approach are next to one another."""
+"""Moments kept for each near miss while a log is read: those of one approach are next to one another."""
 _APART_NS = 10**9
-"""Time between two near misses of a log: less is one approach."""
+"""Least time between two near misses of a log, in nanoseconds: closer moments belong to one approach."""
 
 
 class _Rows(NamedTuple):
-    """Moments at which all fields are known, and at how many others one was not."""
+    """Moments at which all fields are known, and the number of others at which one was not."""
 
     times: NDArray[np.int64]
     columns: dict[str, NDArray[Any]]
@@ -53,15 +53,15 @@ class _Rows(NamedTuple):
 
 
 class ScanRule:
-    """A rule with what is needed to judge messages by it.
+    """A rule with everything needed to judge messages by it.
 
     Args:
         source: Folder of a finding, `region` in it, or a rule file such as its `rule.json`.
 
     Attributes:
         topics: Topic of each message of the log in which the rule's fields are named.
-        names: Its fields.
-        read: Topics that it reads.
+        names: Names of the rule's fields.
+        read: Topics that the rule reads.
         text: The rule as text.
 
     Raises:
@@ -72,7 +72,7 @@ class ScanRule:
         folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
         record = RuleRecord.load(folder)
         self._rule, self._scale = Rule.from_json(record.rule), record.scale
-        finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the latter of its region
+        finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the parent if this is the region
         self._system = Path(FindingRecord.load(finding).system_file) if finding else None
         minimal = MinimalRecord.load(folder).topics if MinimalRecord.exists(folder) else ()
         self.topics: Sequence[str] = record.topics or minimal
@@ -84,11 +84,11 @@ class ScanRule:
         self.text = self._rule.renamed(self.in_words).text()
 
     def in_words(self, name: str) -> str:
-        """Return a field as people say it."""
+        """Return the name of a field in plain words."""
         return in_words(name, self.topics)
 
     def registry(self, reader: LogReader | None = None) -> TypeRegistry:
-        """Return what knows the types of the finding's system, and of a log."""
+        """Return a registry with the types of the finding's system, and of a log."""
         if self._system is None:
             return log_registry(reader) if reader else TypeRegistry(load_adapters())
         registry = open_system(self._system).registry
@@ -97,7 +97,7 @@ class ScanRule:
         return registry
 
     def distance(self, columns: Mapping[str, NDArray[Any]], count: int) -> NDArray[np.float64]:
-        """Return how far each of some rows is from meeting the rule, in nominal spreads; at most 0 where it is met."""
+        """Return the distance of each row from meeting the rule, in nominal spreads; at most 0 where it is met."""
         found = np.empty(count)
         for rows in alike(columns, count):
             found[rows] = self._rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
@@ -116,11 +116,11 @@ class Scanner:
         self._rule, self._near = rule, near
 
     def scan(self, path: Path, *, place: str = "", robot: str = "") -> LogScan:
-        """Return what the rule says of a log, which may be longer than memory.
+        """Judge a log, which may be larger than memory, by the rule.
 
         Args:
-            path: The log.
-            place: What it is called.
+            path: Path of the log.
+            place: Name of the log in the result; its path if empty.
             robot: Name of the robot that recorded it.
 
         Raises:
@@ -166,7 +166,7 @@ class Scanner:
         return _rows_of_columns(parts, places, selectors, last)
 
     def _rows_of_messages(self, reader: LogReader, registry: TypeRegistry) -> Iterator[_Rows]:
-        """Yield moments message by message, for what columns do not tell: orders, and quantities of arrays."""
+        """Yield moments message by message, for what columns do not hold: orders, and quantities of arrays."""
         names, topics = self._rule.names, self._rule.topics
         latest = LatestFields(names, topics, registry=registry)
         times: list[int] = []
@@ -192,11 +192,11 @@ class Scanner:
         yield rows()
 
     def _nearest(self, kept: Sequence[NearMiss], rows: _Rows, distance: NDArray[np.float64]) -> list[NearMiss]:
-        """Return the nearest moments of those that are kept and some more; of equal ones the earliest."""
+        """Return the nearest of the kept moments and some new ones; of equally near ones the earliest."""
         most = _CANDIDATES * self._near
         limit = kept[-1].distance if len(kept) == most else np.inf
         chosen = np.flatnonzero(distance <= limit)
-        # only the least of each second: all of a long approach would hide the next one
+        # only the nearest of each second: all moments of a long approach would hide the next one
         seconds = rows.times[chosen] // _APART_NS
         order = np.lexsort((rows.times[chosen], distance[chosen], seconds))
         chosen = chosen[order[np.flatnonzero(np.diff(seconds[order], prepend=-1))]]
@@ -219,10 +219,10 @@ def scan_logs(
 
     Args:
         source: Folder of a finding, or a rule file.
-        logs: What a catalogue says of them; they may be anywhere.
-        near: Moments of each log that are told.
+        logs: Catalogue entries of the logs, which may be anywhere.
+        near: Number of moments to report for each log.
         within: Distance below which a moment is a near miss, in nominal spreads of the rule's fields.
-        progress: Told after each log.
+        progress: Function that is called after each log.
 
     Raises:
         ConfigError: There is no rule.
@@ -237,7 +237,7 @@ def scan_logs(
             try:
                 with copied(entry.place) as path:
                     scan = scanner.scan(path, place=entry.place, robot=entry.robot)
-            except RiotError as error:  # one log that cannot be had is no reason to give up on all others
+            except RiotError as error:  # one unavailable log is no reason to give up on all others
                 scan = LogScan(entry.place, entry.robot, problem=error.message)
         found.append(scan)
         if progress is not None:
@@ -253,7 +253,7 @@ class _Recent:
     valid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def take(self, values: NDArray[Any], valid: NDArray[np.bool_], *, keep: int) -> int:
-        """Add values behind the last few of those before; return how many these are."""
+        """Append values to the last few earlier ones; return the number of these."""
         before = min(keep, len(self.valid))
         self.values = np.concatenate([self.values[len(self.values) - before :], values]) if before else values
         self.valid = np.concatenate([self.valid[len(self.valid) - before :], valid])
@@ -263,13 +263,13 @@ class _Recent:
 def _rows_of_columns(
     parts: Iterator[Columns], places: Mapping[str, FieldPlace], selectors: Mapping[str, str], last: str | None
 ) -> Iterator[_Rows]:
-    """Yield moments part by part: at each message of one of the topics, each field by the latest of its topic.
+    """Yield moments part by part: at each message of the topics, each field from the latest message of its topic.
 
     Args:
         parts: Columns of the selectors, by time.
-        places: Of each name, which message of its topic it is of.
+        places: Which message of its topic each name refers to.
         selectors: The field selector of each name.
-        last: Topic whose messages count where a field is not known; None for all.
+        last: Topic whose messages are counted where a field is not known; None for all.
     """
     recent: dict[str, _Recent] = {name: _Recent() for name in places}
     topics = list(dict.fromkeys(place.topic for place in places.values()))
@@ -296,7 +296,7 @@ def _rows_of_columns(
 
 
 def _filled(column: Column, whole: Column) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return a column's values, and where there are some, one for each message of its topic."""
+    """Return a column's values, and whether each is valid, one for each message of its topic."""
     if len(column) == len(whole):
         return column.values, column.valid
     values, valid = np.zeros(len(whole), column.values.dtype), np.zeros(len(whole), bool)

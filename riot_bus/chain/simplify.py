@@ -1,8 +1,8 @@
-"""What was modified in a short failing log, made as simple as a person would write it, while the failure stays.
+"""Simpler modifications of a short failing log, as a person would write them, with which it still fails.
 
-In turns: shortest times between messages, where these decide; payloads and fields back to nominal; what then still has
-to be modified, towards simple values: 0, 1, powers of ten, the limit of a type, short texts and arrays. What nobody
-modified stays as it was recorded: the steps that follow vary it.
+In this order: the shortest times between messages, if they matter; payloads and fields back to nominal; then what still
+has to be modified, towards simple values: 0, 1, powers of ten, the limit of a type, short texts and arrays. Unmodified
+values stay as recorded: the steps that follow vary them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["Simplification", "rungs_of", "spaced"]
 
 _MS = 1_000_000
 _LARGEST = 10.0**38
-"""Of a float32, so of what stands for infinity."""
+"""Limit of a float32: a number of this size or more stands for infinity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +51,17 @@ class Simplification:
     """Simplifies a failing log.
 
     Args:
-        log: It fails.
-        failing: Asks by a fresh trial each time whether logs fail.
-        registry: Names topics and knows types.
-        paced: Whether times between messages decide.
-        observed: Gives the values of fields (by name) in nominal messages; these explain nothing.
-        better: Told of each simpler log that was found to fail.
+        log: A log that fails.
+        failing: Function that runs a fresh trial of each log and tells whether it fails.
+        registry: The registry of topics and types.
+        paced: Whether times between messages matter.
+        observed: Function that returns the values of fields (by name) in nominal messages; these explain nothing.
+        better: Function that is called with each simpler log found to fail.
 
     Attributes:
-        log: The simplest one so far.
+        log: The simplest log so far.
         records: What was simplified.
-        trials: All that were asked.
+        trials: Number of trials so far.
     """
 
     def __init__(
@@ -84,13 +84,13 @@ class Simplification:
         self._better = better
 
     def run(self, *, noise: Noise, budget: int, parallelism: int, progress: Progress | None) -> Noise:
-        """Simplify; return what is known of the rates of failure by then.
+        """Simplify the log; return what is then known about the failure rates.
 
         Args:
-            noise: What is known of them.
-            budget: Most trials.
-            parallelism: Questions worth asking in one batch.
-            progress: Told after every batch.
+            noise: What is known about the failure rates so far.
+            budget: Maximum number of trials.
+            parallelism: Number of questions worth asking in one batch.
+            progress: Function that is called after every batch.
         """
         for stage in (self._gaps, self._payloads, self._fields):
             ladders, build = stage()
@@ -116,7 +116,7 @@ class Simplification:
         return noise
 
     def _asked(self, logs: Sequence[FailingLog | None]) -> list[bool]:
-        """Return whether logs fail; what cannot be written does not."""
+        """Return whether each log fails; None, a log that cannot be written, does not."""
         answers = iter(self._failing([log for log in logs if log is not None]))
         return [log is not None and next(answers) for log in logs]
 
@@ -139,7 +139,7 @@ class Simplification:
         return ladders, build
 
     def _payloads(self) -> tuple[list[_Ladder], _Build]:
-        """Whole payloads back to nominal: where several were modified, or fields do not tell how."""
+        """Return ladders that restore whole payloads, if several were modified or fields do not show how."""
         log, names = self.log, self.log.names(self._registry)
         places = [place for place, one in enumerate(log.messages) if _changed(one, log.originals.get(one.sequence))]
         if len(places) == 1 and self._told_by_fields(places[0]):
@@ -209,7 +209,7 @@ def _changed(message: Message, original: Message | None) -> bool:
 
 
 def _pruned(messages: Sequence[Message], originals: Mapping[int, Message]) -> FailingLog:
-    """Return a log; what is as it was before is not modified, but if it was delayed or comes twice."""
+    """Return a log in which messages equal to their originals, and neither delayed nor repeated, are unmodified."""
     copies = Counter(message.sequence for message in messages)
     left = {
         one.sequence: originals[one.sequence]
@@ -225,7 +225,7 @@ def _pruned(messages: Sequence[Message], originals: Mapping[int, Message]) -> Fa
 
 
 def spaced(log: FailingLog, gaps: Sequence[int]) -> FailingLog:
-    """Return a log with these times between its messages, in nanoseconds; originals move with what was made of them."""
+    """Return a log with these gaps between its messages, in nanoseconds; originals move with modified messages."""
     if not log.messages:
         return log
     times = accumulate(gaps, initial=log.messages[0].time)
@@ -236,7 +236,7 @@ def spaced(log: FailingLog, gaps: Sequence[int]) -> FailingLog:
 
 
 def _durations(gap: int) -> list[int]:
-    """Return simple durations below one, in nanoseconds: none, then 1, 2, 5, 10, ... milliseconds."""
+    """Return simple durations below a gap, in nanoseconds: 0, then 1, 2, 5, 10, ... milliseconds."""
     steps = (digit * 10**power * _MS for power in range(6) for digit in (1, 2, 5))
     return [0, *(step for step in steps if step < gap)]
 
@@ -244,14 +244,14 @@ def _durations(gap: int) -> list[int]:
 def rungs_of(
     path: str, kind: str, value: Scalar, nominal: Scalar, observed: Sequence[Scalar] = ()
 ) -> tuple[Scalar, ...]:
-    """Return the values that may stand for one that fails, the simplest first: its nominal one, then simple ones.
+    """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones.
 
     Args:
         path: Path of the field.
-        kind: Its type.
-        value: The value; it comes last.
-        nominal: What it was before.
-        observed: Values in nominal messages, which are none that explain a failure.
+        kind: Type of the field.
+        value: The failing value; it comes last.
+        nominal: The value before the modification.
+        observed: Values in nominal messages, which do not explain a failure.
     """
     if path.startswith("len("):
         simple: list[Scalar] = [2**power for power in range(17) if int(nominal) < 2**power < int(value)]

@@ -1,7 +1,7 @@
-"""What besides values the failure needs: keys that are there or missing, the order of messages, times between them.
+"""What a failure needs besides values: keys that are there or missing, the order of messages, times between them.
 
-All keys are left out or put back at once, then all neighbours exchanged, then all gaps made longer. What has to stay as
-it is is found as the needed messages of a log are, each with two logs that differ in it alone.
+All keys are left out or put back at once, then all neighbours swapped, then all gaps lengthened. The parts that must
+not change are found like the needed messages of a log, each with two logs that differ in this part alone.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 __all__ = ["Needed", "Part", "Structure", "parts_of", "search_structure"]
 
 _MORE_NS, _TIMES = 1_000_000_000, 10
-"""A longer gap has a second more, and is ten times as long."""
+"""A lengthened gap is at least a second longer, and at least ten times as long."""
 
 _TOGETHER = (("key", "missing key"), ("order",), ("gap",))
-"""Kinds that are changed at once; exchanged neighbours with exchanged keys would be the same again."""
+"""Kinds that are changed at once; swapped neighbours with swapped keys would be the same again."""
 
 _Messages = list["Message"]
 _Changed = Callable[[Collection[int]], FailingLog]
@@ -39,13 +39,13 @@ _Changed = Callable[[Collection[int]], FailingLog]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One thing of a log that is no value, and what changes it.
+    """One property of a log that is not a value, and how to change it.
 
     Attributes:
         kind: `key` (it is there), `missing key`, `order` (of two neighbours), or `gap` (no longer than it is).
-        name: Of the keys, or what comes first.
-        then: What comes after it; empty for keys.
-        change: Changes it in a list of messages.
+        name: Name of the keys, or of the first message.
+        then: Name of the message after it; empty for keys.
+        change: Function that changes it in a list of messages.
     """
 
     kind: Literal["key", "missing key", "order", "gap"]
@@ -69,8 +69,8 @@ class Structure:
 
     Attributes:
         needed: The parts that have to stay as they are.
-        asked: Of how many parts it is known whether they have to, by kind; 0 where trials did not tell.
-        failed: How many of how many trials failed with the others of a kind changed at once.
+        asked: Number of parts for which this was decided, by kind; 0 if trials did not decide.
+        failed: Numbers of failed and of all trials with the other parts of a kind changed at once.
     """
 
     needed: tuple[Needed, ...]
@@ -86,8 +86,8 @@ def parts_of(
     Args:
         fields: The log.
         considered: Fields that may be varied.
-        known: Fields whose values decide, so that they have to be there anyway.
-        paced: Whether times between messages decide.
+        known: Fields whose values matter, so that they must be there anyway.
+        paced: Whether times between messages matter.
     """
     messages, names = fields.log.messages, fields.log.names(fields.registry)
     parts = [*_missing(fields, names), *_keys(considered, known)]
@@ -113,13 +113,13 @@ def search_structure(
     """Find the parts that have to stay as they are.
 
     Args:
-        log: It fails.
-        parts: What may be changed in it.
-        ask: Asks by a fresh trial each time whether logs fail.
-        noise: What is known of the rates of failure.
-        budget: Most trials.
-        parallelism: Questions worth asking in one batch.
-        progress: Told after every batch.
+        log: A log that fails.
+        parts: The parts of it that may be changed.
+        ask: Function that runs a fresh trial of each log and tells whether it fails.
+        noise: What is known about the failure rates.
+        budget: Maximum number of trials.
+        parallelism: Number of questions worth asking in one batch.
+        progress: Function that is called after every batch.
     """
     needed: list[Needed] = []
     asked: dict[str, int] = {part.kind: 0 for part in parts}
@@ -166,7 +166,7 @@ def _keys(considered: Sequence[NamedField], known: Collection[str]) -> Iterator[
 
 
 def _missing(fields: NamedFields, names: Sequence[str]) -> Iterator[Part]:
-    """Yield for each message that lacks keys which its original has, that they are put back."""
+    """Yield, for each message that lacks keys of its original, the part that puts them back."""
     for place, message in enumerate(fields.log.messages):
         before = fields.log.originals.get(message.sequence)
         kind: object = fields.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)

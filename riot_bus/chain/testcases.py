@@ -1,4 +1,4 @@
-"""What can be replayed over other logs: the injections of a plan, of a finding, or of a log that tells of its own."""
+"""Test cases for other logs: the injections of a plan, of a finding, or of the provenance in a log."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class CaseTemplate:
     """A test case without its log.
 
     Attributes:
-        injections: What is done to a log.
-        signature: The failure that is looked for; None for any.
-        unit: Which unit it failed; None if it does not say.
-        system: Path of the system file; likewise.
+        injections: Injections to apply to a log.
+        signature: Signature of the failure to look for; None for any.
+        unit: The unit that it made fail; None if not stated.
+        system: Path of the system file; None if not stated.
     """
 
     __test__ = False  # not a pytest class
@@ -104,14 +104,14 @@ def _of_finding(folder: Path) -> CaseTemplate:
 
 
 _KINDS: dict[str, type[Formula | Curve]] = {"text": Formula, "times": Curve}
-"""What gives a value per message, by an attribute that no other has."""
+"""Types that give a value per message, by an attribute that no other type has."""
 
 
 def injection_of(row: Mapping[str, Any], where: str) -> Injection:
     """Return an injection that was written as JSON.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: It is not an injection.
     """
     known = {each.name for each in fields(Injection)}
     for name in row.keys() - known:
@@ -149,7 +149,7 @@ def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:
 
 
 def _of_log(path: Path, near: CaseTemplate, registry: TypeRegistry | None) -> CaseTemplate:
-    """Return what the provenance of a log tells, message by message; what is not a set field is left out."""
+    """Return the fields set according to a log's provenance, message by message; other changes are left out."""
     with LogReader(path) as reader:
         changed: dict[tuple[str, int], tuple[Change, ...]] = {}
         for entry in reader.provenance():

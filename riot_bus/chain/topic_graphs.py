@@ -1,4 +1,4 @@
-"""Who reads and writes which topics, from what tells it: riot.toml, and the graph that a log has recorded."""
+"""Which components read and write which topics, according to riot.toml and to the graph recorded in a log."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ __all__ = ["DECLARED", "RECORDED", "RecordedComponents", "declared_graph", "join
 DECLARED, RECORDED = "riot.toml", "recorded graph"
 
 _SAYS_IT_ALL = frozenset({"ros2 token", "bridge token", "declaration", "bridge"})
-"""Evidence of components that announce all that they read and write; of others only traffic tells."""
+"""Evidence of components that announce everything they read and write; others show only in traffic."""
 
 
 def topics_named(name: str, keys: Mapping[str, str], registry: TypeRegistry) -> frozenset[str]:
-    """Return the topics of logs that a name or key expression means; the name itself if they have none of them.
+    """Return the topics of logs that a name or key expression matches; the name itself if it matches none.
 
     Args:
-        name: As users write it.
+        name: Name or key expression, as users write it.
         keys: Zenoh key of each topic.
-        registry: Understands names.
+        registry: The registry that resolves names.
     """
     found = {topic for topic, key in keys.items() if name == topic or registry.matches(name, key)}
     return frozenset(found or {name})
 
 
 def declared_graph(file: SystemFile, keys: Mapping[str, str], registry: TypeRegistry) -> TopicGraph:
-    """Return who reads and writes what as riot.toml declares it, external components among them: they close loops."""
+    """Return the topic graph that riot.toml declares, with external components, which close loops."""
 
     def named(names: Iterable[str]) -> frozenset[str]:
         return frozenset().union(*(topics_named(name, keys, registry) for name in names))
@@ -54,7 +54,7 @@ def declared_graph(file: SystemFile, keys: Mapping[str, str], registry: TypeRegi
 
 
 def joined(first: TopicGraph, second: TopicGraph) -> TopicGraph:
-    """Return a graph, and of another one what writes topics that the first knows no writer of."""
+    """Return the first graph, with components of the second that write topics without a writer in the first."""
     written = frozenset().union(*(one.outputs for one in first.components.values()))
     more = {
         name if name not in first.components else f"{name} (recorded)": replace(one, outputs=one.outputs - written)
@@ -72,7 +72,7 @@ class _Part:
 
 
 class RecordedComponents:
-    """What recorded graphs say, of several logs: components of one name are one component."""
+    """Components in the recorded graphs of several logs: those with the same name are one component."""
 
     def __init__(self) -> None:
         self._parts: defaultdict[str, _Part] = defaultdict(_Part)
@@ -80,7 +80,7 @@ class RecordedComponents:
         self.damaged: list[str] = []
 
     def take(self, reader: LogReader) -> None:
-        """Take in the graphs of a log."""
+        """Add the graphs of a log."""
         topics = {source.key: source.topic for source in reader.sources().values() if source.role == "delivered"}
         any_graph = False
         try:
@@ -92,7 +92,7 @@ class RecordedComponents:
         self.logs += any_graph
 
     def graph(self) -> TopicGraph:
-        """Return who reads and writes what; components that do not announce themselves are open."""
+        """Return the topic graph; components that do not announce themselves are open."""
         return TopicGraph(
             {
                 name: ComponentTopics(frozenset(one.inputs), frozenset(one.outputs), RECORDED, open=not one.told)
@@ -103,16 +103,16 @@ class RecordedComponents:
 
     def _add(self, graph: Graph, topics: Mapping[str, str]) -> None:
         names = {topic.key: topics.get(topic.key, topic.name) for topic in graph.topics}
-        behind: defaultdict[str, set[str]] = defaultdict(set)  # by session, who speaks there
+        behind: defaultdict[str, set[str]] = defaultdict(set)  # the nodes of each session
         for edge in graph.edges:
             if edge.zid and edge.node:
                 behind[edge.zid].add(edge.node)
         for edge in graph.edges:
             if not edge.zid or "*" in edge.topic:
-                continue  # nobody known; what a key expression takes has an edge of its own for each key
+                continue  # unknown session; each key that a key expression matches has an edge of its own
             component = graph.component(edge.zid)
             label = component.label if component is not None else edge.zid[:8]
-            # What a link takes goes to all systems behind it; what a session without node does, is its own.
+            # A link's messages go to all systems behind it; a session without a node acts for itself.
             for who in {edge.node} if edge.node else behind.get(edge.zid, set()) or {label}:
                 part = self._parts[who]
                 part.told = part.told or not _SAYS_IT_ALL.isdisjoint(edge.evidence)
@@ -122,7 +122,7 @@ class RecordedComponents:
 
 
 def _topics_of(edge: Edge, names: Mapping[str, str], topics: Mapping[str, str]) -> tuple[set[str], set[str]]:
-    """Return what a component reads and writes by an edge; of services the parts that logs have."""
+    """Return the topics that an edge's component reads and writes; for services, the parts that logs have."""
     if edge.role == "subscribes":
         return {names.get(edge.topic, edge.topic)}, set()
     if edge.role == "publishes":

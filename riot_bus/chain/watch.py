@@ -1,4 +1,4 @@
-"""Live traffic held against a rule: who looks on is warned before it is met."""
+"""Live traffic compared with a rule, with warnings before the rule is met."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 __all__ = ["RuleWatch", "watch_rule"]
 
 _NEARER, _LEFT = 0.5, 2.0
-"""Within one approach the next warning comes at half of the distance; it ends at twice the distance of a warning."""
+"""Within one approach, the next warning comes at half the distance; the approach ends at twice the warning distance."""
 
 
 class RuleWatch:
-    """Takes messages in turn and says when a rule comes nearer, and when it is met.
+    """Takes messages one by one and tells when they come nearer to a rule, and when they meet it.
 
     Args:
         rule: The rule.
-        within: Distance from which on it warns, in nominal spreads.
-        registry: Names topics and knows types.
+        within: Distance at which warnings begin, in nominal spreads.
+        registry: The registry of topics and types.
 
     Attributes:
-        judged: Messages at which all fields of the rule were known.
-        unknown: Others of its topics.
-        met: At how many it was met.
+        judged: Number of messages at which all fields of the rule were known.
+        unknown: Number of other messages of the rule's topics.
+        met: Number of messages at which the rule was met.
         nearest: The moment of least distance; None before any was judged.
     """
 
@@ -49,7 +49,7 @@ class RuleWatch:
         self._limit = within
 
     def take(self, message: Message) -> NearMiss | None:
-        """Return the moment if there is something to say of it."""
+        """Take a message; return its moment if there is something to report."""
         values = self._latest.take(message)
         if values is None:
             return None
@@ -66,12 +66,12 @@ class RuleWatch:
             self._limit = self._within
         if distance >= self._limit:
             return None
-        # once met it is not told again before it was left
+        # once met, it is not reported again before the approach has ended
         self._limit = distance * _NEARER if distance > 0 else float("-inf")
         return moment
 
     def summary(self) -> str:
-        """Return what came of it, in one sentence."""
+        """Return the result in one sentence."""
         if self.nearest is None:
             return f"nothing was judged: {counted(self.unknown, 'message')} of the rule's topics came"
         return (
@@ -89,15 +89,15 @@ def watch_rule(
     config: Mapping[str, Any] | None = None,
     seconds: float | None = None,
 ) -> RuleWatch:
-    """Hold what passes a router against a rule until a signal comes.
+    """Compare the messages that pass a router with a rule until a signal arrives.
 
     Args:
         source: Folder of a finding, or a rule file.
-        endpoint: Where the router listens.
-        within: Distance from which on it warns, in nominal spreads.
-        say: Called with each line.
+        endpoint: Endpoint on which the router listens.
+        within: Distance at which warnings begin, in nominal spreads.
+        say: Function that is called with each line.
         config: Further Zenoh configuration of the client.
-        seconds: At most so long; None for no limit.
+        seconds: Maximum time in seconds; None for no limit.
 
     Raises:
         ConfigError: There is no rule.

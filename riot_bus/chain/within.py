@@ -1,9 +1,9 @@
-"""The whole chain within a given time: testing leaves time for explanations, and takes what these have left.
+"""The whole chain within a given time: testing leaves time for explanations, and uses what they leave over.
 
-The unit is tested for a share of the time. What was found by then is explained, each finding with an equal share of
-what is left, and the unit is tested further in the time that remains, and so on. Without a finding the unit is tested
-to the end. So the work ends when the time does and the trials under way have ended, or before that where no further
-trial would say more, as of a unit that always fails.
+The unit is tested for a share of the time. The findings so far are then explained, each in an equal share of the time
+left, and the unit is tested further in the time that remains, and so on. Without a finding, the unit is tested to the
+end. So the work ends when the time is over and the running trials have ended, or earlier if further trials would show
+nothing new, such as of a unit that always fails.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 __all__ = ["analyze_within"]
 
 _TESTED = 0.3
-"""Of the time that is left: the explanation of a finding takes about twice the trials that find it."""
+"""Share of the time left: explaining a finding takes about twice the trials that find it."""
 _LEAST = 0.05
-"""Of the whole time: with less, another campaign would only repeat what is stored."""
+"""Share of the whole time: with less left, another campaign would only repeat what is stored."""
 
 
 def analyze_within(
@@ -44,15 +44,15 @@ def analyze_within(
 ) -> list[Analysis]:
     """Test a unit and explain what is found, until the time is over.
 
-    What a step has not finished is gone on with if time is left in the end, and by the next command: no trial is lost.
+    Unfinished steps continue if time is left in the end, and with the next command: no trial is lost.
 
     Args:
         workspace: The system, its output folder and its slots.
-        unit: The unit.
-        seconds: The time.
-        further: Steps of other packages, which come after ours.
+        unit: The unit to test.
+        seconds: The time in seconds.
+        further: Steps of other packages, which run after ours.
         options: Options of steps, by the name of the step.
-        now: Tells the time, in seconds.
+        now: Clock that returns the time in seconds.
 
     Raises:
         RiotError: As `test_unit` and `analyze`.

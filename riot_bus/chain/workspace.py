@@ -1,4 +1,4 @@
-"""Where a chain of steps works: the system, the output folder, the runners, the store, and who is told."""
+"""Where a chain of steps works: the system, the output folder, the runners, the store, and the listeners."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ class StepRun:
         self.workspace.tell(StepProgress(self.name, done, total, note, left))
 
     def told(self, outcome: Outcome) -> None:
-        """Tell of a trial's outcome."""
+        """Report the outcome of a trial."""
         first = outcome.violations[0] if outcome.violations else None
         signature, detail = (first.signature, first.detail) if first else (None, outcome.detail)
         self.workspace.tell(TrialFinished(self.name, outcome.verdict.value, signature, detail, outcome.seconds))
 
     def end(self, text: str, *, folder: Path | None = None, record: Artefact | None = None) -> None:
-        """Tell what the step has come to, and what it has written."""
+        """Report the result of the step, and what it has written."""
         dump = None if record is None else record.model_dump(mode="json")
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
@@ -86,7 +86,7 @@ class StepRun:
         return self._stored(runner, self._of_unit(unit, persistent=persistent), unjudged=unjudged)
 
     def tried(self, unit: str) -> list[tuple[list[dict[str, Any]], int, Outcome]]:
-        """Return what was injected into the nominal log of a unit (rows of injections, seed), and what came of it."""
+        """Return earlier trials of a unit's nominal log: the injections as rows, the seed, and the outcome."""
         log = self.workspace.unit_log(unit)
         scopes = [self._scope(self._of_unit(unit, persistent=persistent)) for persistent in (False, True)]
         return [row for scope in scopes for row in self.workspace.store.tried(scope, log)]
@@ -125,15 +125,15 @@ class Workspace:
     Args:
         system: Path of riot.toml.
         out: Folder for everything that is written.
-        jobs: Trials at once; 0 for one on each processor, and more of units that mostly wait.
+        jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
         seed: Seed of everything random.
-        listeners: Are told of everything that happens.
-        runners: Gives the runners that the steps ask; processes of this machine by default.
-        fresh: Whether nominal trials are measured anew, though an earlier command has left what they show.
+        listeners: Listeners for everything that happens.
+        runners: Factory of the steps' runners; processes of this machine by default.
+        fresh: Whether to measure nominal trials again, even if an earlier command has stored their results.
         executor: Where trials are executed: `dask://HOST:PORT`; None for this machine.
 
     Attributes:
-        until: When no more trials are executed, by the monotonic clock; None for never.
+        until: Time of the monotonic clock after which no more trials are executed; None for no limit.
     """
 
     def __init__(
@@ -275,7 +275,7 @@ class Workspace:
         return inputs_of(name, self._messages(path), file=file, registry=registry, path=path)
 
     def known_unit_log(self, name: str) -> tuple[Message, ...]:
-        """Return `unit_log` if there is a nominal log already, else nothing: none is recorded for it."""
+        """Return `unit_log` if there is a nominal log already, else no messages: none is recorded for this."""
         file = self.context.file
         recorded = (self.out / "nominal.mcap").is_file()
         return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
@@ -283,11 +283,11 @@ class Workspace:
     def judged_in_system(
         self, finding: FindingRecord, driving: tuple[Message, ...]
     ) -> tuple[tuple[str, Baseline] | None, str]:
-        """Return what tells a finding in runs of the whole system, and why nothing can; both may be nothing.
+        """Return what detects a finding in runs of the whole system, and why nothing can; both may be empty.
 
         Args:
-            finding: The finding. Its unit is measured in nominal runs if its monitor asks for that.
-            driving: What is played to the system in these; see `chain.external.driving_log`.
+            finding: The finding. Its unit is measured in nominal runs if its monitor needs that.
+            driving: Messages played to the system in these runs; see `chain.external.driving_log`.
 
         Raises:
             EnvironmentFaultError: The system does not start.
@@ -307,8 +307,8 @@ class Workspace:
 def system_of(finding: FindingRecord, *, named: Path | None = None, root: Path = Path()) -> Path:
     """Return the system file of a finding: the named one, else the one that it was found with.
 
-    What another machine has found, such as a build, has a path of that machine; then it is that of `root`, which is the
-    working folder if nothing else is said.
+    A finding of another machine, such as of a build, names a path on that machine; then the one in `root` is taken,
+    which is the working folder by default.
     """
     own, here = Path(finding.system_file), root / "riot.toml"
     if named is not None or own.is_file() or not here.is_file():

@@ -62,7 +62,7 @@ def messages_to_file(
     force: bool,
     salvage: bool,
 ) -> Loss:
-    """Write a log's messages in a format of other tools, and say so; return what of the log could not be read."""
+    """Write a log's messages in a format of other tools, and print that; return what could not be read."""
     from riot_bus.log.archives import export_archive
     from riot_bus.vocabulary.errors import ConfigError
 
@@ -82,7 +82,7 @@ def messages_to_file(
 
 
 def _adapters(definitions: list[Path] | None) -> list[Adapter]:
-    """Return the adapters, which have taken in definitions."""
+    """Return the adapters with these definitions loaded."""
     from riot_bus.types.registry import TypeRegistry, load_adapters
 
     adapters = load_adapters()

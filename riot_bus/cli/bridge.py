@@ -32,7 +32,7 @@ _OURS = {"system": SystemFile, "cfg": Cfg, "form": Format}
 
 
 class _Bridges(TyperGroup):
-    """Finds bridges by name, and imports the module of a command only where it is named or listed."""
+    """Finds bridges by name, and imports the module of a command only when it is named or listed."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all bridges that are installed."""
@@ -62,7 +62,7 @@ def _command(name: str) -> Any:
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     try:
         function = BRIDGES.load(name)
-    except RiotError as error:  # others are to be listed all the same
+    except RiotError as error:  # the others must still be listed
         reason = error
 
         def fail() -> None:
@@ -78,7 +78,7 @@ def _command(name: str) -> Any:
 
 
 class BusHost:
-    """What bridges get of riot: `riot_bus.types.bridging.BridgeHost`."""
+    """What riot offers to bridges: `riot_bus.types.bridging.BridgeHost`."""
 
     def ports(
         self, segments: Mapping[str, str | None], *, system: Path | None = None, cfg: Sequence[str] = ()
@@ -97,7 +97,7 @@ class BusHost:
         return found
 
     def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
-        """Bridge until it is to end."""
+        """Bridge until told to end."""
         from riot_bus.bridge.running import run_bridge
 
         start = partial(_start, program, bridge) if program else None

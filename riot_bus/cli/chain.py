@@ -96,7 +96,7 @@ def open_workspace(
     known: KnownFindings | None = None,
     lenient: bool = False,
 ) -> Iterator[Workspace]:
-    """Open a workspace whose events are told on stderr and in reports, and that signals end.
+    """Open a workspace whose events are shown on stderr and in reports, and which ends on signals.
 
     Arguments are those of `Workspace` and `ReportFollower`; `form` says what stdout is for.
     """
@@ -306,7 +306,7 @@ def analyze(
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
         if workspace.context.file.external.topics:
-            workspace.context.file.check_outside_apart()  # else the chain would end with that after its longest steps
+            workspace.context.file.check_outside_apart()  # else the chain would fail with this after its longest steps
         if given is not None:
             done = analyze_within(workspace, name, given, further=others, options=options)
             folders = [one.folder for one in done]

@@ -48,7 +48,7 @@ Keep = Annotated[
 
 
 class _Group(TyperGroup):
-    """The commands; one is made when it is named, since all of them would take longer than `riot --help` has."""
+    """The commands; each is made when it is named, since making all takes longer than `riot --help` may take."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [command.__name__ for command in _COMMANDS]
@@ -216,7 +216,7 @@ def _opened(
     lenient: bool = False,
     fresh: bool = False,
 ) -> tuple[list[str], Callable[[str, Path], AbstractContextManager[Workspace]]]:
-    """Return the units, and what opens the workspace of one."""
+    """Return the units, and a function that opens the workspace of one."""
     from riot_bus.chain.ci import unit_folder, units_of
     from riot_bus.cli.chain import open_workspace
     from riot_bus.report.follow import reports_of

@@ -41,7 +41,7 @@ Keys = Annotated[list[str], typer.Argument(metavar="KEYEXPR...", help="Key expre
 
 
 class _Anywhere(TyperGroup):
-    """Takes its own options behind its commands' names too."""
+    """Accepts its own options after its commands' names, too."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own = {name for each in self.params if not getattr(each, "is_flag", False) for name in each.opts}

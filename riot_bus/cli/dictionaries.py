@@ -23,7 +23,7 @@ __all__ = ["register"]
 
 WRONG = 2
 _SHOWN = 8
-"""Fields that a table applies to, and that are named; JSON has all."""
+"""Number of fields to name that a table applies to; JSON has all."""
 
 _System = Annotated[
     Path | None,
@@ -137,7 +137,7 @@ def schema() -> None:
 
 
 def _lines(file: DictionaryFile, found: dict[str, AppliesTo]) -> list[str]:
-    """Return a file, one line for each value or mutation; after the tables what they apply to."""
+    """Return a file as lines, one for each value or mutation; after each table, what it applies to."""
     lines: list[str] = []
     if file.entry:
         values = [(each.type or file.type or "any type", _value(each.value), each.reason) for each in file.entry]
@@ -174,7 +174,7 @@ def _few(names: tuple[str, ...]) -> str:
 
 
 def _value(value: Any, *, formula: bool = False) -> str:
-    """Return a value about as the file has it."""
+    """Return a value roughly as written in the file."""
     if hasattr(value, "times"):
         return f"{value.times} x {_value(value.repeat)}"
     if hasattr(value, "hex") and not isinstance(value, float):

@@ -101,7 +101,7 @@ def diff(
 
 
 def print_difference(found: LogDifference, html: Path | None, form: OutputFormat, *, event: str = "") -> None:
-    """Print what a comparison has found, and write its page; with an event, JSON is a line that names it."""
+    """Print the result of a comparison, and write its page; with an event, JSON is one line that names it."""
     from riot_bus.vocabulary.redaction import escape_control_chars
 
     if html is not None:

@@ -1,7 +1,7 @@
 """`riot router` without typer, which takes longer to start than the router itself.
 
-Only command lines are understood that leave no doubt; all others, wrong ones among them, are typer's. What options
-there are is declared in `riot_bus.cli.router`; a test holds this table to it.
+Only unambiguous command lines are handled here; all others, including wrong ones, are left to typer. The options are
+declared in `riot_bus.cli.router`; a test checks this table against it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class FastOption(NamedTuple):
     """An option of `riot router`.
 
     Attributes:
-        name: Of the argument of `start_router`.
-        read: Makes a value of its text; None if it is not plain enough.
+        name: Name of the argument of `start_router`.
+        read: Function that turns its text into a value; None if the text is not simple enough.
         many: Whether it may be repeated.
         variable: The environment variable that stands for it.
     """
@@ -68,7 +68,7 @@ OPTIONS = {
     "--control": FastOption("control", str, many=True, variable="RIOT_CONTROL"),
     "--format": FastOption("as_json", _as_json, variable="RIOT_FORMAT"),
 }
-"""Options that have a value, by what is written for them."""
+"""Options that have a value, as written on the command line."""
 
 _SWITCHES = {"--bypass-watch": True, "--no-bypass-watch": False}
 
@@ -77,11 +77,11 @@ def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str,
     """Return the arguments of `start_router`.
 
     Args:
-        arguments: What stands behind `riot router`.
+        arguments: Words after `riot router`.
         environment: Variables of the process.
 
     Returns:
-        None if it is not plain what is meant.
+        None if the command line is not unambiguous.
     """
     if any(each.variable in environment for each in OPTIONS.values()):
         return None
@@ -107,10 +107,10 @@ def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str,
 
 
 def quick_start(arguments: Sequence[str]) -> bool:
-    """Do what a command line asks for, if it is plain that this is `riot router`; return whether it was.
+    """Execute a command line if it is an unambiguous `riot router`; return whether it was.
 
     Args:
-        arguments: What stands behind `riot`.
+        arguments: Words after `riot`.
     """
     found = parse(arguments[1:], os.environ) if arguments[:1] == ["router"] else None
     if found is None:

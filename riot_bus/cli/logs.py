@@ -244,7 +244,7 @@ def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
 
 
 def _file_of(log: Path) -> Path:
-    """Return the file of a log; a folder will do, if it holds one alone."""
+    """Return the file of a log; a folder is accepted if it holds exactly one."""
     from riot_bus.log.rosbag2 import files_of
     from riot_bus.vocabulary.errors import ConfigError
 

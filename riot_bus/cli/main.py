@@ -88,7 +88,7 @@ def _redact_log() -> None:
 def run() -> None:
     """Entry point of the console scripts."""
     arguments = sys.argv[1:]
-    gc.disable()  # nothing that is loaded is garbage: to search it takes 4 % of the time to start
+    gc.disable()  # nothing that is loaded is garbage: searching it takes 4 % of the start-up time
     try:
         if arguments and not arguments[0].startswith("-"):  # else it is a question about riot, and nothing is logged
             _redact_log()
@@ -112,5 +112,5 @@ def run() -> None:
         warn(f"riot: {escape_control_chars(str(error))}; make room and run the same command again to go on")
         sys.exit(EnvironmentFaultError.exit_code)
     finally:
-        # Whatever a thread does that is left, such as one of somebody's interceptor: Python waits for it, we do not.
+        # Python waits for remaining threads, such as those of a user's interceptor; we end without them.
         faulthandler.dump_traceback_later(_END_S, exit=True, file=_STDERR)

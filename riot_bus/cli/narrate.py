@@ -1,4 +1,4 @@
-"""Telling how the work goes: to people by lines and a progress bar, to programs by lines of JSON."""
+"""Progress of the work: for people as lines and a progress bar, for programs as lines of JSON."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["ConsoleNarrator", "write_line"]
 
 _EVERY = 10.0
-"""Seconds between lines that tell of progress where there is no terminal."""
+"""Seconds between lines of progress if there is no terminal."""
 
 
 def write_line(event: RunEvent) -> None:
@@ -34,11 +34,11 @@ def write_line(event: RunEvent) -> None:
 
 
 class ConsoleNarrator:
-    """Listens for a person at stderr (or wherever diagnostics go); a context manager.
+    """A listener that shows events on stderr (or wherever diagnostics go); a context manager.
 
     Args:
         console: The console that is written to.
-        now: Tells the time, in seconds.
+        now: Clock that returns the time in seconds.
     """
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
@@ -56,7 +56,7 @@ class ConsoleNarrator:
         self._stop()
 
     def __call__(self, event: RunEvent) -> None:
-        """Show a bar while a step runs (without a terminal a line each ten seconds), and a line in its end."""
+        """Show a bar while a step runs (without a terminal, a line every ten seconds), and a line at its end."""
         match event:
             case StepStarted():
                 self._stop()
@@ -79,7 +79,7 @@ class ConsoleNarrator:
                 self._say("time", f"{left} of {total} left, until {at:%H:%M:%S}")
 
     def interrupted(self, out: Path) -> None:
-        """Say what is kept in the output folder of work that was ended from outside, and how to go on."""
+        """Say what the output folder keeps of interrupted work, and how to continue."""
         from riot_bus.campaign.store import TrialStore, stored_trials
         from riot_bus.findings.records import FindingRecord
 
@@ -108,9 +108,9 @@ class ConsoleNarrator:
             self._bar.start()
 
     def _measure(self, event: StepProgress) -> bool:
-        """Take in how far a step is; return whether its rate was measured anew, as every ten seconds."""
+        """Note how far a step is; return whether its rate was measured again, which is every ten seconds."""
         now, (then, done) = self._now(), self._last
-        if event.done < done:  # the step has begun to count anew
+        if event.done < done:  # the step has restarted its count
             self._last, self._rate = (now, event.done), None
             return False
         if now - then < _EVERY:
@@ -119,7 +119,7 @@ class ConsoleNarrator:
         return True
 
     def _pace(self, event: StepProgress) -> str:
-        """Return what goes on, how fast, and how long it takes at that rate, if there is no other end before."""
+        """Return the current activity, its rate, and the time left at that rate, or until an earlier end."""
         ends = [] if event.left is None else [event.left]
         if event.total and self._rate:
             ends.append((event.total - event.done) / self._rate)

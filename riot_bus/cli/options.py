@@ -36,7 +36,7 @@ class OutputFormat(StrEnum):
 
 
 class StreamFormat(StrEnum):
-    """How results are written to stdout by commands that can also write what happens until then."""
+    """How results are written to stdout by commands that can also write events as they happen."""
 
     TEXT = "text"
     JSON = "json"

@@ -1,4 +1,4 @@
-"""What `riot` itself takes, before a command."""
+"""Options of `riot` itself, before a command."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ ComponentCfg = Annotated[
 
 
 class FlavourName(StrEnum):
-    """Who reads an environment."""
+    """The kind of program that reads an environment."""
 
     RMW_ZENOH = "rmw_zenoh"
     ZENOH = "zenoh"

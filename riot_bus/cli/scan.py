@@ -139,7 +139,7 @@ def _watch(source: Path, endpoint: str, cfg: list[str], within: float, unfit: Se
 
 
 def _logs(places: Sequence[str], over: str, catalogue: Path | None) -> list[LogEntry]:
-    """Return what is known of the logs: of those that are named, or else of those of the catalogue."""
+    """Return the catalogue entries of the named logs, or else of those in the catalogue."""
     from riot_bus.fleet.catalogue import Catalogue, default_catalogue
     from riot_bus.fleet.index import index
     from riot_bus.fleet.query import parse_query

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["json_safe", "table_console"]
 
-_COLUMNS = 200  # where stdout is no terminal: whoever reads a file wants whole names
+_COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
 
 
 def json_safe(value: Any) -> Any:
@@ -23,7 +23,7 @@ def json_safe(value: Any) -> Any:
 
 
 def table_console() -> Console:
-    """Return what prints tables to stdout."""
+    """Return a console that prints tables to stdout."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else _COLUMNS, highlight=False, emoji=False)

@@ -13,7 +13,7 @@ from typing import Any, Self
 __all__ = ["Terminal", "split_keys"]
 
 _LOCAL = 3  # of tcgetattr: local modes
-_COLUMNS = 80  # of a terminal that does not tell
+_COLUMNS = 80  # of a terminal that does not report its width
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _KEY = re.compile(r"\x1b[\[O]([0-9;]*)([@-~])|.", re.DOTALL)
 _UNFINISHED = re.compile(r"\x1b([\[O][0-9;]*)?\Z")
@@ -23,7 +23,7 @@ _MOST = 64
 class Terminal:
     """Reads keys as they are pressed; a context manager.
 
-    Ctrl-C and Ctrl-Z work as ever. While in the background, no key is read and nothing is shown.
+    Ctrl-C and Ctrl-Z work as usual. While in the background, no key is read and nothing is shown.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Terminal:
             termios.tcsetattr(self._input, termios.TCSADRAIN, self._former)
 
     def keys(self, timeout: float) -> list[str]:
-        """Return the keys that were pressed; waits for one at most so many seconds.
+        """Return the keys that were pressed; wait for one at most `timeout` seconds.
 
         Arrows are called `up`, `down`, `left` and `right`.
         """
@@ -68,7 +68,7 @@ class Terminal:
         return found
 
     def progress(self, line: str) -> None:
-        """Show a line in place of the one before; the empty line takes it away."""
+        """Show a line in place of the one before; an empty line removes it."""
         if not self._foreground() or (not line and not self._width):
             return
         columns = os.get_terminal_size(sys.stderr.fileno()).columns or _COLUMNS
@@ -85,7 +85,7 @@ class Terminal:
 
 
 def split_keys(text: str) -> tuple[list[str], str]:
-    r"""Return the keys that a terminal has sent, and what is the beginning of another one.
+    r"""Return the keys that a terminal has sent, and the beginning of an unfinished one.
 
     Arrows have names; other keys that are sent as several characters are left out.
 

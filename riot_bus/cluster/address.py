@@ -24,14 +24,14 @@ _CERTIFICATES = (
 
 
 def scheduler_of(executor: str, *, tls: bool) -> str:
-    """Return the address of a scheduler as Dask has it.
+    """Return the address of a scheduler in Dask's form.
 
     Args:
         executor: `dask://HOST:PORT`.
         tls: Whether there are certificates.
 
     Raises:
-        ConfigError: It is none, or beyond this machine without certificates.
+        ConfigError: It is not an executor, or on another machine and there are no certificates.
     """
     found = re.fullmatch(r"dask://(\[[0-9A-Fa-f:.]+\]|[\w.-]+):(\d{1,5})", executor)
     if not found:
@@ -57,8 +57,8 @@ def connect(executor: str) -> Client:
     """Connect to a cluster.
 
     Raises:
-        ConfigError: It is not to be used so; says why, and what to do.
-        EnvironmentFaultError: Nobody answers.
+        ConfigError: It must not be used like this; the message says why, and what to do.
+        EnvironmentFaultError: No scheduler answers.
         MissingExtraError: Dask is not installed.
     """
     try:
@@ -66,7 +66,7 @@ def connect(executor: str) -> Client:
         from distributed import Client, Security
     except ImportError:
         raise MissingExtraError("distributed", "cluster") from None
-    for name in ("distributed", "distributed.client"):  # what matters of it is an error of ours
+    for name in ("distributed", "distributed.client"):  # what matters is reported by our own errors
         logging.getLogger(name).setLevel(logging.CRITICAL)
     tls = bool(dask.config.get(f"{_TLS}.ca-file", None))
     address = scheduler_of(executor, tls=tls)
@@ -74,7 +74,7 @@ def connect(executor: str) -> Client:
         security: Any = Security(require_encryption=True) if tls else None
         options: dict[str, Any] = {"timeout": _CONNECTS_WITHIN_S, "security": security, "set_as_default": False}
         client = Client(address, name="riot", direct_to_workers=False, **options)
-    except (OSError, ValueError, TypeError) as error:  # unreachable; certificates that are none
+    except (OSError, ValueError, TypeError) as error:  # unreachable, or invalid certificates
         hint = "start `dask scheduler` there (docs/cluster.md), or mend the address"
         raise EnvironmentFaultError(
             f"no scheduler answers: {str(error).splitlines()[0] if str(error) else type(error).__name__}",

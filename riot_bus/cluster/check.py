@@ -22,11 +22,11 @@ _ANSWERS_WITHIN_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class WorkerCheck:
-    """What a worker says.
+    """The answer of a worker.
 
     Attributes:
         address: Address of the worker.
-        host: Its machine; empty if it has not said.
+        host: Name of its machine; empty if it has not answered.
         refused: Why it takes no trials; empty if it does.
     """
 

@@ -39,7 +39,7 @@ def facts_of(context: Context) -> dict[str, str]:
 
 
 def differences(mine: Mapping[str, str], theirs: Mapping[str, str]) -> str:
-    """Return what differs between this machine and that of riot, for people; nothing if nothing does."""
+    """Return as text what differs between this machine and that of riot; empty if nothing does."""
     names = [name for name in sorted({*mine, *theirs}) if mine.get(name) != theirs.get(name)]
     told = [f"{name} is {_shown(mine, name)} here, {_shown(theirs, name)} where riot runs" for name in names]
     more = [f"and {len(told) - _MOST_TOLD} more"] if len(told) > _MOST_TOLD else []
@@ -62,7 +62,7 @@ def _own_code() -> str:
 
 
 def main() -> None:
-    """Print the facts of the system file that is named, or what is wrong with it."""
+    """Print the facts of the named system file, or what is wrong with it."""
     try:
         print(json.dumps(facts_of(open_system(Path(sys.argv[1])))))  # noqa: T201
     except (RiotError, OSError) as error:

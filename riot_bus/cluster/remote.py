@@ -1,7 +1,7 @@
 """What runs on a worker of Dask: one function from bytes to bytes, which keeps a `sut.worker` process and asks it.
 
-That process is the same as on riot's own machine. It ends with the worker, with the trial that nobody waits for any
-more (Ctrl-C, a riot that was killed, a scheduler that is gone), and when it has not been asked for a minute.
+That process is the same as on riot's own machine. It ends with the worker, when nobody waits for its trial any more
+(Ctrl-C, a riot that was killed, a scheduler that is gone), and when it has not been used for a minute.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 __all__ = ["MOST_FILES", "TRIAL", "serve"]
 
 MOST_FILES = 256 << 20
-"""Bytes of files that come back from one trial: a nominal log of most systems; evidence is bounded to a tenth of it."""
+"""Most bytes of files that one trial returns: enough for most nominal logs; evidence is limited to a tenth of it."""
 TRIAL = Path("trial")
 """Where a trial has its folder, below the working folder of the process that executes it."""
 _ACQUIRE_S = 1.0
 _LOOK_S = 0.2
 _FACTS_WITHIN_S = 120.0
 _UNUSED_S = 60.0
-"""So long a process is kept that nobody asks: one that asked was killed."""
+"""How long a process is kept that nobody uses: its user was killed."""
 
 
 class _Kept:
@@ -73,8 +73,8 @@ def serve(data: bytes) -> bytes:
             case) or `end`; `name` is that of the process.
 
     Returns:
-        A table likewise. After `begin`: `refused` (why, if so) and `host`. After `run`: `answer` and `files`, or `died`
-        (how the process has ended), or neither if the process is not there or nobody waits any more. `error`: a
+        A table in MessagePack. After `begin`: `refused` (why, if so) and `host`. After `run`: `answer` and `files`, or
+        `died` (how the process has ended), or neither if there is no such process or nobody waits any more. `error`: a
         traceback.
     """
     asked = msgpack.unpackb(data)
@@ -83,7 +83,7 @@ def serve(data: bytes) -> bytes:
         _timers.pop(name).cancel()
     try:
         found: dict[str, Any] = {"begin": _begin, "run": _run, "end": _end}[asked["do"]](asked, name)
-    except Exception:  # whatever it is, whoever asked has to know
+    except Exception:  # the caller has to know of any error
         found = {"error": traceback.format_exc()}
     if name in _kept:
         _timers[name] = threading.Timer(_UNUSED_S, _end, [{}, name])
@@ -94,7 +94,7 @@ def serve(data: bytes) -> bytes:
 
 
 def _begin(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Compare what is here with what riot has; start a process if it is the same and a slot is given."""
+    """Compare versions and code with those of riot; start a process if they agree and a slot is given."""
     from distributed import get_worker
 
     system = Path(os.environ.get("RIOT_SYSTEM") or asked["system"])
@@ -133,7 +133,7 @@ def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
                 _end({}, name)
                 return {}
             except (EOFError, OSError):
-                for lease in set(taken):  # a component may live for a moment: what it has runs out instead
+                for lease in set(taken):  # a component may live on for a moment: its leases expire instead
                     _semaphores.pop(lease).refresh_leases = False
                 return {"died": _kept.pop(name).end()}
     finally:
@@ -141,7 +141,7 @@ def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def _waited_for() -> Callable[[], bool]:
-    """Return what tells whether somebody still waits for the task of this thread."""
+    """Return a function that tells whether anybody still waits for the task of this thread."""
     from distributed import Status, get_worker
 
     alive = (Status.running, Status.paused, Status.closing_gracefully)
@@ -157,16 +157,16 @@ def _waited_for() -> Callable[[], bool]:
 
 @contextmanager
 def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) -> Iterator[list[str]]:
-    """Hold what a trial needs of what there is only so much of, over all workers; as `sut.scarce` does on one machine.
+    """Hold the scarce resources that a trial needs, across all workers, as `sut.scarce` does on one machine.
 
-    A worker that dies has it until its leases run out: nothing of its trial runs by then.
+    A worker that dies holds them until its leases expire: nothing of its trial runs by then.
 
     Args:
-        needs: How many, and how many there are in all, by name.
-        waited_for: Tells whether somebody still waits.
+        needs: How many the trial needs, and how many there are in all, by name.
+        waited_for: Function that tells whether anybody still waits.
 
     Yields:
-        What is held: the names of semaphores; what is taken out of that is not given back.
+        The names of the semaphores held; one that is removed from the list is not given back.
     """
     from distributed import Semaphore
 
@@ -187,7 +187,7 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
 
     try:
         for name, (count, total) in sorted(needs.items()):
-            queue = f"{name} queue"  # all pieces of one by one trial after the other: no two wait for each other
+            queue = f"{name} queue"  # one trial at a time takes all its pieces, so no two wait for each other
             take(queue, 1)
             for _ in range(count):
                 take(name, total)
@@ -200,7 +200,7 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
 
 
 def _files(folder: Path) -> dict[str, Any]:
-    """Return the files that a trial has left and that are wanted, up to a bound."""
+    """Return the wanted files that a trial has left, up to a limit."""
     whole = (folder / EXTERNAL_LOG).exists()
     found = folder.rglob("*") if whole else [folder / TrialPlace.LEFT, *(folder / TrialPlace.LEFT).rglob("*")]
     paths = sorted(path for path in found if path.is_file() and not path.is_symlink())

@@ -1,6 +1,6 @@
 """The workers of a Dask cluster as those of a pool: each has one case at a time, so a death has one case to blame.
 
-Everything that decides stays here: which case is executed when, how often it is tried, what its outcome is.
+All decisions are made here: which case is executed when, how often it is tried, what its outcome is.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ __all__ = ["ClusterWorkers", "WorkerState", "ask", "begin_of", "why_not"]
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
 _SCHEDULER_S = 10.0
-"""So long a scheduler may be away: a broken connection is made anew within it."""
+"""How long a scheduler may be away: a broken connection is restored within this time."""
 _WORKERS_S = 60.0
-"""So long there may be no worker, such as while those that were killed are started again."""
+"""How long there may be no worker, such as while killed ones are started again."""
 _ENDS_WITHIN_S = 20.0
 _HINT = "all trials that have ended are kept: run the same command again to go on"
 
 
 def ask(client: Client, address: str, table: Mapping[str, Any]) -> Future[Any]:
-    """Have `remote.serve` do something on one worker; that function's name is all that is pickled of ours."""
+    """Have `remote.serve` do something on one worker; of our code, only that function's name is pickled."""
     data = msgpack.packb(table)
     return client.submit(
         serve, data, key=f"riot-{uuid.uuid4().hex}", workers=[address], allow_other_workers=False, pure=False
@@ -58,12 +58,12 @@ def ask(client: Client, address: str, table: Mapping[str, Any]) -> Future[Any]:
 
 
 def begin_of(context: Context, facts: Mapping[str, str], *, name: str, slot: int | None) -> dict[str, Any]:
-    """Return what asks a worker to compare versions and code, and to start a process in a slot unless that is None."""
+    """Return the request to compare versions and code, and to start a process in a slot unless that is None."""
     return {"do": "begin", "name": name, "slot": slot, "facts": facts, "system": str(context.file.path.resolve())}
 
 
 def why_not(address: str, threads: int) -> str:
-    """Return why a worker is not even asked; nothing if it is."""
+    """Return why a worker is not even asked; empty if it is."""
     if is_open(address):
         return "it is beyond this machine, without TLS"
     return "" if threads == 1 else f"it has {threads} threads: start it with --nthreads 1, more of them with --nworkers"
@@ -71,15 +71,15 @@ def why_not(address: str, threads: int) -> str:
 
 @dataclass(eq=False, slots=True)
 class WorkerState:
-    """What is known of a worker of the cluster.
+    """What is known about a worker of the cluster.
 
     Attributes:
-        slot: Its number.
-        name: Of the process that it keeps for us.
+        slot: Number of the worker.
+        name: Name of the process that it keeps for us.
         begun: Its answer to `begin`.
         refused: Why it takes no trials; empty if it does.
-        ready: Whether it has said that it does.
-        worker: What has it now.
+        ready: Whether it has agreed to take trials.
+        worker: The worker of the pool that uses it now.
     """
 
     slot: int
@@ -96,7 +96,7 @@ class ClusterWorkers:
     Args:
         executor: `dask://HOST:PORT`.
         context: The system.
-        jobs: How many to use at most; 0 for all.
+        jobs: Maximum number of workers to use; 0 for all.
 
     Raises:
         RiotError: As `connect` raises it.
@@ -118,7 +118,7 @@ class ClusterWorkers:
 
     @property
     def jobs(self) -> int:
-        """How many workers there are now that take trials or have not been asked yet; at least one."""
+        """Number of workers that take trials or have not been asked yet; at least one."""
         with self._lock:
             count = sum(not state.refused for state in self._states.values())
         return max(1, min(count, self._limit) if self._limit else count)
@@ -129,7 +129,7 @@ class ClusterWorkers:
         self._watch.start()
 
     def start(self) -> _ClusterWorker | None:
-        """Return a worker that is ready and that nobody has."""
+        """Return a worker that is ready and not in use; None if there is none."""
         with self._lock:
             if self._failed:
                 raise self._failed
@@ -162,9 +162,9 @@ class ClusterWorkers:
         return ask(self._client, address, {"do": "run", "name": name, "request": request, "needs": needs})
 
     def needs(self, trial: Trial, case: TestCase) -> dict[str, tuple[int, int]]:
-        """Return how many of what there is only so much of a trial needs, and how many there are in all.
+        """Return how many of each scarce resource a trial needs, and how many there are in all.
 
-        The scheduler remembers how many there are for as long as it runs, so that is part of the name.
+        The scheduler remembers that total for as long as it runs, so it is part of the name.
         """
         file = self._context.file
         total = {name: file.resources.get(name, 1) for name in needed(file, file.components)}
@@ -180,7 +180,7 @@ class ClusterWorkers:
                 if state.worker is worker:
                     state.worker, state.ready = None, False
                     if not self._closing.is_set() and not self._failed:
-                        with suppress(Exception):  # the scheduler is gone, as the next look tells
+                        with suppress(Exception):  # the scheduler is gone, as the next look will show
                             self._begin(address, state)
 
     def _begin(self, address: str, state: WorkerState) -> None:
@@ -234,7 +234,7 @@ class ClusterWorkers:
         try:
             found = msgpack.unpackb(future.result())
             state.refused = str(found.get("refused") or found.get("error") or "")
-        except Exception:  # it has died meanwhile, or the connection has: the next look tells
+        except Exception:  # it has died meanwhile, or the connection has: the next look will show
             del self._states[address]
             return False
         state.ready = not state.refused
@@ -243,7 +243,7 @@ class ClusterWorkers:
         return state.ready
 
     def _check(self) -> None:
-        """Give up when there has been no worker for long, or when all that there are refuse."""
+        """Give up if there has been no worker for long, or if all workers refuse."""
         now, states = time.monotonic(), list(self._states.values())
         if any(not state.refused for state in states):
             self._had = now
@@ -291,7 +291,7 @@ class _ClusterWorker:
             self.leave()
 
     def _ended(self, future: Future[Any]) -> None:
-        """Take what has come of a case; called on a thread of Dask's."""
+        """Receive the result of a case; called on a thread of Dask."""
         from distributed import KilledWorker
 
         try:
@@ -313,7 +313,7 @@ class _ClusterWorker:
             self._theirs.close()
 
     def cancel(self) -> None:
-        """Have what it does ended."""
+        """Cancel the case that it executes."""
         if self._future is not None and not self._future.done():
             self._future.cancel()
 
@@ -344,7 +344,7 @@ def write_files(directory: Path, files: Mapping[str, bytes]) -> None:
     """Write the files that a trial has left on a worker into its folder here.
 
     Raises:
-        ConfigError: A name leads out of it.
+        ConfigError: A name leads out of the folder.
     """
     for name, data in files.items():
         parts = PurePosixPath(name)

@@ -86,12 +86,12 @@ def _ip(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def split_endpoints(text: str) -> list[str]:
-    """Split `ENDPOINT[,ENDPOINT...]`; only a comma before a protocol separates, so others may stand in an endpoint."""
+    """Split `ENDPOINT[,ENDPOINT...]`; only a comma before a protocol separates, so an endpoint may contain others."""
     return [part for part in (each.strip() for each in _SEPARATOR.split(text)) if part]
 
 
 def parse_endpoint(text: str, *, connect: bool = False) -> Endpoint:
-    """Take an endpoint apart and check it.
+    """Parse and check an endpoint.
 
     Args:
         text: The endpoint as the user wrote it.
@@ -146,7 +146,7 @@ def _check_address(protocol: str, address: str, text: str, *, connect: bool) -> 
 
 
 def overlap(a: Endpoint, b: Endpoint) -> bool:
-    """Return whether two listeners would get into each other's way: the same socket file, or port and host."""
+    """Return whether two listeners would conflict: the same socket file, or port and host."""
     if _UNIX in (a.protocol, b.protocol):
         return (a.protocol, a.address) == (b.protocol, b.address)
     if a.port != b.port or a.port == 0 or _TRANSPORT[a.protocol] != _TRANSPORT[b.protocol]:

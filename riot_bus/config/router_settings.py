@@ -1,6 +1,6 @@
 """`[router]` in riot.toml: what the router is made of, as plain data. Nothing here starts Zenoh.
 
-A table that is read from a file is given its types by pydantic, which a router without a file does not wait for.
+A table from a file gets its types from pydantic, which a router without a file does not have to load.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class SegmentSettings:
 
     @property
     def listeners(self) -> tuple[Endpoint, ...]:
-        """`listen`, taken apart."""
+        """The parsed endpoints of `listen`."""
         return tuple(parse_endpoint(text) for text in self.listen)
 
     @property
@@ -81,10 +81,10 @@ class RouterSettings:
         budget: Seconds that an interceptor may block.
         control: Segments whose components may control the router; None means those that only this machine reaches.
         segments: Empty means `DEFAULT_SEGMENTS`.
-        interceptors: Tables as they were written; who builds interceptors knows their keys.
+        interceptors: Tables as they were written; their keys are known to whatever builds interceptors.
 
     Raises:
-        MistakeError: A value cannot work, or segments get into each other's way.
+        MistakeError: A value cannot work, or segments conflict.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -137,7 +137,7 @@ class RouterSettings:
 
 
 def router_keys(place: Sequence[str]) -> list[str]:
-    """Return the keys of a table at or below `[router]`; none where any key may stand.
+    """Return the keys of a table at or below `[router]`; none where any key is allowed.
 
     Args:
         place: Keys from `router` on.
@@ -150,7 +150,7 @@ def router_keys(place: Sequence[str]) -> list[str]:
 
 
 def _check_apart(segments: Mapping[str, SegmentSettings]) -> None:
-    """Raise MistakeError if two segments listen at one place, or meet elsewhere."""
+    """Raise MistakeError if two segments listen on the same endpoint, or are connected elsewhere."""
     for (a, first), (b, second) in combinations(segments.items(), 2):
         for mine in first.listeners:
             for other in second.listeners:

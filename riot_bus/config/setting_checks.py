@@ -1,4 +1,4 @@
-"""What the tables of `[router]` must not say."""
+"""Checks of what the tables of `[router]` must not contain."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def check_name(name: str, *place: str) -> None:
 
 
 def checked_endpoints(texts: Sequence[str], place: str) -> tuple[str, ...]:
-    """Return endpoints as Zenoh shall have them; raises MistakeError if one cannot work.
+    """Return endpoints in the form for Zenoh; raises MistakeError if one cannot work.
 
     Args:
         texts: Endpoints as the user wrote them.

@@ -1,4 +1,4 @@
-"""Reading TOML files that people write: what is wrong is said with file, line, table and suggestion."""
+"""Reading TOML files that people write: mistakes are reported with file, line, table and suggestion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["MistakeError", "explained", "line_of", "place_of", "read_toml"]
 
 
 class MistakeError(ValueError):
-    """What a table must not say; `explained` finds it in pydantic's error.
+    """A mistake in a table; `explained` finds it in pydantic's error.
 
     Args:
         message: What is wrong, with the value.

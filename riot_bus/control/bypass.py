@@ -45,7 +45,7 @@ class Segmented(Protocol):
 def find_bypasses(bus: Segmented, *, scouting: Scouting | None = THIS_HOST) -> list[Bypass]:
     """Look once for components of different segments that reach each other around the router.
 
-    Seen are sessions in two segments; links that a component or foreign router with an enabled admin space reports of
+    It sees sessions in two segments; links that a component or foreign router with an enabled admin space reports about
     itself; TCP connections between components' processes on this host; and answers to multicast scouting.
 
     Args:
@@ -72,7 +72,7 @@ class BypassFinder:
         return judge(self.sightings(scouting))
 
     def sightings(self, scouting: Scouting | None) -> Sightings:
-        """Return what is to be seen now."""
+        """Return what can be seen now."""
         ours = {*self._bus.ids, *self._bus.ids_ever}
         views: dict[str, AdminView] = {}
         for session in self._bus.sessions.values():
@@ -144,14 +144,14 @@ def _tcp(components: list[ConnectedComponent]) -> list[Contact]:
 
 
 class BypassWatch:
-    """Looks again and again, and calls back when a way around the router opens or closes; a context manager.
+    """Looks periodically, and calls back when a way around the router opens or closes; a context manager.
 
     Args:
         bus: The bus, open.
         callback: Called with all present bypasses whenever they have changed; what it raises is logged.
         period: Seconds between two looks.
         scouting: How to ask who answers multicast scouting; None not to ask.
-        scout_every: Ask at each so many-th look.
+        scout_every: Number of looks from one scouting to the next.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class BypassWatch:
         scout_every: int = 6,
     ) -> None:
         self.bypasses: list[Bypass] = []
-        """Those of the last look."""
+        """Bypasses found by the last look."""
         self._finder = BypassFinder(bus)
         self._callback = callback
         self._period = period

@@ -1,6 +1,6 @@
-"""Commands that a running router, recorder, player or agent takes: what they were sent with, and how they are answered.
+"""Commands that a running router, recorder, player or agent accepts: what comes with them, and how they are answered.
 
-All of them come from the network: whatever is wrong with one is said in an answer.
+All of them come from the network: whatever is wrong with one is reported in an answer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LONGEST_NAME = 200
 
 @dataclass(frozen=True, slots=True)
 class CommandRequest:
-    """What somebody sent along with a command."""
+    """The payload and parameters sent with a command."""
 
     payload: bytes
     parameters: Mapping[str, str]
@@ -73,7 +73,7 @@ class CommandRequest:
         return found
 
     def nonce(self) -> str:
-        """Return the parameter `nonce`, by which the asker knows an answer to be new."""
+        """Return the parameter `nonce`, by which the sender recognises a fresh answer."""
         return self.parameters.get("nonce", "")[:_LONGEST_NAME]
 
     def name(self) -> str:
@@ -87,9 +87,9 @@ class Command:
     """A command.
 
     Attributes:
-        run: What it does, to the service and with what was sent along; returns the answer.
-        reads: Whether it only reads, so that a question to all may mean it.
-        urgent: Whether no other question may hold it up; it may be carried out beside others then.
+        run: Function of the service and the request that carries it out and returns the answer.
+        reads: Whether it only reads, so that it may be part of a question to all.
+        urgent: Whether no other question may delay it; it may then be carried out beside others.
     """
 
     run: Callable[[Any, CommandRequest], Any]
@@ -117,15 +117,15 @@ def answer(
     """Carry out a command and return the answer as JSON.
 
     Args:
-        service: The router, or what else the commands are for.
-        router: Its name.
-        name: The command.
-        payload: What was sent along.
-        parameters: What the question says besides.
-        commands: What can be done.
+        service: The router, or whatever else the commands are for.
+        router: Name of the service.
+        name: Name of the command.
+        payload: Payload of the question.
+        parameters: Parameters of the question.
+        commands: All known commands by name.
 
     Raises:
-        RiotError: It cannot be done.
+        RiotError: The command cannot be carried out.
     """
     result = find_command(name, commands).run(service, CommandRequest(payload, parameters))
     document = {"version": VERSION, "router": router, "command": name, "result": result}

@@ -28,7 +28,7 @@ def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "-
     """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.
 
     Args:
-        texts: As written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`.
+        texts: Settings as written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`.
         cwd: Where relative paths start from, by default the working folder.
         where: The option, for errors.
 
@@ -61,7 +61,7 @@ def component_environment(
 
     Args:
         segment: Name of the segment.
-        flavour: Who reads the variables.
+        flavour: Kind of program that reads the variables.
         system: riot.toml; None for the one in the working folder, if there is one.
         segments: As `--segment` of the router.
         host: The router's machine, for components elsewhere.
@@ -93,7 +93,7 @@ def segment_endpoints(
 
     Args:
         segment: Name of the segment.
-        config: What the user gives; wins.
+        config: Settings of the user, which take precedence.
         system: riot.toml; None for the one in the working folder, if there is one.
 
     Raises:

@@ -42,7 +42,7 @@ def reachable(listen: Sequence[str], *, flavour: Flavour = "zenoh", host: str | 
 
     Args:
         listen: Endpoints of the segment.
-        flavour: Whose protocols count.
+        flavour: Kind of program whose protocols count.
         host: Name or address of the router's machine, for components elsewhere.
 
     Raises:
@@ -77,12 +77,12 @@ def _bracketed(host: str) -> str:
 def client_settings(endpoints: Sequence[str], config: Mapping[str, Any] | None = None) -> SessionConfig:
     """Return the Zenoh configuration of a component.
 
-    A client, since only then everything passes the router; and without multicast scouting, by which components on
-    one machine find each other around every router.
+    It is a client, since only then does everything pass the router, and does without multicast scouting, by which
+    components on one machine find each other around every router.
 
     Args:
-        endpoints: Where it connects.
-        config: Further keys, such as certificates; they win.
+        endpoints: Endpoints to which it connects.
+        config: Further keys, such as certificates; they take precedence.
     """
     return {
         "mode": "client",
@@ -93,11 +93,11 @@ def client_settings(endpoints: Sequence[str], config: Mapping[str, Any] | None =
 
 
 def missing_for_clients(segment: SegmentSettings, config: Mapping[str, Any]) -> tuple[SessionConfig, list[str]]:
-    """Return what a component needs beyond an endpoint: what the segment tells, and hints for what it does not.
+    """Return what a component needs beyond an endpoint: settings known from the segment, and hints for the others.
 
     Args:
         segment: The segment.
-        config: What the user gives besides.
+        config: Settings that the user gives.
     """
     known, hints = dict(config), []
     if any(endpoint.protocol in ENCRYPTED for endpoint in segment.listeners):
@@ -123,9 +123,9 @@ def missing_for_clients(segment: SegmentSettings, config: Mapping[str, Any]) -> 
 
 
 def override(settings: SessionConfig) -> str:
-    """Return settings as `ZENOH_CONFIG_OVERRIDE` wants them: `key=value;key=value`, values as JSON.
+    """Return settings in the format of `ZENOH_CONFIG_OVERRIDE`: `key=value;key=value`, values as JSON.
 
-    rmw_zenoh separates at every `;`, so that in values it is written as JSON's escape of it.
+    rmw_zenoh splits at every `;`, so in values it is written as its JSON escape.
     """
     pairs = ((key, json.dumps(value, separators=(",", ":"))) for key, value in settings.items())
     return ";".join(f"{key}={value}".replace(";", "\\u003b") for key, value in pairs)
@@ -153,8 +153,8 @@ def environment(
     """Return the variables that a component needs.
 
     Args:
-        endpoints: Where it connects; see `reachable`.
-        flavour: Who reads them.
+        endpoints: Endpoints to which it connects; see `reachable`.
+        flavour: Kind of program that reads the variables.
         config: Further keys of the component's Zenoh configuration.
         file: For `zenoh`: where `session_file` was written; its name ends with `.json5` or `.json`.
 
@@ -182,7 +182,7 @@ def environment_lines(
     Args:
         segment: Name of the segment, for the comment.
         endpoints: Where components connect.
-        flavour: Who reads the variables.
+        flavour: Kind of program that reads the variables.
         config: Further keys of the component's Zenoh configuration.
         file: For `zenoh`: where `session_file` was written.
     """

@@ -18,7 +18,7 @@ def exposure_warnings(settings: RouterSettings) -> list[str]:
     """Return one line per listener that anybody in the network can use, reading and writing every key.
 
     Loopback and socket files are not reachable from outside. Elsewhere TLS or QUIC, user names with passwords, or
-    access control count as a choice that was made.
+    access control count as a deliberate choice.
     """
     return [
         f"segment {name!r} listens on {redacted(str(endpoint))}: who can reach this address can read and write "

@@ -1,4 +1,4 @@
-"""The memory of a process that runs for long: what is freed goes back to the system, and what stays is not searched."""
+"""Memory of a long-running process: what is freed returns to the system; what stays is not searched for garbage."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _OWN_WISHES = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABL
 
 
 def steady_heap() -> None:
-    """Let glibc give back large blocks that are freed, always; does nothing where it is not glibc.
+    """Let glibc always return freed large blocks to the system; does nothing without glibc.
 
-    It begins with that, but each large block that is freed raises the size from which it does so, up to 32 MiB. From
-    then on such blocks lie among small ones in up to eight heaps per core, each of which stays as large as it ever was.
+    It does so at first, but each large block that is freed raises the size from which it does so, up to 32 MiB. From
+    then on such blocks lie among small ones in up to eight heaps per core, none of which ever shrinks.
 
-    Whoever sets glibc's own variables keeps what they say.
+    Settings in glibc's own environment variables are kept.
     """
     _set_thresholds(_BYTES, _BYTES)
 
 
 def roomy_heap() -> None:
-    """Let glibc keep large blocks that are freed: to get each anew costs as much as to compress what is in it.
+    """Let glibc keep freed large blocks: getting each one anew costs as much as compressing its content.
 
     For a process that handles one large payload after the other, and little else.
     """
@@ -37,9 +37,9 @@ def roomy_heap() -> None:
 
 
 def calm_collector() -> None:
-    """Let Python look for garbage seldom, and not among what is there now; call it when all is loaded.
+    """Let Python search for garbage rarely, and not among present objects; call it when all is loaded.
 
-    Messages that wait to be recorded and keys that are new look to it like a program that grows: it would search
+    Messages that wait to be recorded and new keys look like a growing program to the collector: it would search
     everything again and again, a fifth of a busy router's time, and meanwhile no message passes.
     """
     gc.enable()  # the command line loads without it
@@ -48,9 +48,9 @@ def calm_collector() -> None:
 
 
 def trim_heap() -> None:
-    """Give back what the C library keeps of freed memory; does nothing where it is not glibc.
+    """Give freed memory that the C library keeps back to the system; does nothing without glibc.
 
-    Zenoh's threads allocate in up to eight heaps per core. Of each, glibc keeps what lies below anything that is still
+    Zenoh's threads allocate in up to eight heaps per core. In each, glibc keeps what lies below anything that is still
     in use: more than half of them, in a router with many short-lived keys.
     """
     trim = _malloc_trim()

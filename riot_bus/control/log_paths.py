@@ -1,4 +1,4 @@
-"""Where a recording may be written that somebody asked for from afar: below one folder, over no existing file."""
+"""Where a recording requested over the network may be written: below one folder, and over no existing file."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def claim(folder: Path, text: str | None, stem: str) -> Path:
     """Create an empty file for a recording.
 
     Args:
-        folder: Where files may be.
-        text: Path as somebody wrote it; None for one that is free.
-        stem: What the free one is called, with a number behind if need be.
+        folder: Folder in which files may be.
+        text: Path as requested; None for one that is free.
+        stem: Stem of the free path, with a number appended if necessary.
 
     Raises:
         ConfigError: The path is refused, or the file exists already.
@@ -38,19 +38,19 @@ def claim(folder: Path, text: str | None, stem: str) -> Path:
 
 
 def file_stem(name: str) -> str:
-    """Return a name, from wherever it comes, as that of a file without its ending."""
+    """Return a name from any source as a file name without extension."""
     return re.sub(r"[^\w.-]+|^\.", "_", name)[: _LONGEST_NAME // 4] or "_"
 
 
 def safe_path(folder: Path, text: str) -> Path:
-    """Return a path inside a folder, whatever somebody wrote.
+    """Return a path inside a folder, whatever was requested.
 
     Args:
-        folder: Where files may be.
-        text: Relative to the folder, or absolute and inside of it.
+        folder: Folder in which files may be.
+        text: Path relative to the folder, or absolute and inside it.
 
     Raises:
-        ConfigError: It leads elsewhere, is no `.mcap` file, or its folder does not exist.
+        ConfigError: It leads elsewhere, is not an `.mcap` file, or its folder does not exist.
     """
     where = "record"
     if not text.isprintable() or not text or len(text) > _LONGEST_NAME * 4:

@@ -1,4 +1,4 @@
-"""How much memory this process uses, and how much it may: a router that grows without end ends itself in order."""
+"""How much memory this process uses, and how much it may: a router that grows without end shuts down in order."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["check_memory", "memory_limit", "resident_bytes"]
 
 _VARIABLE = "RIOT_MEMORY_LIMIT"
 _SHARE = 0.75
-"""Of what the machine or the control group has: the rest is for the kernel's buffers, and to end in order."""
+"""Share of the memory of the machine or control group: the rest is for the kernel's buffers and an orderly end."""
 
 _END_S = 5.0
-"""How long an end may take then: Zenoh may be growing still, and not answer."""
+"""How long the end may take then: Zenoh may still be growing, and not answer."""
 
 _STATM = Path("/proc/self/statm")
 _GROUP = Path("/sys/fs/cgroup/memory.max")
@@ -53,10 +53,10 @@ def check_memory(limit: int) -> None:
     """Raise if this process uses more than it may; then its end is forced if it takes too long.
 
     Args:
-        limit: The most memory, bytes.
+        limit: Maximum memory in bytes.
 
     Raises:
-        EnvironmentFaultError: It does.
+        EnvironmentFaultError: It uses more.
     """
     used = resident_bytes()
     if used > limit:

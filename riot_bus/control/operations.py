@@ -39,7 +39,7 @@ class Operations:
     def intercept_add(self, keys: Sequence[str]) -> list[str]:
         """Intercept more keys; ROS names such as `/odom` will do.
 
-        Natively routed messages are interrupted for about 100 ms; of intercepted ones nothing is lost.
+        Natively routed messages are interrupted for about 100 ms; no intercepted ones are lost.
 
         Args:
             keys: Key expressions or names.
@@ -54,7 +54,7 @@ class Operations:
             return self._interception.add(keys)
 
     def intercept_remove(self, keys: Sequence[str]) -> list[str]:
-        """Intercept fewer keys; as `intercept_add`, and a ConfigError if one is not intercepted or a plan wants it."""
+        """Intercept fewer keys, as `intercept_add`; raises ConfigError if one is not intercepted or a plan needs it."""
         with self._changing:
             return self._interception.remove(keys)
 
@@ -62,8 +62,8 @@ class Operations:
         """Carry out an injection plan from now on instead of the present one, and intercept its topics.
 
         Args:
-            text: TOML.
-            name: What people call it, such as its file.
+            text: The plan as TOML text.
+            name: Name of the plan, such as that of its file.
 
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
@@ -77,7 +77,7 @@ class Operations:
             return {"intercepted": self._interception.set_plan(plan), "plan": plan_row(plan)}
 
     def plan_clear(self) -> dict[str, Any]:
-        """Carry out no plan any more; what was intercepted for it alone is not any longer."""
+        """Stop carrying out the plan, and intercepting what was intercepted for it alone."""
         with self._changing:
             former = plan_row(self._interception.plan)
             return {"intercepted": self._interception.set_plan(None), "plan": None, "former": former}
@@ -86,7 +86,7 @@ class Operations:
         """Record all that passes from now on.
 
         Args:
-            path: Relative to the folder of recordings; None for a name with the present time.
+            path: Path relative to the folder of recordings; None for a name with the present time.
 
         Raises:
             ConfigError: It records already, or the path leads elsewhere or exists.
@@ -95,12 +95,12 @@ class Operations:
             return {"file": str(self._recordings.start(path))}
 
     def record_stop(self) -> dict[str, Any]:
-        """End the recording and return its figures; a ConfigError if there is none."""
+        """End the recording and return its figures; raises ConfigError if there is none."""
         with self._changing:
             return self._recordings.stop()[1]
 
     def record_split(self, path: str | None = None) -> dict[str, Any]:
-        """Go on recording in another file, without losing or repeating a message; `path` as for `record_start`."""
+        """Continue recording in another file, without losing or repeating a message; `path` as for `record_start`."""
         with self._changing:
             former, present = self._recordings.split(path)
             return {"former": str(former), "file": str(present)}

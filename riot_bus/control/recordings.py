@@ -29,14 +29,14 @@ _OBSERVED_S = 2.0
 
 
 class Recordings:
-    """The present recording of a bus; not thread-safe but for `note` and `status`.
+    """The present recording of a bus; not thread-safe except for `note` and `status`.
 
     Args:
-        bus: Returns the bus, open.
-        registry: Names topics and knows their types.
-        folder: Where recordings may be written that are asked for from afar.
-        name: What files are called that nobody named.
-        metadata: Returns what goes into each file.
+        bus: Function that returns the open bus.
+        registry: The registry of topics and types.
+        folder: Folder for recordings requested over the network.
+        name: Name of files for which none was given.
+        metadata: Function that returns the metadata of each file.
         profile: MCAP profile.
     """
 
@@ -67,7 +67,7 @@ class Recordings:
         self._noted: Graph | None = None
 
     def begin(self, path: Path) -> Recorder:
-        """Open a file, over an existing one if need be; the caller hands the recorder to the bus."""
+        """Open a file, replacing an existing one; the caller hands the recorder to the bus."""
         from riot_bus.router.recorder import Recorder
 
         recorder = Recorder(self._writer(path), topic=self._registry.topic)
@@ -80,7 +80,7 @@ class Recordings:
         """Begin a recording; return once natively routed messages are observed as well.
 
         Args:
-            text: Path as somebody wrote it, relative to the folder; None for one with the present time.
+            text: Path as requested, relative to the folder; None for one with the present time.
 
         Raises:
             ConfigError: There is a recording already, or the path is refused.
@@ -94,7 +94,7 @@ class Recordings:
         return path
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
-        """Go on in another file; each message is in one of both. Return the former and the new path.
+        """Continue in another file, each message in one of the two; return the former and the new path.
 
         Args:
             text: As for `start`; None for the present name with a number.
@@ -121,12 +121,12 @@ class Recordings:
             self._recorder.close()
 
     def watch(self) -> None:
-        """Take in who announces publishers: that goes into the log with their topics."""
+        """Watch announcements of publishers, which go into the log with their topics."""
         for session in self._bus().sessions.values():
             self._announcements.watch(session, wait=False)
 
     def note(self, graph: Graph) -> None:
-        """Write what has changed in the graph since the log was told last."""
+        """Write what has changed in the graph since it was last written to the log."""
         with self._noting:
             self._graph = graph
             self._note(graph)
@@ -196,7 +196,7 @@ class Recordings:
         sessions = self._bus().sessions
         if len(sessions) < 2:
             return
-        # Nobody subscribes to this key but those who subscribe to everything.
+        # Only those who subscribe to everything subscribe to this key.
         key = f"riot_bus/{next(iter(sessions.values())).info.zid()}"
         publishers: list[Any] = [
             each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)

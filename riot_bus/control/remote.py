@@ -27,8 +27,8 @@ __all__ = ["ForgedAnswerError", "Remote", "ask", "error_from", "find_routers", "
 _TIMEOUT_S = 30.0
 _FIND_S = 3.0
 _TRIES = 8
-"""A question that ends at once without an answer was not carried out: its queue was full, or nobody may ask it.
-Beside a flood that is twice what a loaded machine can answer, every second question is lost."""
+"""How often to ask: a question that ends at once without an answer was not carried out, since its queue was full or it
+is not allowed. In a flood of twice what a loaded machine can answer, every second question is lost."""
 _LATE_S = 0.5
 """How long to wait, after an answer, for a second one, which there should not be."""
 
@@ -46,17 +46,17 @@ Kind = Literal["router", "player", "recorder", "agent"]
 
 
 class ForgedAnswerError(EnvironmentFaultError):
-    """Somebody else answers for the one who was asked, or besides it."""
+    """Another process answers instead of the one that was asked, or in addition to it."""
 
 
 class Remote:
     """A connection to a router, for several questions; a context manager.
 
     Args:
-        endpoint: Where one of its segments listens.
+        endpoint: Endpoint on which one of its segments listens.
         name: The router's name; None if it is the only one.
         config: Further Zenoh configuration, such as certificates.
-        kind: What is asked instead of a router.
+        kind: Kind of process to ask, if not a router.
 
     Raises:
         EnvironmentFaultError: Nobody answers at the endpoint.
@@ -86,11 +86,11 @@ class Remote:
 
     @property
     def client(self) -> Client:
-        """The connection, for what is no question."""
+        """The connection, for uses other than questions."""
         return self._client
 
     def find(self) -> list[str]:
-        """Return the names of all routers (or what else is asked) that answer here."""
+        """Return the names of all routers (or processes of the kind asked) that answer here."""
         names = set()
         from riot_bus.zenoh import api as zenoh
 
@@ -106,16 +106,16 @@ class Remote:
         """Return what the router answers.
 
         Args:
-            command: Such as `status` or `plan/load`.
-            payload: What the command wants besides.
+            command: Name of the command, such as `status` or `plan/load`.
+            payload: Payload of the command.
             parameters: `name=value` pairs, joined by `;`.
-            timeout: Seconds.
+            timeout: Maximum time in seconds.
 
         Raises:
             EnvironmentFaultError: No router answers.
             ForgedAnswerError: There is more than one answer.
-            ConfigError: There are several, or the command is wrong.
-            RiotError: What else the router says.
+            ConfigError: There are several routers, or the command is wrong.
+            RiotError: The router reports another error.
         """
         name = self._name if self._name is not None else self._only()
         selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
@@ -145,9 +145,9 @@ class Remote:
         raise self._nobody(name, found)
 
     def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:
-        """Ask; return what comes until all have answered, or some time after the first answer.
+        """Ask; return the answers that come until all have answered, or some time after the first answer.
 
-        Who never answers a question that is not his holds nobody up for long.
+        A process that never answers, since the question is not for it, causes no long delay.
         """
         from riot_bus.zenoh import api as zenoh
 
@@ -158,7 +158,7 @@ class Remote:
             if reply.ok is not None:
                 found.append((True, reply.ok.payload.to_bytes()))
             elif reply.err is not None and "exit_code" in _document(data := reply.err.payload.to_bytes()):
-                found.append((False, data))  # another one is Zenoh's own, which says that the time is up
+                found.append((False, data))  # any other is Zenoh's own, which reports the timeout
             came.set()
 
         def end() -> None:
@@ -172,7 +172,7 @@ class Remote:
                 payload=payload,
                 timeout=timeout,
                 target=zenoh.QueryTarget.ALL,
-                consolidation=zenoh.ConsolidationMode.NONE,  # else only one answer of a key is told, at the end
+                consolidation=zenoh.ConsolidationMode.NONE,  # else only one answer of a key arrives, at the end
             )
         except zenoh.ZError as error:
             raise ConfigError(f"{selector!r} cannot be asked: {error}", where=self._endpoint) from error
@@ -228,8 +228,8 @@ def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Itera
     """Yield the present graph; then, if asked to watch, each one that is different.
 
     Args:
-        remote: The router.
-        watch: Go on for ever.
+        remote: Connection to the router.
+        watch: Whether to continue forever.
         period: Seconds between two questions.
     """
     from riot_bus.graph.history import graph_from
@@ -255,7 +255,7 @@ def _result(data: bytes) -> dict[str, Any]:
 
 
 def error_from(document: Mapping[str, Any]) -> RiotError:
-    """Return the error that a refusal tells of; what came from the network is shown without obeying it."""
+    """Return the error that a refusal describes; control characters from the network are escaped."""
     code = document.get("exit_code")
     kind = _ERRORS.get(code if isinstance(code, int) else ConfigError.exit_code, EnvironmentFaultError)
     message, where, hint = (_text(document.get(name)) for name in ("message", "where", "hint"))

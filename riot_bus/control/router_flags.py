@@ -22,7 +22,7 @@ __all__ = ["RouterFlags", "merged", "parse_cfg", "parse_endpoints"]
 
 @dataclass(frozen=True, slots=True)
 class RouterFlags:
-    """What was written on the command line; None or nothing where nothing was."""
+    """Options given on the command line; None or empty if not given."""
 
     segments: Sequence[str] = ()
     connect: Sequence[str] = ()
@@ -85,8 +85,7 @@ def merged(settings: RouterSettings, flags: RouterFlags, *, cwd: Path | None = N
         cwd: Where relative paths in options start from, by default the working folder.
 
     Raises:
-        ConfigError: An option is wrong or names an unknown segment, segments get into each other's way, or a
-            certificate is missing.
+        ConfigError: An option is wrong or names an unknown segment, segments conflict, or a certificate is missing.
     """
     segments = _segments(settings, flags, cwd or Path.cwd())
     changed: dict[str, Any] = {

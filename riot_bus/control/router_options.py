@@ -1,4 +1,4 @@
-"""What `riot router` was asked to do, made into what a service needs: settings, interceptors, plan and types."""
+"""The command line of `riot router`, turned into what a service needs: settings, interceptors, plan and types."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class RouterOptions:
 
     Attributes:
         system: riot.toml; None for the one in the working folder, if there is one.
-        flags: What replaces its table `[router]`.
-        interceptors: Carried out after those of riot.toml.
-        inject: An injection plan.
+        flags: Options that replace those in its table `[router]`.
+        interceptors: Interceptors that follow those of riot.toml.
+        inject: Path of an injection plan.
         types: `TOPIC=TYPE`.
         definitions: Files that define message types.
         seed: Seed of everything that is random.
         bypass_watch: Whether to look for ways around the router.
-        adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
-        carried: Key expressions that are intercepted besides, for a bridge in the same process.
+        adapters: Adapters with options, such as `mavlink:dialect=ardupilotmega`, that replace those of the same name.
+        carried: Further key expressions to intercept, for a bridge in the same process.
     """
 
     system: Path | None = None
@@ -102,7 +102,7 @@ def plan_of(options: RouterOptions) -> InjectionPlan | None:
 
 
 def registry_of(options: RouterOptions) -> TypeRegistry:
-    """Return what knows topics and types: adapters, definitions and declared types, those of riot.toml included.
+    """Return the registry of adapters, definitions and declared types, including those of riot.toml.
 
     Raises:
         ConfigError: A type is unknown, or a file does not define one.

@@ -31,13 +31,13 @@ __all__ = ["Upkeep", "router_of", "run_router", "say_end"]
 _LOOK_S = 0.2
 _TRIM_S = 20.0
 _HELD_UP_S = 60.0
-"""A router whose interpreter is held up for so long forwards nothing intercepted, and hears no signal: it ends."""
+"""A router whose interpreter is blocked this long forwards nothing intercepted, and handles no signal: it ends."""
 
 
 class Upkeep:
-    """Called often, it keeps the threads of a busy process out of each other's way, and seldom gives memory back.
+    """To be called often: schedules the threads of a busy process, and from time to time gives memory back.
 
-    If it is not called for a minute, the process ends, saying what its threads do; until `let_run`.
+    Until `let_run`, the process ends with a traceback of its threads if this is not called for a minute.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Upkeep:
         force_end_after(_HELD_UP_S)
 
     def __call__(self) -> None:
-        """Do what it is time for.
+        """Do what is due.
 
         Raises:
             EnvironmentFaultError: The process uses more memory than it may.
@@ -67,9 +67,9 @@ def run_router(
 
     Args:
         options: The command line of `riot router`.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        as_json: Say it as lines of JSON.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        as_json: Whether to print lines of JSON.
 
     Raises:
         ConfigError: An option is wrong.
@@ -84,12 +84,12 @@ def run_router(
 def router_of(
     options: RouterOptions, *, warn: Callable[[str], None], settings: RouterSettings | None = None
 ) -> Iterator[RouterService]:
-    """Yield a router whose segments are open; it is not itself.
+    """Yield a router whose segments are open, but which is not open itself.
 
     Args:
         options: The command line of `riot router`.
-        warn: Prints a line of diagnostics.
-        settings: Take the place of those of riot.toml and of `options.flags`.
+        warn: Function that prints a line of diagnostics.
+        settings: Settings that replace those of riot.toml and of `options.flags`.
 
     Raises:
         ConfigError: An option is wrong.
@@ -99,7 +99,7 @@ def router_of(
     if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
         settings = replace(settings, intercept=(*options.carried, *settings.intercept))
     with closing(Network(settings.segments)) as network:
-        known = not intercepts(settings, options)  # else all that says what is cut has to be read first
+        known = not intercepts(settings, options)  # else all that says what to intercept must be read first
         if known:
             network.begin()
         steady_heap()
@@ -151,10 +151,10 @@ def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[
     """Say what happened to each topic.
 
     Args:
-        service: The router, ended.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        as_json: Say it as a line of JSON.
+        service: The router, which has ended.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        as_json: Whether to print a line of JSON.
 
     Raises:
         DataLossError: Messages were lost.

@@ -43,20 +43,20 @@ __all__ = ["ROUTER_COMMANDS", "RouterService"]
 
 
 def _silent(bypasses: list[Bypass]) -> None:
-    """Leave it at the list of bypasses."""
+    """Do nothing: the list of bypasses is enough."""
 
 
 class RouterService(Operations):
-    """A router that runs; a context manager. Its operations may be called by several threads.
+    """A running router; a context manager. Its operations may be called by several threads.
 
     Args:
-        settings: As `flags.merged` returns them, with at least one segment.
-        interceptors: Carried out in this order.
+        settings: Settings as `flags.merged` returns them, with at least one segment.
+        interceptors: Interceptors, carried out in this order.
         plan: Injections, carried out last.
-        registry: Knows topic names and types.
-        seed: Written into recordings, and the seed of plans that are loaded.
-        folder: Where recordings may be written that are asked for from afar; by default that of `settings.record`,
-            else the working folder.
+        registry: The registry of topics and types.
+        seed: Seed of plans that are loaded; it is also written into recordings.
+        folder: Folder for recordings requested over the network; by default that of `settings.record`, else the working
+            folder.
         alarm: Called with all ways around the router whenever they have changed; None not to look for them.
         scouting: How to ask who answers multicast scouting; None not to ask.
         network: The segments, if they are open already; it is closed with the router.
@@ -140,7 +140,7 @@ class RouterService(Operations):
         self._stack.close()
 
     def watch(self) -> None:
-        """Watch from now on who talks to whom and who gets around; apart from opening, since it takes longer."""
+        """Start to watch the graph and ways around the router; separate from opening, since it takes longer."""
         watches = Watches(
             self._open_bus(),
             registry=self._registry,
@@ -168,7 +168,7 @@ class RouterService(Operations):
         return {name: status.shown_endpoints(bus.segment(name)) for name in self.settings.segments}
 
     def status(self) -> dict[str, Any]:
-        """Return all that there is to say, as JSON values."""
+        """Return the complete status, as JSON values."""
         bus = self._open_bus()
         counts = status.count_rows(bus.counts())  # first: interceptors are told of some messages only then
         return {
@@ -196,7 +196,7 @@ class RouterService(Operations):
 
     @property
     def losses(self) -> Losses:
-        """What was lost so far against everybody's will."""
+        """What was lost unintentionally so far."""
         return self._open_bus().losses
 
     def graph(self) -> Graph:

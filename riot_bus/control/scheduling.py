@@ -21,18 +21,17 @@ _ZENOH = (b"rx-", b"tx-")
 
 
 class LoadScheduling:
-    """Called often, it keeps Zenoh's threads from interrupting others while the process is busy; does so on Linux only.
+    """Keeps Zenoh's threads from interrupting others while the process is busy; to be called often, on Linux only.
 
-    A thread that wakes up may take the processor from the one that runs, which as a rule has just woken it. In a flood,
-    that is a lane at the messages that it fetches and publishes, up to 30,000 times a second, to send a few messages
-    that could as well have gone with the next hundred. Batch scheduling (sched(7)) makes those who wake up wait for
-    their turn.
+    A thread that wakes up may take the processor from the running one, which usually has just woken it. In a flood,
+    that happens to a lane that fetches and publishes messages, up to 30,000 times a second, to send a few messages that
+    could as well have gone with the next hundred. Batch scheduling (sched(7)) makes woken threads wait for their turn.
 
-    It has its price: while all processors are taken, a message that comes alone may wait 2 ms longer. So this is for
-    the time in which messages come in crowds. A process that was started with a policy of its own keeps it.
+    The price: while all processors are busy, a single message may wait 2 ms longer. So this is for times in which many
+    messages come at once. A process that was started with a policy of its own keeps it.
 
     Args:
-        used: Returns the processor seconds that the process has used.
+        used: Function that returns the processor seconds that the process has used.
     """
 
     def __init__(self, used: Callable[[], float] = time.process_time) -> None:
@@ -58,13 +57,13 @@ class LoadScheduling:
             self.release()
 
     def batch(self) -> None:
-        """Let Zenoh's threads wait for their turn, those that are new too."""
+        """Let Zenoh's threads wait for their turn, including new ones."""
         if not self._own:
             self.batched = True
             _switch(os.SCHED_OTHER, os.SCHED_BATCH)
 
     def release(self) -> None:
-        """Let them run as soon as they wake up again."""
+        """Let Zenoh's threads run again as soon as they wake up."""
         if not self._own:
             self.batched = False
             _switch(os.SCHED_BATCH, os.SCHED_OTHER)

@@ -1,6 +1,6 @@
-"""What a process needs to be in a segment of a running router, as environment variables: one small contract.
+"""Environment variables that put a process into a segment of a running router: one small contract.
 
-Whoever opens a router exports (`export`), and each child can then say in which segment another process shall be
+The process that opens a router exports them (`export`), and each child can then choose the segment of another process
 (`segment_variables`; `riot exec` does so, and what `riot ros-test` puts into processes):
 
 | variable | example | |
@@ -40,7 +40,7 @@ _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _FILE = "zenoh-{}.json5"
 
 NOT_ISOLATED = {"RMW_TEST_FIXTURE_DISABLE_ISOLATION": "1", "DISABLE_ROS_ISOLATION": "1"}
-"""Keep ROS's test fixtures from opening a router, or taking a domain, of their own in place of what is given."""
+"""Variables that keep ROS's test fixtures from using a router or domain of their own instead of the given one."""
 
 
 def export(
@@ -53,8 +53,8 @@ def export(
 
     Args:
         endpoints: Where components of each segment connect.
-        files: Folder in which `write_session_files` has been; without it programs that call Zenoh themselves are not
-            reached by `segment_variables`.
+        files: Folder that `write_session_files` has filled; without it, `segment_variables` does not reach programs
+            that call Zenoh themselves.
         domains: The ROS domain that a bridge joins to each segment.
     """
     variables = {_ENDPOINTS: shlex.join(f"{name}={','.join(found)}" for name, found in endpoints.items())}
@@ -66,7 +66,7 @@ def export(
 
 
 def endpoints_of(name: str, environ: Mapping[str, str]) -> tuple[str, ...]:
-    """Return where components of a segment connect, as `export` has said.
+    """Return where components of a segment connect, from the variable of `export`.
 
     Raises:
         ConfigError: No router has exported such a segment, or the variable is not usable.
@@ -79,7 +79,7 @@ def endpoints_of(name: str, environ: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def exported_endpoints(environ: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Return where components of each segment connect, as `export` has said; nothing if it has not.
+    """Return where components of each segment connect, from the variable of `export`; empty without it.
 
     Raises:
         ConfigError: The variable is not usable.
@@ -95,14 +95,14 @@ def exported_endpoints(environ: Mapping[str, str]) -> dict[str, tuple[str, ...]]
 def segment_variables(
     name: str, environ: Mapping[str, str], *, config: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
-    """Return what a component of a segment needs besides these variables, whoever it is.
+    """Return what a component of a segment needs besides these variables, whatever its kind.
 
-    ROS 2 nodes get rmw_zenoh's override, which keeps what was overridden before of other keys, or their domain behind a
-    bridge; programs that call `Config::from_env` get `ZENOH_CONFIG`, and `riot` itself `RIOT_ENDPOINT`.
+    ROS 2 nodes get rmw_zenoh's override, which keeps earlier overrides of other keys, or their domain behind a bridge;
+    programs that call `Config::from_env` get `ZENOH_CONFIG`, and `riot` itself `RIOT_ENDPOINT`.
 
     Args:
         name: Name of the segment.
-        environ: The environment, with what `export` has said.
+        environ: The environment, with the variables of `export`.
         config: Further keys of a ROS 2 node's Zenoh configuration.
 
     Raises:
@@ -129,11 +129,11 @@ def segment_variables(
 def write_session_files(
     endpoints: Mapping[str, Sequence[str]], folder: Path, *, config: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the file of each segment for `ZENOH_CONFIG`; others can read none of them, nor a half of one.
+    """Write the file of each segment for `ZENOH_CONFIG`; only this user can read it, and it is never half written.
 
     Args:
         endpoints: Where components of each segment connect.
-        folder: Where to; only this user should be able to write there.
+        folder: Target folder; only this user should be able to write there.
         config: Further keys of a component's Zenoh configuration.
 
     Raises:

@@ -41,7 +41,7 @@ def environment_in(
     cfg: Sequence[str] = (),
     hint: Callable[[str], None],
 ) -> dict[str, str]:
-    """Return the whole environment of a command that shall be in a segment.
+    """Return the whole environment of a command that is to run in a segment.
 
     Args:
         segment: `NAME`, or `NAME=ENDPOINT[,ENDPOINT...]`.
@@ -50,7 +50,7 @@ def environment_in(
             `RIOT_SYSTEM` and `RIOT_SEGMENT`, or riot.toml in the working folder, or none.
         host: The router's machine, for components elsewhere.
         cfg: `KEY=VALUE`, settings of the component.
-        hint: Is told what is still missing.
+        hint: Function that is told what is still missing.
 
     Raises:
         ConfigError: There is no such segment, it cannot be reached, or its file cannot be written.
@@ -67,7 +67,7 @@ def environment_in(
         endpoints, config = _of_router(name, config, environ, system=system, host=host, hint=hint)
     folder = session_files_folder(session_file(client_settings(endpoints, config)))
     write_session_files({name: endpoints}, folder, config=config)
-    # This is not exported: children that are put into another segment ask for it where this one was asked for.
+    # This is not exported: children that are put into another segment look for it where this one was found.
     found = {**environ, **export({name: endpoints}, files=folder)}
     return {**environ, **segment_variables(name, found, config=config)}
 
@@ -95,11 +95,11 @@ def become(command: Sequence[str], environ: Mapping[str, str]) -> NoReturn:
 def session_files_folder(text: str) -> Path:
     """Return a folder for the files of one configuration, which nobody else can write to, and which outlives `become`.
 
-    The name follows from what is in the file, so there are as many as configurations, however often they are used. What
-    `$XDG_RUNTIME_DIR` has is gone when the user logs out.
+    The name is derived from the content of the file, so there is one folder for each configuration, however often it is
+    used. The content of `$XDG_RUNTIME_DIR` is gone when the user logs out.
 
     Raises:
-        ConfigError: Somebody else has made it.
+        ConfigError: Others may write there, or it cannot be made.
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     root = Path(runtime) / "riot-bus" if runtime else Path(tempfile.gettempdir()) / f"riot-bus-{os.getuid()}"

@@ -1,4 +1,4 @@
-"""Control of a running router through Zenoh itself: it answers questions under `@riot/<name>/<command>`."""
+"""Control of a running router through Zenoh itself: it answers queries under `@riot/<name>/<command>`."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ __all__ = ["Control"]
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 64
 _MOST_URGENT = 1024
-"""Questions that wait for an urgent command: at 5,000 a second the thread may be held up for 0.2 s and lose none."""
+"""Queue length of an urgent command: at 5,000 queries per second, the thread may stall for 0.2 s and lose none."""
 
 _END_S = 10.0
 
 
 class Control:
-    """Answers questions in some segments; a context manager.
+    """Query service for control commands in some segments; a context manager.
 
-    In each segment, each urgent command has a lane of its own, and all others share one: a queue of Zenoh's and a
-    thread. So whatever others ask, and however often, an urgent command waits for its like alone. When a queue is full,
-    the oldest question ends without an answer; this costs neither Python nor the link any time. Commands of the shared
-    lanes are carried out one after another. Each question comes once, since questions do not cross the junction
-    (`zenoh.session_config.access_control`). A question with wildcards means the commands that only read.
+    A lane is a Zenoh queue with a thread. In each segment, each urgent command has its own lane and all others share
+    one, so an urgent command waits only for queries of the same command. When a queue is full, its oldest query ends
+    without an answer; this costs time neither in Python nor on the link. Commands of the shared lanes run one after
+    another. Each query arrives once, because queries do not cross the junction
+    (`zenoh.session_config.access_control`). A query with wildcards runs only the commands that read.
 
     Args:
-        service: The router (or what else the commands are for), open; urgent commands may come beside others.
-        name: Its name.
+        service: The router (or other object the commands act on), open; urgent commands may run beside others.
+        name: Name of the service in the control keys.
         sessions: The sessions of the segments in which it answers.
-        commands: What it can do.
-        under: Which of its keys it answers for; others may be somebody else's.
+        commands: The commands that it offers, by name.
+        under: The keys below its name that it answers for; others may belong to another service.
     """
 
     def __init__(
@@ -115,14 +115,14 @@ class Control:
             except closed:
                 return
             try:
-                with query, turn:  # a question ends here
+                with query, turn:  # leaving the block ends the query
                     self._answer(query, commands)
             except Exception:
                 _LOG.exception("a question could not be answered")
             del query
 
     def _answer(self, query: zenoh.Query, commands: Mapping[str, Command]) -> None:
-        """Carry out what a question means of a lane's commands; what another lane has is left to that."""
+        """Run those of a lane's commands that a query asks for; commands of other lanes are left to those lanes."""
         prefix = f"{OWN_CHUNK}/{self._name}/"
         asked = str(query.key_expr)
         if "*" in asked:
@@ -155,7 +155,7 @@ class Control:
 
     @staticmethod
     def _reply(query: zenoh.Query, key: str, payload: bytes) -> None:
-        # A client that does not read holds up this thread at most, until Zenoh closes its link.
+        # A client that does not read blocks only this thread, until Zenoh closes its link.
         query.reply(key, payload, encoding="application/json")
 
     def _refuse(self, query: zenoh.Query, error: Exception) -> None:
@@ -164,6 +164,6 @@ class Control:
 
 
 def _pairs(text: str) -> list[tuple[str, str]]:
-    """Take `a=1;b=2` apart; what is no pair has an empty value."""
+    """Split `a=1;b=2` into pairs; a part without `=` gets an empty value."""
     pairs = (part.partition("=") for part in text.split(";") if part)
     return [(key, value) for key, _, value in pairs]

@@ -1,4 +1,4 @@
-"""Signals that end what runs in the foreground, and ends that no thread can hold up."""
+"""Signals that end a run in the foreground, and a forced end that no thread can block."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
 __all__ = ["END_S", "ended_by_signals", "force_end_after", "let_run"]
 
 END_S = 30.0
-"""How long an orderly end may take: routers end within a second, recorders write what waits for the disk."""
+"""Time allowed for an orderly end: routers end within a second, recorders still write their queue to disk."""
 
 _STDERR = 2
 
 
 def force_end_after(seconds: float) -> None:
-    """End this process after some seconds, whatever its threads do by then, and say on stderr what they did.
+    """End this process after some seconds, whatever its threads are doing, and print their tracebacks to stderr.
 
-    It needs no Python: neither a thread that never lets others have the interpreter, nor one that never ends, is in the
-    way. A later call takes the place of a former one.
+    This needs no Python code to run: a thread that never releases the interpreter, or never ends, cannot prevent it. A
+    later call replaces an earlier one.
     """
     faulthandler.dump_traceback_later(seconds, exit=True, file=_STDERR)
 
 
 def let_run() -> None:
-    """Take back `force_end_after`."""
+    """Cancel `force_end_after`."""
     faulthandler.cancel_dump_traceback_later()
 
 
@@ -46,20 +46,20 @@ def ended_by_signals(
     others: Mapping[signal.Signals, Callable[[], None]] | None = None,
     deadline: float = END_S,
 ) -> Iterator[None]:
-    """Let SIGINT and SIGTERM call something that ends the work, at once when it is the second.
+    """Let the first SIGINT or SIGTERM end the work in good order, and a second one end it at once.
 
-    If the work has not ended by the deadline, the process ends all the same; behind that, nothing is forced.
+    If the work has not ended by the deadline, the process is ended by force; after the `with` block, nothing is forced.
 
-    Outside of the main thread, where Python takes no signals, nothing happens.
+    Outside the main thread, where Python handles no signals, nothing is installed.
 
     Args:
-        end: Called by the first signal, between any two instructions of the main thread.
-        again: Called by further ones.
-        others: What other signals call.
+        end: Called on the first signal, between any two instructions of the main thread.
+        again: Called on each further signal.
+        others: Callbacks for other signals.
         deadline: Seconds from the first signal on.
 
     Raises:
-        KeyboardInterrupt: A second signal has come, unless `again` is something else.
+        KeyboardInterrupt: A second signal came and `again` was left at its default.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

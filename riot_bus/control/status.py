@@ -1,4 +1,4 @@
-"""What a router says of itself, as plain data and as tables; names that come from the network are only quoted."""
+"""A router's status as plain data and as tables; names that come from the network are only quoted."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ __all__ = [
 ]
 
 MOST_TOPICS = 2000
-"""How many topics are told one by one, the busiest; the rest is told as one."""
+"""Number of topics that are listed one by one, the busiest; the rest are summed up in one row."""
 
 
 def shown_endpoints(segment: Segment) -> tuple[str, ...]:
-    """Return where a segment listens, without what stands behind `#`."""
+    """Return the endpoints that a segment listens on, without the part after `#`."""
     return tuple(redacted(each) for each in segment.endpoints)
 
 
@@ -82,7 +82,7 @@ def _interceptor(stage: Stage, pipeline: Pipeline) -> dict[str, Any]:
 
 
 def _last_error(trace: str) -> str:
-    """Return what a traceback ends with: the exception, and lines of its text that are indented, such as hints."""
+    """Return the end of a traceback: the exception, and the indented lines of its text, such as hints."""
     found: list[str] = []
     for line in reversed(trace.strip().splitlines()):
         found.append(line.strip())
@@ -112,7 +112,7 @@ def count_rows(counts: Mapping[str, TopicCounts], *, most: int = MOST_TOPICS) ->
 
     Args:
         counts: As `Bus.counts` returns them.
-        most: How many topics are told one by one.
+        most: Number of topics that are listed one by one.
     """
     busiest = sorted(counts, key=lambda topic: counts[topic].received + counts[topic].recorded, reverse=True)
     shown = {topic: counts[topic] for topic in sorted(busiest[:most])}
@@ -162,7 +162,7 @@ def count_table(counts: Mapping[str, Any]) -> list[str]:
     """Return the lines of a table: one row per topic.
 
     Args:
-        counts: By topic, `TopicCounts` or what `count_rows` makes of them.
+        counts: Counts by topic, as `TopicCounts` or as the rows from `count_rows`.
     """
     names = [each.name for each in fields(TopicCounts)]
     rows = [["topic", *names]]

@@ -1,4 +1,4 @@
-"""A router's answers as lines for people; pure. What came from the network is shown without obeying it."""
+"""A router's answers as lines for people; pure. Control characters from the network are escaped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["answer_lines", "counts_lines", "status_lines"]
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return what `status` answers, most important things first."""
+    """Return the lines of an answer to `status`, most important first."""
     lines = [
         f"router {status['name']}, riot_bus {status['version']}, process {status['pid']}, "
         f"up for {status['uptime']:.0f} s",
@@ -39,12 +39,12 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
 
 
 def counts_lines(answer: Mapping[str, Any]) -> list[str]:
-    """Return what `counts` answers: a table by topic, and what was lost."""
+    """Return the lines of an answer to `counts`: a table by topic, and the losses."""
     return [escape_control_chars(line) for line in [*count_table(answer["counts"]), *_losses(answer["losses"])]]
 
 
 def answer_lines(answer: Mapping[str, Any]) -> list[str]:
-    """Return what a command answers that changes something."""
+    """Return the lines of an answer to a command that changes something."""
     lines = []
     if "intercepted" in answer:
         lines.append(f"intercepted: {', '.join(answer['intercepted']) or 'nothing'}")

@@ -1,4 +1,4 @@
-"""The terminal of what runs in the foreground: keys that steer it, and a line that shows how far it is."""
+"""The terminal of a run in the foreground: keys that control it, and a progress line."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Console(Protocol):
     """A terminal."""
 
     def keys(self, timeout: float) -> list[str]:
-        """Return what was pressed; waits for it at most so many seconds."""
+        """Return the keys that were pressed, after waiting at most `timeout` seconds."""
         ...
 
     def progress(self, line: str) -> None:
-        """Show a line in place of the one before; the empty line ends it."""
+        """Show a line in place of the previous one; an empty line ends the display."""
         ...
 
 
 class Foreground:
-    """What runs in the foreground.
+    """A run in the foreground.
 
     Args:
         console: Shows progress and takes keys; None if there is no terminal.
@@ -38,7 +38,7 @@ class Foreground:
         self._shown: Console | None = None
 
     def tell(self, line: str) -> None:
-        """Print a line of diagnostics, not behind the progress."""
+        """Print a line of diagnostics; a progress line is ended first."""
         if self._shown is not None:
             self._shown.progress("")
         self._warn(line)
@@ -46,17 +46,17 @@ class Foreground:
     def attend(
         self, wait: Callable[[float], bool], *, keys: str, press: Callable[[str], None], line: Callable[[], str]
     ) -> None:
-        """Wait for the end.
+        """Wait for the end of the run; with a terminal, take keys and show progress.
 
         Args:
-            wait: Waits at most so many seconds; returns whether it has come.
-            keys: What keys mean, for people.
-            press: Called with each key.
-            line: Returns the progress to show.
+            wait: Waits for the end for at most the given seconds; returns whether it has come.
+            keys: Explanation of the keys, printed at the start.
+            press: Called with each key pressed.
+            line: Returns the progress line to show.
         """
         if self._console is None:
             while not wait(_LOOK_S):
-                pass  # a signal that comes just before an endless wait begins does not end it
+                pass  # not one endless wait: a signal just before its beginning would not end it
             return
         with self._console as console:
             self._warn(keys)

@@ -1,4 +1,4 @@
-"""What a router watches while it runs: who is there and talks to whom, and ways around it."""
+"""What a router watches while it runs: the components, who talks to whom, and ways around the router."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Watches:
 
     Args:
         bus: The bus, open.
-        registry: Names keys, and understands what components announce.
+        registry: Type registry that names keys and interprets what components announce.
         changed: Called with each new graph.
-        alarm: Called with all present ways around the router whenever they have changed; None not to look for them.
-        scouting: How to ask who answers multicast scouting; None not to ask.
+        alarm: Called with all current ways around the router whenever they change; None to not look for them.
+        scouting: How to ask who answers multicast scouting; None to not ask.
     """
 
     def __init__(

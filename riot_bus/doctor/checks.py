@@ -1,4 +1,4 @@
-"""`riot doctor`: what about this host would spoil a run, asked beforehand and without a running bus."""
+"""`riot doctor`: checks beforehand, without a running bus, for problems of this host that would spoil a run."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ _MOST_LEFT_OVER = 1000
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One answer of the doctor.
+    """Result of one check.
 
     Attributes:
-        name: What was looked at.
+        name: What was checked.
         status: Whether it is all right.
         text: What was found.
         cure: What to do about it; empty if it is all right.
@@ -60,12 +60,12 @@ class Facts:
     Attributes:
         python: Version of the interpreter.
         versions: Installed versions of required packages; None for those that are missing.
-        runtime: What the bus says to `ZENOH_RUNTIME`.
+        runtime: The bus's assessment of `ZENOH_RUNTIME`.
         ports: State of each endpoint to listen on.
         answers: Who answers multicast scouting; None if it could not be asked.
         memory: The shared memory file system; None if there is none.
-        files: Most files that a process may open; None if unlimited.
-        processors: Processors that this process may use.
+        files: Maximum number of open files in a process; None if unlimited.
+        processors: Number of processors that this process may use.
     """
 
     python: tuple[int, int] = _LEAST_PYTHON
@@ -79,17 +79,17 @@ class Facts:
 
 
 def check(*, endpoints: Sequence[str] = (), scouting: Scouting | None = THIS_HOST) -> list[Check]:
-    """Look at this host.
+    """Check this host.
 
     Args:
-        endpoints: Where a router is going to listen, such as `tcp/127.0.0.1:7447`.
-        scouting: How to ask who answers multicast scouting; None not to ask.
+        endpoints: Endpoints that a router is going to listen on, such as `tcp/127.0.0.1:7447`.
+        scouting: How to ask who answers multicast scouting; None to not ask.
     """
     return judge(gather(endpoints=endpoints, scouting=scouting))
 
 
 def gather(*, endpoints: Sequence[str], scouting: Scouting | None) -> Facts:
-    """Look at this host; arguments as for `check`."""
+    """Collect the facts about this host; arguments as for `check`."""
     threads = runtime()  # before the first use of Zenoh, which scouting is
     found, processors = python()
     try:
@@ -109,7 +109,7 @@ def gather(*, endpoints: Sequence[str], scouting: Scouting | None) -> Facts:
 
 
 def judge(facts: Facts) -> list[Check]:
-    """Return what the facts mean, in a fixed order; pure."""
+    """Return the checks that follow from the facts, in a fixed order; pure."""
     single: list[Callable[[Facts], Check]] = [_versions, _runtime, _scouting, _memory, _files, _processors]
     return [*(each(facts) for each in single), *(_port(each) for each in facts.ports)]
 

@@ -34,7 +34,7 @@ _SHARED = Path("/dev/shm")  # noqa: S108 - Zenoh's own place
 
 @dataclass(frozen=True, slots=True)
 class Runtime:
-    """What the bus says to the present `ZENOH_RUNTIME`."""
+    """The bus's assessment of the current `ZENOH_RUNTIME`."""
 
     status: Literal["ok", "warning", "problem"] = "ok"
     text: str = ""
@@ -43,7 +43,7 @@ class Runtime:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """Whether one can listen on an endpoint; `elsewhere`: it is no address of this machine, `other`: it is not TCP."""
+    """Whether one can listen on an endpoint; `elsewhere`: not an address of this machine, `other`: not TCP."""
 
     endpoint: str
     state: Literal["free", "taken", "elsewhere", "denied", "other"]
@@ -52,7 +52,7 @@ class PortState:
 
 @dataclass(frozen=True, slots=True)
 class SharedMemory:
-    """The file system in which Zenoh shares memory; sizes in bytes, and its files that lie there."""
+    """The file system of Zenoh's shared memory: sizes in bytes, and the number of Zenoh files in it."""
 
     path: str
     total: int
@@ -77,7 +77,7 @@ def versions() -> dict[str, str | None]:
 
 
 def runtime() -> Runtime:
-    """Prepare Zenoh's threads and return what there is to say about it."""
+    """Prepare Zenoh's threads and return the bus's assessment of `ZENOH_RUNTIME`."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         prepare_runtime()
@@ -131,7 +131,7 @@ def shared_memory() -> SharedMemory | None:
 
 
 def open_files() -> int | None:
-    """Return how many files a process may open, None if any number."""
+    """Return how many files a process may open, None if unlimited."""
     try:
         import resource
     except ImportError:

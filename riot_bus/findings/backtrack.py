@@ -1,4 +1,4 @@
-"""What `riot backchain` finds in logs, as data: the way from internal fields to the outside, and what speaks for it."""
+"""Result of `riot backchain` as data: the way from internal fields to the outside, and the evidence in logs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["BacktrackRecord", "EvidenceRecord", "StepRecord"]
 
 
 class EvidenceRecord(_Model):
-    """What the logs say of one field following another; `reason` says why it was not tested."""
+    """Evidence in the logs that one field follows another; `reason` says why this was not tested."""
 
     source: str
     target: str
@@ -36,7 +36,7 @@ class EvidenceRecord(_Model):
 
 
 class StepRecord(_Model):
-    """One step back: a topic, and one that may lead to it; `source` is empty where none of all topics seems to."""
+    """One step back: a topic, and one that may lead to it; `source` is empty if no topic seems to."""
 
     source: str
     target: str
@@ -46,7 +46,7 @@ class StepRecord(_Model):
 
     @property
     def inferred(self) -> bool:
-        """Whether only what the logs show says so."""
+        """Whether the step rests on the logs alone."""
         return self.told == ("inferred",)
 
 

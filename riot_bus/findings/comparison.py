@@ -1,4 +1,4 @@
-"""Two campaigns side by side: which failures are new, which still come, and which the newer one has not shown."""
+"""Comparison of two campaigns: which failures are new, which persist, and which the newer one has not shown."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class ComparedFinding:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What has become of the failures of a unit.
+    """Changes in the failures of a unit between two campaigns.
 
     Attributes:
         old: Share of the older campaign's trials that failed.
-        new: Likewise of the newer one.
+        new: Share of the newer campaign's trials that failed.
     """
 
     unit: str
@@ -44,7 +44,7 @@ class Comparison:
     findings: tuple[ComparedFinding, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the comparison as JSON values."""
         found = [
             {
                 "signature": each.signature,
@@ -58,7 +58,7 @@ class Comparison:
         return {"unit": self.unit, "old": asdict(self.old), "new": asdict(self.new), "findings": found}
 
     def lines(self) -> Iterator[str]:
-        """Yield what has changed, for people: a failure that was not seen may need other trials to come."""
+        """Yield the changes for people; a failure that was not seen may need other trials to appear."""
         for each in self.findings:
             rates = " -> ".join(_said(one) if one else "-" for one in (each.old, each.new))
             yield f"{each.change:<17} {each.signature} (fresh trials: {rates})"
@@ -74,11 +74,11 @@ def compare(old: Path, new: Path) -> Comparison:
     """Compare two output folders of `riot test`.
 
     Args:
-        old: The older one.
-        new: The newer one.
+        old: Folder of the older campaign.
+        new: Folder of the newer campaign.
 
     Raises:
-        ConfigError: One holds no finished campaign, or they are of two units, or one is of the whole system.
+        ConfigError: A folder holds no finished campaign, the units differ, or only one is of the whole system.
     """
     before, after = CampaignRecord.load(old), CampaignRecord.load(new)
     if before.unit != after.unit:
@@ -113,14 +113,14 @@ def compare(old: Path, new: Path) -> Comparison:
 
 
 def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
-    """Return the failures that a campaign has found, and those of the same code that its folder has from others."""
+    """Return the failures that a campaign found, and those of the same code that others left in its folder."""
     findings = folder / "findings"
     names = [path.parent.name for path in sorted(findings.glob(f"*/{FindingRecord.FILE}"))]
     others = [FindingRecord.load(findings / name) for name in names if name not in campaign.findings]
     same = (campaign.unit, campaign.fingerprint, campaign.whole_system)
     records = [
         *(each for each in others if (each.unit, each.fingerprint, each.whole_system) == same),
-        *(FindingRecord.load(findings / name) for name in campaign.findings),  # of one signature, these count
+        *(FindingRecord.load(findings / name) for name in campaign.findings),  # the last of a signature counts
     ]
     return {record.signature: (record.severity, record.rate) for record in records}
 

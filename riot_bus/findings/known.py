@@ -1,6 +1,6 @@
-"""The baseline: findings that a repository knows, as a file in it that people read, merge and annotate.
+"""The baseline: known findings, in a file of the repository that people read, merge and annotate.
 
-A finding is known by component and title, which have no line numbers in them, so it stays known when lines shift.
+A finding is identified by component and title, which contain no line numbers, so it stays known when lines shift.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ Text = Annotated[str, Field(max_length=20_000)]
 
 
 def title_of(finding: FindingRecord) -> str:
-    """Return what a finding is called from one campaign to the next: its signature, and what else tells it apart."""
+    """Return the name of a finding across campaigns: its signature, and the marks that set it apart."""
     marks = {"whole system": finding.whole_system, "messages missing": finding.id.endswith("-missing")}
     return finding.signature + "".join(f" ({mark})" for mark, so in marks.items() if so)
 
 
 def fingerprint_of(finding: FindingRecord) -> str:
-    """Return what a finding is known by: a hash of component and title, which have no line numbers in them."""
+    """Return the identifier of a finding: a hash of component and title, which contain no line numbers."""
     return _fingerprint(finding.component, title_of(finding))
 
 
@@ -52,11 +52,11 @@ class KnownFinding(_Table):
     """A finding of the baseline.
 
     Attributes:
-        failed: Of how many `trials`, fresh ones, so many failed when it was added.
+        failed: Number of the fresh `trials` that failed when it was added.
         since: When it was added: the day, and the commit if there is one.
-        fixed: When it was seen to be fixed, likewise; empty as long as it is not. If it fails again, it is new.
-        note: What people say of it; riot keeps it.
-        log: Folder with its log, from the folder of the file; empty if none is kept.
+        fixed: When it was seen to be fixed, in the same form; empty until then. If it fails again, it is new.
+        note: Comment by people, which riot preserves.
+        log: Folder with its log, relative to the folder of the file; empty if none is kept.
     """
 
     unit: Name
@@ -82,11 +82,11 @@ class KnownFinding(_Table):
 
     @classmethod
     def of(cls, finding: FindingRecord, **more: str) -> Self:
-        """Return the entry of a finding.
+        """Return the entry for a finding.
 
         Args:
-            finding: Its record.
-            more: `since`, `note`, `log`.
+            finding: Record of the finding.
+            more: Values of `since`, `note` and `log`.
         """
         rate = finding.rate
         return cls(
@@ -103,7 +103,7 @@ class KnownFinding(_Table):
 
     @property
     def told(self) -> str:
-        """Since when it is known, or fixed, and what people say of it."""
+        """Text that says since when it is known, or when it was fixed, with its note."""
         when = f"was fixed {self.fixed}" if self.fixed else f"since {self.since or 'some time'}"
         return when + (f" ({self.note})" if self.note else "")
 
@@ -115,10 +115,10 @@ class _File(_Table):
 
 @dataclass(frozen=True, slots=True)
 class KnownFindings:
-    """What a baseline file holds.
+    """Contents of a baseline file.
 
     Attributes:
-        path: The file.
+        path: Path of the file.
         entries: Its findings by fingerprint.
         missing: Whether there is no such file yet, so that nothing is known.
     """
@@ -129,7 +129,7 @@ class KnownFindings:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read the file; a missing one knows nothing.
+        """Read the file; a missing one gives an empty baseline.
 
         Raises:
             ConfigError: It cannot be read, or is not what `save` writes.
@@ -145,7 +145,7 @@ class KnownFindings:
         return cls(path, _by_fingerprint(_parsed(text, path), path))
 
     def save(self) -> Path:
-        """Write the file in one move: a finding after the other in an order of its own, so that diffs are small.
+        """Write the file atomically, with the findings in a fixed order, so that diffs are small.
 
         Raises:
             ConfigError: It cannot be written.
@@ -160,12 +160,12 @@ class KnownFindings:
         return self.path
 
     def of(self, unit: str) -> list[KnownFinding]:
-        """Return the findings of a unit, those that are fixed first."""
+        """Return the findings of a unit, the fixed ones first."""
         mine = (one for one in self.entries.values() if one.unit == unit)
         return sorted(mine, key=lambda one: (not one.fixed, _place(one)))
 
     def updated(self, entries: Iterable[KnownFinding]) -> Self:
-        """Return it with entries that are added, or take the place of those of the same finding."""
+        """Return a copy with entries added, or replaced where they are of the same finding."""
         both = {**self.entries, **{one.fingerprint: one for one in entries}}
         return type(self)(self.path, MappingProxyType(both))
 

@@ -1,4 +1,4 @@
-"""What is known of the way from external fields to the relevant ones, as data: `permeability.json` (RIOT II-C)."""
+"""How external fields affect the relevant ones, as data: `permeability.json` (RIOT II-C)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from riot_bus.vocabulary.counting import counted
 __all__ = ["Design", "EdgeRecord", "PathRecord", "PermeabilityRecord", "StageRecord"]
 
 Design = Literal["within runs", "between runs", "beyond nominal"]
-"""How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
+"""How a pair of fields was tested: many values in each run, one value per run, or one per run beyond nominal."""
 
 
 class EdgeRecord(_Model):
-    """One external field and what it does to one internal field (RIOT II-C); `design` is how that was seen."""
+    """Effect of one external field on one internal field (RIOT II-C); `design` is how it was observed."""
 
     external: str
     internal: str
@@ -32,7 +32,7 @@ class EdgeRecord(_Model):
 
     @property
     def limits(self) -> str:
-        """What is to be known where no effect was found: how strong one has to be, and what was not tried."""
+        """Limits of a test that found no effect: how strong one has to be to show, and what was not tried."""
         parts = [] if self.detectable is None else [f"an effect needs a share of {self.detectable:.2g} to show"]
         if self.tested and "beyond nominal" not in self.tested:
             parts.append("nominal values only")
@@ -41,7 +41,7 @@ class EdgeRecord(_Model):
 
 
 class StageRecord(_Model):
-    """One topic on a path from an external field inwards, and the share of its strongest field that follows that."""
+    """One topic on a path inwards from an external field, and the share of its strongest field that follows it."""
 
     topic: str
     field: str
@@ -49,7 +49,7 @@ class StageRecord(_Model):
 
 
 class PathRecord(_Model):
-    """The most permeable path from an external field to a topic inside: the topics behind that field's, inwards."""
+    """The most permeable path from an external field to an internal topic: the topics after the field's, inwards."""
 
     external: str
     stages: tuple[StageRecord, ...]

@@ -55,11 +55,11 @@ RecordT = TypeVar("RecordT", bound="Artefact")
 Value = bool | int | float | str
 
 _LONGEST, _MOST_TOLD = 40, 8
-"""Characters of a value, and names, in a line for people; the file has all."""
+"""Most characters of a value, and most names, in a line for people; the file has all."""
 
 
 def _short(value: Value | None) -> str:
-    """Return a value for a line."""
+    """Return a value as text, shortened for a line."""
     text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(text)} characters)"
 
@@ -72,7 +72,7 @@ class Artefact(_Model):
     """One JSON file of a finding.
 
     Attributes:
-        FILE: Its name.
+        FILE: Name of the file.
         STEP: The command that writes it.
     """
 
@@ -85,7 +85,7 @@ class Artefact(_Model):
 
     @property
     def summary(self) -> str:
-        """What the step has come to, in a line for people."""
+        """Result of the step, in a line for people."""
         return ""
 
     def save(self, directory: Path) -> Path:
@@ -134,22 +134,22 @@ class ProportionRecord(_Model):
 
     @classmethod
     def of(cls, rate: Proportion) -> Self:
-        """Return what is kept of a rate."""
+        """Return the record of a rate."""
         return cls(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
 
 
 class EffectsRecord(_Model):
-    """What the injections of a campaign did, and how many of the things that were tried failed alone.
+    """Effects of a campaign's injections, and how many of the things that were tried failed alone.
 
     Attributes:
-        undelivered: Injections that changed no message; the following ones changed some.
-        without_effect: Of passing trials whose outputs were those of the nominal trials, by count and payload.
-        with_effect: Of passing trials with other outputs.
-        untold: Of passing trials whose outputs cannot be compared.
-        failing: Of failing trials.
+        undelivered: Injections that changed no message; all other counts are of injections that changed some.
+        without_effect: Injections in passing trials with the outputs of the nominal trials, by count and payload.
+        with_effect: Injections in passing trials with other outputs.
+        untold: Injections in passing trials whose outputs cannot be compared.
+        failing: Injections in failing trials.
         topics: Share of the values, mutations and message faults that failed alone, by topic.
-        classes: Likewise by type of the field, or kind of fault.
-        undecided: How many failed together with others when the campaign ended, by topic: the shares leave them out.
+        classes: The same share by type of the field, or kind of fault.
+        undecided: How many had failed only together with others, by topic; the shares leave them out.
     """
 
     injections: int = 0
@@ -163,7 +163,7 @@ class EffectsRecord(_Model):
     undecided: dict[str, int] = {}
 
     def lines(self) -> list[str]:
-        """Return it for people."""
+        """Return the effects as lines for people."""
         if not self.injections:
             return []
         found = [
@@ -190,9 +190,9 @@ class EffectsRecord(_Model):
 
 
 class UnconfirmedRecord(_Model):
-    """A failure that was seen, and only in `hits` of `repeats` fresh trials again: chance, or too rare to tell.
+    """A failure that only `hits` of `repeats` fresh trials reproduced: chance, or too rare to tell.
 
-    With a `history`, its process had had so many test cases before, and it may depend on them.
+    Its process had run `history` test cases before, on which the failure may depend.
     """
 
     signature: str
@@ -220,18 +220,18 @@ class CampaignRecord(Artefact):
 
     Attributes:
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
-        unjudged: Injected trials that are none of these, since they could not be judged.
-        notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
+        unjudged: Injected trials that are not counted there, because they could not be judged.
+        notes: Remarks of monitors about themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
-        coverable: Number of pairs of field and value class that there are.
-        effects: What the injections did.
-        untold: What could not be told of the unit's trials, and why.
+        coverable: Number of existing pairs of field and value class.
+        effects: Effects of the injections.
+        untold: What could not be determined about the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
-        whole_system: Whether trials were runs of the whole system, with injections into what comes from outside.
-        stopped: Why it was ended before its budget was; empty if it was not.
+        whole_system: Whether trials were runs of the whole system, with injections into its external inputs.
+        stopped: Why it ended before its budget was spent; empty if it did not.
     """
 
     FILE = "campaign.json"
@@ -257,7 +257,7 @@ class CampaignRecord(Artefact):
 
     @property
     def doubts(self) -> list[str]:
-        """Why nothing can be concluded from a campaign that has found nothing; nothing if it is clean."""
+        """Why a campaign without findings proves nothing; empty if it is clean."""
         return [*self.notes, *map(str, self.unjudged)]
 
 
@@ -265,16 +265,16 @@ class FindingRecord(Artefact):
     """One distinct failure of a unit.
 
     Attributes:
-        system_file: Path of riot.toml; one that begins with `../` starts at the folder of the finding.
-        fingerprint: What was tested: a hash of the system file and of the code.
+        system_file: Path of riot.toml; one that begins with `../` is relative to the folder of the finding.
+        fingerprint: Hash of what was tested: the system file and the code.
         severity: Its place on the CRASH scale.
-        rate: How often fresh trials of its case failed so.
-        nominal: How often trials of the nominal log failed so.
+        rate: How often fresh trials of its test case failed in this way.
+        nominal: How often trials of the nominal log failed in this way.
         ordered: Whether its trials keep the order of the log across topics.
-        delivered: How many of the messages that were played each of `injections` changed; empty if not known.
+        delivered: Number of played messages that each of `injections` changed; empty if not known.
         external: Whether the system names external topics; else the chain ends with the rule.
-        whole_system: Whether it was found in runs of the whole system; then its log has what came from outside.
-        fixed_in: Fingerprint of other code in which fresh trials of it did not fail; empty if that was not seen.
+        whole_system: Whether it was found in runs of the whole system; then its log has the external messages.
+        fixed_in: Fingerprint of other code with which fresh trials of it did not fail; empty if that was not seen.
     """
 
     FILE = "finding.json"
@@ -303,7 +303,7 @@ class FindingRecord(Artefact):
 
     @classmethod
     def load(cls, directory: Path) -> Self:
-        """Read the file; a path that starts at the finding's folder becomes a whole one."""
+        """Read the file; a path relative to the finding's folder becomes an absolute one."""
         record = super().load(directory)
         if not record.system_file.startswith("../"):
             return record
@@ -312,20 +312,20 @@ class FindingRecord(Artefact):
 
     @property
     def rank(self) -> tuple[int, float, int]:
-        """Its place among findings, the first before the others: worse on the CRASH scale, more often, with less."""
+        """Sort key among findings: first those worse on the CRASH scale, more frequent, with fewer modifications."""
         place = SEVERITIES.index(self.severity) if self.severity in SEVERITIES else len(SEVERITIES)
         return place, -self.rate.value if self.rate else 0.0, self.modified
 
 
 class SimplifiedRecord(_Model):
-    """Something of the minimal log that was made simpler, and the failure stayed.
+    """A simplification of the minimal log that kept the failure.
 
     Attributes:
         what: `gap` (the time between two messages, in seconds), `nominal` (a modified field, or without values a whole
             payload, is as it was before), or `value` (a modified field has a simpler value).
-        name: Of the field, message or two messages.
-        before: As it failed first; None for payloads.
-        after: As it is in the minimal log.
+        name: Name of the field, the message or the two messages.
+        before: Value with which it first failed; None for payloads.
+        after: Value in the minimal log.
     """
 
     what: Literal["gap", "nominal", "value"]
@@ -345,13 +345,13 @@ class SimplifiedRecord(_Model):
 
 
 class AbsentRecord(_Model):
-    """Messages of the nominal log that are absent in the minimal one, which is why it fails.
+    """Messages of the nominal log whose absence from the minimal log makes it fail.
 
     Attributes:
         numbers: Their positions in the nominal log of the unit.
         topics: Their topics.
-        passed: In how many of how many trials the minimal log passed with them; with any of them still missing, or
-            without all, it fails.
+        passed: Passing trials, and trials in total, of the minimal log with all of them; with any or all of them
+            missing, it fails.
     """
 
     numbers: tuple[int, ...]
@@ -370,18 +370,18 @@ class MinimalRecord(Artefact):
     """The few messages that are needed (RIOT II-B a).
 
     Attributes:
-        one_minimal: Whether it was shown that they fail and that without any one of them nothing does.
-        confidence: How sure that is at least; 0 if it was not shown.
-        failed: How many of how many trials of them failed.
-        without: Likewise for each of them, when it alone was left out; none of none where that leaves no message. What
-            fails without the modified one has another cause: see `missing`.
-        interrupted: Whether the search was; then this is the best so far, and `riot minimize` goes on.
-        missing: Topics of messages that fail in the same place without any modified one, since others are missing;
-            with `missing_failed`, how many of how many trials of them did. They are a finding of their own.
-        simplified: What was made simpler, with the failure as it was.
-        simplified_trials: How many trials that took.
-        absent: Which messages of the nominal log are missing, where nothing of what was kept is modified and the
-            nominal log passes.
+        one_minimal: Whether it was shown that they fail, and that they do not without any single one of them.
+        confidence: Lower bound of the confidence in that; 0 if it was not shown.
+        failed: Failing trials of these messages, and trials in total.
+        without: The same for each message, when it alone was left out; (0, 0) if that leaves no message. A failure
+            without the modified message has another cause: see `missing`.
+        interrupted: Whether the search was interrupted; then this is the best so far, and `riot minimize` continues.
+        missing: Topics of unmodified messages that fail in the same place because others are missing;
+            `missing_failed` has their failing trials and trials in total. They are a finding of their own.
+        simplified: Simplifications that kept the failure.
+        simplified_trials: Number of trials that these took.
+        absent: Missing messages of the nominal log, if none of the kept messages is modified and the nominal log
+            passes.
     """
 
     FILE = "minimal.json"
@@ -401,7 +401,7 @@ class MinimalRecord(Artefact):
     absent: AbsentRecord | None = None
 
     def lines(self) -> list[str]:
-        """Return for people what was made of the messages that are kept, and what else fails likewise."""
+        """Return lines for people: how the kept messages were simplified, and what else fails in the same way."""
         found = [f"simplified: {one}" for one in self.simplified]
         found += [f"it {self.absent}"] if self.absent else []
         if self.missing:
@@ -427,13 +427,13 @@ class MinimalRecord(Artefact):
 
     @classmethod
     def exists(cls, directory: Path) -> bool:
-        """Return whether the search has ended: what it had when it was interrupted does not count."""
+        """Return whether the search has ended; the result of an interrupted search does not count."""
         if not super().exists(directory):
             return False
         try:
             return not cls.load(directory).interrupted
         except ConfigError:
-            return True  # it is there, and whoever reads it says what is wrong with it
+            return True  # the file exists, and reading it reports what is wrong with it
 
 
 class CertificateRecord(_Model):
@@ -470,17 +470,17 @@ class FieldRecord(_Model):
 
 
 class StructureRecord(_Model):
-    """Something of the minimal log that is no value and that the failure needs: two logs that differ in it alone.
+    """A property of the minimal log, other than a value, that the failure needs: two logs that differ only in it.
 
     Attributes:
         kind: `key` (it is there), `missing key`, `order` (one message is before the next), or `gap` (the next one comes
             no later than it does).
-        name: Of the key, or the first message.
+        name: Name of the key, or of the first message.
         then: The message that comes after it.
-        failing_log: It fails.
-        passing_log: With this changed, it passes.
-        failed: How many of how many fresh trials of the one failed.
-        passed: How many of how many of the other passed.
+        failing_log: Log that fails.
+        passing_log: Log that passes, with only this property changed.
+        failed: Failing ones, and all, of the fresh trials of the failing log.
+        passed: Passing ones, and all, of the fresh trials of the passing log.
     """
 
     kind: Literal["key", "missing key", "order", "gap"]
@@ -505,12 +505,12 @@ class FieldsRecord(Artefact):
 
     Attributes:
         bound: With 95 % confidence, the other fields change the outcome in at most this share of random draws.
-        straight: Draws in a row behind it, none of which changed the outcome.
-        unconfirmed: Fields that the search named, and whose certificate fresh trials did not confirm.
-        complete: Whether the search has ended by itself, not since its trials were spent.
-        structure: What besides values the failure needs.
-        structure_known: Number of parts of which it is known whether they matter, by kind; 0 where trials did not tell.
-        structure_failed: How many of how many trials failed with all others of a kind changed at once.
+        straight: Number of consecutive draws behind that bound, none of which changed the outcome.
+        unconfirmed: Fields that the search named, but whose certificate fresh trials did not confirm.
+        complete: Whether the search ended by itself, not because its trials were spent.
+        structure: Properties other than values that the failure needs.
+        structure_known: Number of parts, by kind, of which it is known whether they matter; 0 if trials did not tell.
+        structure_failed: Failing trials, and trials in total, with all other parts of a kind changed at once.
         left: Fields that were not varied: brittle ones, and those that riot.toml leaves alone.
     """
 
@@ -557,8 +557,8 @@ class AlternativeRecord(_Model):
 
 
 _RIGHT, _RIGHT_ELSEWHERE = 0.98, 0.8
-"""Shares of trials for which a rule should be right, as far as these can tell, and of the few with other values of all
-fields that are not in it."""
+"""Shares of trials in which a rule should be right: of ordinary ones, within their confidence interval, and of the few
+with other values of all fields that are not in the rule."""
 
 
 class RuleRecord(Artefact):
@@ -566,13 +566,13 @@ class RuleRecord(Artefact):
 
     Attributes:
         topics: Topic of each message of the log in which its fields are named.
-        context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
-        in_context: In how many trials behind nominal messages the rule is right.
-        in_campaign: In how many trials of the campaign it is right; those that failed in another way are left out, and
-            where the failure comes only sometimes, passing ones in which the rule holds.
-        held: Where the failure comes only sometimes: how many trials of the campaign failed of those in which the rule
-            holds, and how many those are.
-        missed: How many trials of the campaign had this failure although the rule holds nowhere in them.
+        context: Topics of the nominal messages before the minimal log that matter; that log is `context.mcap`.
+        in_context: Share of the trials that start with nominal messages in which the rule is right.
+        in_campaign: Share of the campaign's trials in which the rule is right; those that failed in another way are
+            left out, and if the failure occurs only sometimes, also passing ones in which the rule holds.
+        held: If the failure occurs only sometimes: failing ones, and all, of the campaign's trials in which the rule
+            holds.
+        missed: Number of the campaign's trials with this failure in which the rule holds nowhere.
     """
 
     FILE = "rule.json"
@@ -627,7 +627,7 @@ class RuleRecord(Artefact):
     def summary(self) -> str:
         """The rule, and how well it predicts."""
         failing = self.recall.total
-        # a rule about yes and no has so few cases that being right in all of them says little
+        # a rule over booleans has so few cases that being right in all of them says little
         few = self.types and set(self.types.values()) == {"bool"}
         cases = f" of its {2 ** len(self.types)} cases" if few else ""
         if 0 < failing < self.checks and self.balanced_accuracy is not None:
@@ -675,7 +675,7 @@ class RangeRecord(_Model):
     ends: tuple[Literal["low", "high"], ...] = Field(default=(), description="ends beyond which nothing was tried")
 
     def text(self, number: Callable[[float], str] = "{:.4g}".format) -> str:
-        """Return what it says; `number` writes a number."""
+        """Return the range as text; `number` formats a number."""
         low, high = number(self.low), number(self.high)
         if len(self.ends) > 1:
             return f"{self.field} anywhere from {low} to {high}, as far as was tried"
@@ -685,7 +685,7 @@ class RangeRecord(_Model):
 
 
 class RegionRecord(_Model):
-    """Ranges of external fields within which the whole system fails, others being as in the point that was found."""
+    """Ranges of external fields within which the whole system fails, with the others as in the point that was found."""
 
     ranges: tuple[RangeRecord, ...]
     inside: ProportionRecord | None = None
@@ -693,12 +693,12 @@ class RegionRecord(_Model):
     rule: str = Field(default="", description="as a rule over external fields, which `region/rule.json` has as data")
 
     def bounds(self, number: Callable[[float], str] = "{:.4g}".format) -> tuple[str, ...]:
-        """Return what the failure needs of each field; `number` writes a number."""
+        """Return the range of each field as text; `number` formats a number."""
         return tuple(each.text(number) for each in self.ranges)
 
 
 class ActivationRecord(Artefact):
-    """What came of the search for external inputs that make the whole system fail (RIOT II-D)."""
+    """Result of the search for external inputs that make the whole system fail (RIOT II-D)."""
 
     FILE = "activation.json"
     STEP = "activate"
@@ -726,7 +726,7 @@ class ActivationRecord(Artefact):
 
     @property
     def summary(self) -> str:
-        """How the search ended, how often the failure came again, and in which region it comes."""
+        """How the search ended, how often replays reproduced the failure, and in which region it occurs."""
         parts = [self.text]
         if self.replays:
             replays, messages = counted(self.replays, "replay"), counted(self.messages, "external message")

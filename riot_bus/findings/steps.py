@@ -1,4 +1,4 @@
-"""The steps of the chain as data, in their order: what each is called, what it writes, and what carries it out.
+"""The steps of the chain as data, in order: the name of each, the record it writes, and the function that runs it.
 
 The chain, the command line and the report read this table. Records and functions are named as entry points name them,
 `module:attribute`, so that this module costs nothing to import.
@@ -136,7 +136,7 @@ def find_step(name: str) -> ChainStep:
     """Return a step by its name, ours or another package's.
 
     Raises:
-        ConfigError: There is none, it cannot be imported, or it cannot be used.
+        ConfigError: There is no such step, it cannot be imported, or it cannot be used.
     """
     from riot_bus import plugins
     from riot_bus.vocabulary.errors import ConfigError

@@ -1,4 +1,4 @@
-"""The catalogue: an SQLite file that knows a fleet's logs. Each log is committed alone, so it is safe to interrupt."""
+"""The catalogue: an SQLite file of a fleet's logs. Each log is committed on its own, so it is safe to interrupt."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ CREATE TABLE moments(
 CREATE INDEX moments_by_scan ON moments(log, rule);
 """
 _UPGRADES = {1: "ALTER TABLE logs ADD COLUMN scanned INTEGER NOT NULL DEFAULT 0", 2: _SCANS}
-"""What makes the next version of each earlier one."""
+"""Statements that upgrade each earlier version to the next one."""
 _SCHEMA = f"""
 CREATE TABLE logs(
     number INTEGER PRIMARY KEY,
@@ -95,20 +95,20 @@ CREATE INDEX metadata_by_log ON metadata(log);
 
 
 def default_catalogue() -> Path:
-    """Return where the catalogue is if nobody says: in the user's folder for data."""
+    """Return the default path of the catalogue, in the user's data folder."""
     home = os.environ.get("XDG_DATA_HOME", "")
     return (Path(home) if home.startswith("/") else Path.home() / ".local" / "share") / "riot" / "catalogue.sqlite"
 
 
 class Catalogue:
-    """Knows logs; a context manager. Safe to use by several threads and by several processes.
+    """Catalogue of logs; a context manager. It is safe for use by several threads and several processes.
 
     Args:
-        path: The file, created if need be with its folder; None to keep all in memory.
-        create: Whether a missing file is made.
+        path: Path of the file, created with its folder if needed; None to keep all in memory.
+        create: Whether a missing file is created.
 
     Raises:
-        ConfigError: It is no catalogue, or there is none.
+        ConfigError: The file is not a catalogue, or does not exist.
     """
 
     def __init__(self, path: Path | None, *, create: bool = True) -> None:
@@ -144,7 +144,7 @@ class Catalogue:
     # -- writing ------------------------------------------------------------------------------------------------------
 
     def put(self, entry: LogEntry) -> None:
-        """Keep what is known of a log, in place of what was known before."""
+        """Store what is known about a log, in place of what was known before."""
         row = {
             "place": entry.place,
             "size": min(entry.size, LATEST),
@@ -180,7 +180,7 @@ class Catalogue:
             db.executemany("INSERT INTO metadata VALUES(?, ?, ?)", [(number, *each) for each in metadata])
 
     def put_scan(self, found: FleetScan) -> None:
-        """Keep how near known logs came to a rule, in place of what an earlier scan for it has found."""
+        """Store how near known logs came to a rule, in place of the results of an earlier scan for it."""
         rule, now = _text(found.rule), time.time()
         with self._transaction() as db:
             for log in found.logs:
@@ -198,7 +198,7 @@ class Catalogue:
                 db.executemany("INSERT INTO moments VALUES(?, ?, ?, ?, ?)", moments)
 
     def name(self, place: str, robot: str) -> None:
-        """Say which robot a log is from that does not say so itself."""
+        """Set the robot of a log that does not name one itself."""
         with self._transaction() as db:
             db.execute(
                 "UPDATE logs SET robot = ?, named_by = 'option' WHERE place = ? AND named_by != 'log'",
@@ -206,7 +206,7 @@ class Catalogue:
             )
 
     def back(self, place: str) -> None:
-        """Take note that a log that was gone is there again, as it was."""
+        """Record that a log that was gone exists again, unchanged."""
         with self._transaction() as db:
             db.execute("UPDATE logs SET gone = 0 WHERE place = ?", (place,))
 
@@ -215,7 +215,7 @@ class Catalogue:
         return Look(self, root)
 
     def prune(self) -> int:
-        """Forget the logs that are gone; return how many these were."""
+        """Remove the logs that are gone; return how many were removed."""
         with self._transaction() as db:
             return db.execute("DELETE FROM logs WHERE gone").rowcount
 
@@ -228,12 +228,12 @@ class Catalogue:
         return None if row is None else _entry(row)
 
     def find(self, query: Query, *, limit: int | None = None, offset: int = 0) -> list[LogEntry]:
-        """Return the logs that a query means, oldest first, without topics and metadata.
+        """Return the logs that match a query, oldest first, without topics and metadata.
 
         Args:
-            query: As `parse_query` returns it.
-            limit: At most so many; None for all.
-            offset: How many to leave out before.
+            query: Query as `parse_query` returns it.
+            limit: Maximum number of logs; None for all.
+            offset: Number of logs to skip before.
         """
         statement = (
             f"SELECT {_COLUMNS} FROM logs WHERE {query.condition} "  # noqa: S608 - fixed parts, see `Query`
@@ -244,7 +244,7 @@ class Catalogue:
         return [_entry(row) for row in rows]
 
     def count(self, query: Query) -> int:
-        """Return how many logs a query means."""
+        """Return how many logs match a query."""
         statement = f"SELECT count(*) FROM logs WHERE {query.condition}"  # noqa: S608 - fixed parts, see `Query`
         with self._reading() as db:
             return int(db.execute(statement, query.parameters).fetchone()[0])
@@ -253,7 +253,7 @@ class Catalogue:
         """Return all that is known of a log.
 
         Args:
-            name: Its place, its number, or the end of its place, as far as that is one log's alone.
+            name: Place or number of the log, or the end of its place if only one log matches.
 
         Raises:
             ConfigError: There is no such log, or there are several.
@@ -345,11 +345,11 @@ class Catalogue:
 
 
 class Look:
-    """One look at all logs at or below a place: what is not seen in it is gone.
+    """One pass over all logs at or below a place: logs that are not seen in it are gone.
 
     Args:
-        catalogue: Where they are known.
-        root: The place.
+        catalogue: Catalogue that knows the logs.
+        root: Place of the logs.
     """
 
     def __init__(self, catalogue: Catalogue, root: str) -> None:
@@ -358,11 +358,11 @@ class Look:
         self._seen: set[str] = set()
 
     def saw(self, place: str) -> None:
-        """Take note that a log is there."""
+        """Record that a log exists."""
         self._seen.add(place)
 
     def end(self) -> int:
-        """Mark what was not seen as gone; return how many have gone since the last look."""
+        """Mark logs that were not seen as gone; return how many have gone since the last pass."""
         catalogue = self._catalogue
         with catalogue._transaction() as db, closing(db.cursor()) as cursor:
             rows = cursor.execute(
@@ -389,7 +389,7 @@ def _entry(
 
 
 def _text(text: str) -> str:
-    """Return a text of a log, which may be anybody's, as the catalogue can hold it."""
+    """Return a text from a log, which is untrusted, in a form that the catalogue can hold."""
     return text[:_LONGEST].encode("utf-8", "replace").decode()
 
 

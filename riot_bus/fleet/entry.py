@@ -1,4 +1,4 @@
-"""What the catalogue says of one log."""
+"""Entries of the catalogue: what is known about one log."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Literal
 __all__ = ["LATEST", "LogEntry", "NamedBy", "TopicEntry"]
 
 NamedBy = Literal["log", "option", "folder"]
-"""Who says which robot a log is from."""
+"""Where the name of a log's robot comes from."""
 
 LATEST = (1 << 63) - 1
-"""Latest time and largest number that a catalogue holds; what is beyond stands for it."""
+"""Latest time and largest number that a catalogue holds; larger ones are stored as this one."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicEntry:
-    """One topic of a log; `count` messages, and the originals of `originals` that interceptors touched."""
+    """One topic of a log: `count` messages, and the originals of `originals` messages that interceptors touched."""
 
     topic: str
     key: str
@@ -33,22 +33,22 @@ class LogEntry:
 
     Attributes:
         place: Absolute path, or URL.
-        size: Bytes.
-        stamp: Changes when the file does: time of its last change, or the object's etag.
+        size: Size in bytes.
+        stamp: Value that changes when the file does: time of its last change, or the object's etag.
         robot: Name of the robot that recorded it.
         named_by: Source of the name of the robot.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
         problem: What is wrong with it; empty if nothing is missing.
         profile: MCAP profile.
         start: Time of the first message, nanoseconds since the Unix epoch; None if there is none.
-        end: Of the last one.
+        end: Time of the last message, in the same form.
         messages: Delivered messages.
         lost: Messages that are known to be missing.
-        topics: By name; empty where the catalogue was not asked for them.
-        metadata: Of the run; likewise.
-        number: In the catalogue; 0 outside of it.
-        gone: Whether it was not there any more when its folder was looked at last.
-        scanned: Whether all of it was read, not its summary alone.
+        topics: Topics by name; empty if the catalogue was not asked for them.
+        metadata: Metadata of the run; empty if the catalogue was not asked for it.
+        number: Number in the catalogue; 0 outside of it.
+        gone: Whether it was missing when its folder was last looked at.
+        scanned: Whether all of it was read, not only its summary.
     """
 
     place: str

@@ -1,4 +1,4 @@
-"""Indexing: what is new or has changed is read, each log is committed alone, what was read is never read again."""
+"""Indexing: new and changed logs are read, each is committed on its own, and unchanged ones are not read again."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _AHEAD = 4
 
 @dataclass(slots=True)
 class IndexReport:
-    """What indexing has come to.
+    """Result of indexing.
 
     Attributes:
-        logs: All that are there.
-        fresh: Of these, new or changed ones, which were read.
-        damaged: Of those, the ones of which something is missing, or that are no logs.
-        gone: Logs that are not there any more.
-        pruned: Logs that were forgotten.
+        logs: Number of logs that were found.
+        fresh: Number of new or changed logs among these, which were read.
+        damaged: Number of fresh logs of which something is missing, or that are not logs.
+        gone: Number of logs that no longer exist.
+        pruned: Number of logs that were removed from the catalogue.
         failures: What could not be looked at, a line each.
     """
 
@@ -64,16 +64,16 @@ def index(
     """Bring a catalogue up to date.
 
     Args:
-        catalogue: What is known so far.
+        catalogue: Catalogue that is updated.
         roots: Folders, logs and URLs of object stores.
-        robot: Whose the logs are that do not say so; by default as the folder below the root is called.
-        jobs: Logs that are read at once.
-        prune: Forget logs that are gone, instead of marking them.
-        scan: Read all of each log of which the summary alone was read so far, so that damage is found that this does
-            not know of.
-        progress: Called with the number of logs so far and the present one.
-        stop: Asked before each log; what is known by then stays known.
-        limits: Of what is read of a log; None for the usual ones.
+        robot: Robot of logs that do not name one; by default the name of the folder below the root.
+        jobs: Number of logs that are read at once.
+        prune: Remove logs that are gone, instead of marking them.
+        scan: Read all of each log of which only the summary was read so far, to find damage that the summary does
+            not show.
+        progress: Called with the number of logs so far and the current one.
+        stop: Asked before each log whether to stop; what was read by then is kept.
+        limits: Limits on what is read of a log; None for the usual ones.
 
     Raises:
         ConfigError: A root does not exist, or cannot be opened.
@@ -122,11 +122,11 @@ class _Indexing:
                 each.cancel()
             self.waiting.clear()
         self.report.failures += failures
-        if not failures and not self.stop():  # else it may be there all the same
+        if not failures and not self.stop():  # else a log that was not seen may still exist
             self.report.gone += look.end()
 
     def _take(self, left: int, failures: list[str]) -> None:
-        """Commit what was read, until only so many are being read."""
+        """Commit logs that were read, until only `left` are still being read."""
         while len(self.waiting) > left:
             try:
                 entry = self.waiting.popleft().result()
@@ -154,17 +154,17 @@ def _until(logs: Iterator[StoredLog], stop: Callable[[], bool]) -> Iterator[Stor
 def describe(
     store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False, limits: LogLimits | None = None
 ) -> LogEntry:
-    """Read what a log holds: from its summary if that is sound, else from all of it.
+    """Return the catalogue entry of a log, read from its summary if that is sound, else from all of it.
 
     Args:
         store: The store that holds the log.
         log: The log's entry in the store.
-        robot: Whose it is, unless it says so itself.
-        scan: Read all of it in any case, so that damage is found that the summary does not know of.
-        limits: Of what is read of it; None for the usual ones.
+        robot: Robot of the log, unless the log names one itself.
+        scan: Read all of it in any case, to find damage that the summary does not show.
+        limits: Limits on what is read of it; None for the usual ones.
 
     Raises:
-        EnvironmentFaultError: The store does not give it.
+        EnvironmentFaultError: The store cannot deliver the log.
     """
     named: NamedBy = "folder" if robot is None else "option"
     name = robot if robot is not None else log.folder
@@ -215,7 +215,7 @@ def describe(
 
 
 def _told(path: Path, limits: LogLimits | None) -> LogInfo | None:
-    """Return what a log says of itself; None if the whole of it is needed for that."""
+    """Return a log's description from its excerpt; None if all of the log is needed."""
     try:
         return log_info(path, scan=False, limits=limits)
     except RiotError:

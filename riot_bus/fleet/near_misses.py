@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 __all__ = ["BINS", "FleetScan", "LogScan", "NearMiss"]
 
 BINS = 120
-"""Stretches of a log in a picture of its distance."""
+"""Number of intervals of a log in a plot of its distance."""
 _TOLD = 10
-"""Logs that are named of those that were not judged for one reason."""
+"""Number of logs that are named among those that were not judged for the same reason."""
 _FAR = 1e17
-"""What has no measure, such as a text where there should be a number, is farther away."""
+"""Distances from here on stand for what cannot be measured, such as a text in place of a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class NearMiss:
     values: Mapping[str, Scalar]
 
     def words(self, start: int) -> str:
-        """Return it for people, with the seconds since the begin of the log."""
+        """Return the moment for people, with the seconds since the beginning of the log."""
         return f"{(self.time - start) / 1e9:.3f} s, {self.far}: {self.told}"
 
     @property
@@ -48,14 +48,14 @@ class NearMiss:
 
 @dataclass(frozen=True, slots=True)
 class LogScan:
-    """What a rule says of one log.
+    """Result of scanning one log for a rule.
 
     Attributes:
-        place: The log.
+        place: Where the log is.
         robot: Name of the robot that recorded it.
         judged: Messages of the rule's topics at which all of its fields were known.
-        unknown: Messages of the last of its topics at which one was not.
-        holds: At how many of the judged ones the rule holds.
+        unknown: Messages of the last of its topics at which a field was not known.
+        holds: Number of judged messages at which the rule holds.
         nearest: The moments of least distance, nearest first, at least a second apart.
         start: Time of the first message, ns.
         profile: Least distance in each of `BINS` equal stretches of the log; NaN where nothing was judged.
@@ -78,7 +78,7 @@ class LogScan:
         return self.nearest[0].distance if self.nearest else float("inf")
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
+        """Return the result as JSON values."""
         moments = [
             {
                 "distance": one.distance,
@@ -96,12 +96,12 @@ class LogScan:
 
 @dataclass(frozen=True, slots=True)
 class FleetScan:
-    """What a rule says of a fleet's logs.
+    """Result of scanning a fleet's logs for a rule.
 
     Attributes:
         rule: The rule as text.
         within: Distance below which a moment is a near miss, in nominal spreads.
-        logs: All logs; those that came nearest first, of equal ones in the order in which they were given.
+        logs: All logs, nearest first; equally near ones stay in the given order.
     """
 
     rule: str
@@ -115,12 +115,12 @@ class FleetScan:
 
     @property
     def near(self) -> tuple[LogScan, ...]:
-        """Logs in which it comes near and does not hold."""
+        """Logs in which the rule comes near but does not hold."""
         return tuple(log for log in self.logs if not log.holds and log.distance < self.within)
 
     @property
     def unjudged(self) -> tuple[LogScan, ...]:
-        """Logs of which nothing can be told."""
+        """Logs without any judged message."""
         return tuple(log for log in self.logs if not log.judged)
 
     @property
@@ -149,7 +149,7 @@ class FleetScan:
         )
 
     def lines(self) -> list[str]:
-        """Return it for people."""
+        """Return the result as lines for people."""
         found = [f"rule: {self.rule}", self.summary()]
         for robot, logs in self.robots:
             found += ["", f"robot {robot or '(not named)'}"]
@@ -169,7 +169,7 @@ class FleetScan:
         return found
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
+        """Return the result as JSON values."""
         return {"rule": self.rule, "within": self.within, "logs": [log.to_json() for log in self.logs]}
 
 

@@ -1,7 +1,7 @@
 """Logs in object stores and other places that fsspec knows: S3, GCS, Azure, SFTP, HTTP ...
 
-Nothing is ever loaded whole into memory. For the catalogue only the head and the summary of a log are fetched, into a
-file with a hole in between; a log without a summary is copied to disk, block by block.
+No log is ever loaded into memory as a whole. For the catalogue, only the head and the summary of a log are fetched,
+into a file with a hole in between; a log without a summary is copied to disk, block by block.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ObjectStore:
     """A folder behind a URL, or a single log there.
 
     Args:
-        url: Such as `s3://bucket/logs`.
+        url: URL, such as `s3://bucket/logs`.
 
     Raises:
         ConfigError: The URL is wrong, or a package is missing.
@@ -65,7 +65,7 @@ class ObjectStore:
         self.root = self._place(self._path.rstrip("/"))
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
-        """Yield all logs, folder by folder; say in a line what could not be looked at."""
+        """Yield all logs, folder by folder; call `failed` with a line about what could not be looked at."""
         try:
             self._fs.invalidate_cache()
             if self._fs.isfile(self._path):
@@ -80,7 +80,7 @@ class ObjectStore:
                 for file, info in files.items():
                     if file.endswith(ENDING):
                         yield from self._found(info.get("name") or f"{folder}/{file}", info, name, failed)
-        except Exception as error:  # whatever a store raises; they have nothing in common
+        except Exception as error:  # the exceptions of stores have nothing in common
             failed(f"{self.root}: {_reason(error)}")
 
     @contextmanager
@@ -124,7 +124,7 @@ class ObjectStore:
         return self._fs._strip_protocol(log.place.removesuffix(self._within))
 
     def _parts(self, log: StoredLog) -> list[tuple[int, int]] | None:
-        """Return which parts of a log tell what is in it; None if all of it has to be read."""
+        """Return the byte ranges that describe a log's contents; None if all of it has to be read."""
         size, foot = log.size, _FOOTER.size + len(MAGIC)
         if size <= _BLOCK:
             return None
@@ -163,7 +163,7 @@ class ObjectStore:
 
 
 def _needed(summary: bytes, size: int) -> list[tuple[int, int]]:
-    """Return which parts before the summary tell of the run and of its losses, and whether the summary is sound."""
+    """Return the byte ranges before the summary that describe the run and its losses, or check the summary."""
     runs: list[tuple[int, int]] = []
     chunks: list[tuple[int, int]] = []
     position = 0

@@ -21,7 +21,7 @@ def open_store(root: str) -> Store:
     """Open a folder, a log, or the URL of an object store.
 
     Raises:
-        ConfigError: There is no such thing, or a package is missing to open it.
+        ConfigError: The place does not exist, or a package needed to open it is missing.
     """
     if is_remote(root):
         from riot_bus.fleet.objects import ObjectStore
@@ -32,10 +32,10 @@ def open_store(root: str) -> Store:
 
 @contextmanager
 def copied(place: str) -> Iterator[Path]:
-    """Give a local file with all of a log, wherever that is; a copy on disk is deleted afterwards.
+    """Yield a local file with all of a log, wherever the log is; a copy on disk is deleted afterwards.
 
     Raises:
-        ConfigError: It cannot be read.
+        ConfigError: The log cannot be read.
     """
     store = open_store(place)
     problems: list[str] = []

@@ -1,7 +1,7 @@
-"""Which logs of a catalogue are meant: `robot=r7 topic=/odom after=2026-11-01 min-duration=5m lossless`.
+"""Queries for logs of a catalogue: `robot=r7 topic=/odom after=2026-11-01 min-duration=5m lossless`.
 
-Words are joined by "and". Texts are compared as they are, where `*` stands for any letters and `?` for one. What
-somebody wrote becomes parameters of a statement, never a part of it.
+Words are joined by "and". Texts are compared literally, except that `*` stands for any letters and `?` for one. What
+users write becomes parameters of an SQL statement, never a part of it.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ _FLAGS = {
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A question to a catalogue.
+    """A query to a catalogue.
 
     Attributes:
-        text: As somebody wrote it.
+        text: The query as it was written.
         condition: SQL over the table `logs`, made of fixed parts.
-        parameters: What stands for its question marks.
+        parameters: Values for its question marks.
     """
 
     text: str = ""
@@ -58,11 +58,11 @@ def parse_query(words: Sequence[str] | str, *, now: float | None = None) -> Quer
     """Parse a query.
 
     Args:
-        words: One text, or several, of words as in a shell; none means all logs that are there.
-        now: Present time, in seconds since the Unix epoch; `7d` means seven days before it.
+        words: One text, or several, of words as in a shell; none means all logs that exist.
+        now: Current time, in seconds since the Unix epoch; `7d` means seven days before it.
 
     Raises:
-        ConfigError: A word is not part of the language of queries, or a quote is not closed.
+        ConfigError: A word is not part of the query language, or a quote is not closed.
     """
     text = words if isinstance(words, str) else " ".join(words)
     try:
@@ -86,7 +86,7 @@ def parse_query(words: Sequence[str] | str, *, now: float | None = None) -> Quer
 
 
 def _term(word: str, now: float) -> tuple[str, str, list[str | int | float]]:
-    """Return what a word is about, and its condition and parameters."""
+    """Return the name in a word, and its condition and parameters."""
     name, equals, value = word.partition("=")
     if name in _FLAGS and not equals:
         return name, _FLAGS[name], []

@@ -1,4 +1,4 @@
-"""Where logs are: folders of this machine; object stores are in `objects`."""
+"""Stores of logs: folders of this machine; object stores are in `objects`."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 __all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "is_remote"]
 
 ENDING = ".mcap"
-"""How the names of logs end."""
+"""Suffix of the names of logs."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredLog:
-    """A log that is somewhere.
+    """A log in a store.
 
     Attributes:
         place: Absolute path, or URL.
-        size: Bytes.
-        stamp: Changes when the file does.
+        size: Size in bytes.
+        stamp: Value that changes when the file does.
         folder: Name of the folder directly below the root that holds it; of the root itself if it is not in any.
     """
 
@@ -50,7 +50,7 @@ class Store(Protocol):
     partial: bool
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
-        """Yield all logs; say in a line what could not be looked at."""
+        """Yield all logs; call `failed` with a line about what could not be looked at."""
         ...
 
     def excerpt(self, log: StoredLog) -> AbstractContextManager[Path]:
@@ -66,10 +66,10 @@ class FolderStore:
     """A folder of this machine, or a single log. Links to folders are not followed.
 
     Args:
-        root: Its path.
+        root: Path of the folder or log.
 
     Raises:
-        ConfigError: There is no such thing.
+        ConfigError: The path does not exist.
     """
 
     partial = False
@@ -80,7 +80,7 @@ class FolderStore:
         self.root = str(root.resolve())
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
-        """Yield all logs, folder by folder; say in a line what could not be looked at."""
+        """Yield all logs, folder by folder; call `failed` with a line about what could not be looked at."""
         root = Path(self.root)
         if root.is_file():
             details = root.stat()

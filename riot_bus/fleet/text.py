@@ -1,4 +1,4 @@
-"""The catalogue as lines for people; pure. What a log says is shown without obeying it."""
+"""The catalogue as lines for people; pure. Control characters from logs are escaped."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LONGEST = 60
 
 
 def index_line(report: IndexReport) -> str:
-    """Return what indexing has come to."""
+    """Return the result of indexing as one line."""
     parts = [f"{report.logs} logs: {report.fresh} read, {report.logs - report.fresh} known already"]
     if report.damaged:
         parts.append(f"{report.damaged} of those read are damaged (riot fleet list damaged)")
@@ -89,7 +89,7 @@ def entry_json(entry: LogEntry) -> dict[str, Any]:
 
 
 def answer_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what a test case did on each log, and how often each answer came."""
+    """Return the answer of a test case on each log, and how often each answer occurred."""
     lines = []
     for row in rows:
         share = f" {row['failed']} of {row['trials']}" if row["answer"] == "failed" else ""

@@ -12,17 +12,17 @@ from riot_bus.vocabulary.trial import Scalar
 __all__ = ["columns_of_array", "drawn_elements", "known_elements", "with_column"]
 
 Column = tuple[str, str, Callable[[Elements], Scalar]]
-"""Name, type, and how it is read."""
+"""Name, type, and the function that reads it."""
 
 
 @lru_cache(maxsize=256)
 def columns_of_array(name: str, type_: str, places: tuple[int, ...]) -> tuple[Column, ...]:
-    """Return what rules may say of an array: its largest and smallest element, whether any is odd, single elements.
+    """Return an array's columns for rules: largest and smallest element, whether any is not finite, single elements.
 
     Args:
-        name: With one `[*]`, such as `/scan:ranges[*]`.
+        name: Name with one `[*]`, such as `/scan:ranges[*]`.
         type_: Type of an element.
-        places: Numbers of the elements that are told alone.
+        places: Indices of the elements that get a column of their own.
     """
     topic, colon, path = name.rpartition(":")
 
@@ -40,12 +40,12 @@ def _at(place: int) -> Callable[[Elements], Scalar]:
 
 
 def with_column(elements: Elements, name: str, place: int | None, value: int | float) -> Elements:
-    """Return the elements such that one of their columns has a value, with as few changes as that takes.
+    """Return the elements, changed as little as possible so that one of their columns has a value.
 
     Args:
         elements: The array's elements, at least one.
         name: Name of the column.
-        place: Number of the element if the column is a single one.
+        place: Index of the element if the column is a single one.
         value: A number.
     """
     found = quantity_of(name)
@@ -65,7 +65,7 @@ def _with_quantity(elements: Elements, quantity: Quantity, value: int | float) -
 
 
 def known_elements(base: Elements, other: Elements, values: Sequence[int | float]) -> list[Elements]:
-    """Return arrays that have each known value of an element once: here and there, and everywhere."""
+    """Return arrays with each known value of an element: in one place of either array, and in all places."""
     found: list[Elements] = []
     for number, value in enumerate(values):
         for array in (base, other):
@@ -76,11 +76,11 @@ def known_elements(base: Elements, other: Elements, values: Sequence[int | float
 
 
 def drawn_elements(base: Elements, value: Callable[[], int | float], chance: random.Random) -> Elements:
-    """Draw an array: the base with one, some, all but one or all elements drawn anew, alike or each by itself.
+    """Draw an array: the base with one, some, all but one or all elements drawn anew, equal or independent.
 
     Args:
-        base: At least one element.
-        value: Draws one element.
+        base: Array with at least one element.
+        value: Function that draws one element.
         chance: Source of randomness.
     """
     size, kind = len(base), chance.random()

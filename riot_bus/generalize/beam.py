@@ -25,7 +25,7 @@ MOST_TERMS = 4
 MOST_LITERALS = 4
 GUARD_LITERALS = 4
 ANOTHER_FINITE_BITS = 1.5
-"""Cost of each further variable that is to be finite: people say "all finite" of what belongs together."""
+"""Cost of each further variable that has to be finite: people say "all finite" of variables that belong together."""
 POOL = 12
 
 
@@ -121,10 +121,10 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
 
 
 def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, plain: Learnt) -> Learnt:
-    """Return a rule all of whose terms share literals that hold wherever it fails, such as "all finite", or `plain`.
+    """Return a rule whose terms all share literals that hold for every failure, such as "all finite", or `plain`.
 
-    Term by term such literals are not found: each one costs more than it tells in its term. The guard and the rule
-    within it are chosen by turns.
+    Learning term by term does not find such literals: each one costs more than it gains in its term. The guard and the
+    rule within it are chosen in turns.
 
     Args:
         candidates: The literals to choose from.
@@ -167,7 +167,7 @@ def _says_finite(candidate: Candidate) -> bool:
 
 
 def _guard(masks: Array, bits: Array, finite: Array, wrong: Array) -> tuple[list[int], float]:
-    """Return "all finite" and the literals that exclude the most of what must not be covered, and what they cost."""
+    """Return "all finite" and the literals that exclude the most samples not to be covered, and their cost."""
     chosen = np.flatnonzero(finite).tolist()
     costs = np.where(finite & (np.cumsum(finite) > 1), np.minimum(bits, ANOTHER_FINITE_BITS), bits)
     left = wrong & masks[chosen].all(axis=0)
@@ -205,7 +205,7 @@ def _different(terms: Sequence[_Term], count: int) -> list[_Term]:
 def _improve(
     best: tuple[float, tuple[_Term, ...]], pool: list[_Term], failed: Array
 ) -> tuple[float, tuple[_Term, ...]]:
-    """Drop, add and exchange single terms, from the best rule so far and from the best pair, while that is shorter."""
+    """Drop, add and exchange single terms of the best rule so far, or of the best pair, while it gets shorter."""
     if not pool:
         return best
     masks = np.array([term.mask for term in pool])

@@ -1,7 +1,7 @@
-"""Edges: where the outcome flips when one number leaves a nominal case, and the linear features that they tell.
+"""Edges: where the outcome flips when one number leaves a nominal case, and the linear features that follow from them.
 
-With all other variables nominal, `a * x + b * y + ... > c` flips at a distance from nominal that is the inverse of the
-variable's coefficient: two edges that are known to a part in a thousand give the ratio of two coefficients.
+With all other variables nominal, `a * x + b * y + ... > c` flips at a distance from nominal that is inversely
+proportional to the variable's coefficient: two edges known to a part in a thousand give the ratio of two coefficients.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from riot_bus.vocabulary.trial import Scalar
 __all__ = ["Flip", "edges_of", "linear_features", "middle_of"]
 
 NARROW = 1e-3
-"""An edge is known well enough at this width, as a part of its distance from nominal: coefficients have few digits."""
+"""Sufficient width of an edge, relative to its distance from nominal: coefficients have few digits."""
 
 MOST_DIGITS = 4
-"""Coefficients have at most so many digits; others are chance."""
+"""Maximum number of digits of a coefficient; longer ones are chance."""
 
 _MULTIPLES = range(1, 9)
 
@@ -45,7 +45,7 @@ class Flip:
 
     @property
     def narrow(self) -> bool:
-        """Whether the edge is as narrow as coefficients need it, or as it can be."""
+        """Whether the edge is narrow enough for coefficients, or as narrow as it can be."""
         near, far = (abs(value) for value in self.distances)
         return far - near <= NARROW * far or between(*sorted((self.passing, self.failing))) is None
 
@@ -53,7 +53,7 @@ class Flip:
 def edges_of(
     variables: Sequence[Variable], nominal: Assignment, assignments: Sequence[Assignment], failed: Sequence[bool]
 ) -> list[Flip]:
-    """Return for each variable and side the narrowest edge among trials that differ from a nominal one in it alone."""
+    """Return each variable's narrowest edge on each side, from trials that differ from nominal in it alone."""
     alone: dict[str, list[tuple[int | float, bool]]] = {}
     for assignment, fails in zip(assignments, failed, strict=True):
         other = [name for name, value in assignment.items() if not same_scalar(value, nominal[name])]
@@ -78,7 +78,7 @@ def edges_of(
 
 
 def middle_of(edge: Flip, type_: str) -> Scalar | None:
-    """Return a value between both of an edge; None when there is none."""
+    """Return a value between the two values of an edge; None when there is none."""
     low, high = sorted((edge.passing, edge.failing))
     middle = between(low, high)
     return None if middle is None else fit(middle, type_)
@@ -133,9 +133,9 @@ def _digits(weight: int | float) -> int:
 
 
 def _ordered(weights: Mapping[str, int | float]) -> Feature | None:
-    """Return the feature as people write it: what is added first, the largest coefficient first."""
+    """Return the feature as people write it: added parts first, larger coefficients first."""
     if all(abs(weight) == 1 for weight in weights.values()) and len(weights) == 2:
-        return None  # sums and differences are there anyway
+        return None  # sums and differences are features anyway
     plus = sum(weight > 0 for weight in weights.values())
     turn = -1 if 2 * plus < len(weights) else 1
     names = sorted(weights, key=lambda name: (turn * weights[name] < 0, -abs(weights[name])))

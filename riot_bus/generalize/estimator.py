@@ -1,4 +1,4 @@
-"""The learner of rules as an estimator of scikit-learn: rules from a table that exists, without asking for trials."""
+"""The rule learner as a scikit-learn estimator: rules from an existing table, without asking for trials."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ __all__ = ["RuleClassifier"]
 
 
 class RuleClassifier:
-    """Learns the shortest rule that tells the second of two classes from the first, such as failures.
+    """Classifier that learns the shortest rule for the second of two classes, such as failures.
 
-    It needs scikit-learn when it is fitted, and not to be imported.
+    scikit-learn is needed to fit it, not to import it.
 
     Args:
-        most_samples: So many samples are learnt from at most, evenly thinned out: the search takes a second for 500.
+        most_samples: Maximum number of samples to learn from, evenly thinned out: 500 take the search a second.
 
     Attributes:
         rule_: The rule (`riot_bus.generalize.rule.Rule`): `rule_.text()`, `rule_.to_json()`.
         classes_: The two classes; the rule holds for the second one.
         scale_: Spread of each column, the unit of the distance.
         n_features_in_: Number of columns.
-        feature_names_in_: Their names, if X had any; else they are called x0, x1, ...
+        feature_names_in_: Names of the columns, if X had any; else they are called x0, x1, ...
     """
 
     _estimator_type = "classifier"
@@ -91,7 +91,7 @@ class RuleClassifier:
         return -self.rule_.distance(columns, self.scale_)
 
     def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:  # noqa: N803
-        """Return the share of the samples of which the rule tells the class."""
+        """Return the share of the samples whose class the rule predicts correctly."""
         return float(_sklearn("metrics").accuracy_score(y, self.predict(X), sample_weight=sample_weight))
 
     def _columns(self, X: Any) -> dict[str, Array]:  # noqa: N803
@@ -108,7 +108,7 @@ class RuleClassifier:
         """Set arguments.
 
         Raises:
-            ValueError: There is none of that name.
+            ValueError: There is no argument of that name.
         """
         for name, value in params.items():
             if name not in self.get_params():
@@ -139,7 +139,7 @@ def _sklearn(module: str) -> Any:
 
 
 def _numbers(table: Any) -> Any:
-    """Return a table of numbers: what is of another kind, such as objects, as floats."""
+    """Return a table of numbers; other kinds, such as objects, are converted to floats."""
     return table if table.dtype.kind in "biuf" else table.astype(np.float64)
 
 

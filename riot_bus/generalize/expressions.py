@@ -40,10 +40,10 @@ OPERATORS: Final = frozenset(
     {"add", "sub", "mul", "div", "mod", "and", "abs", "hypot", "max", "min", "signed", "isnan", "isfinite", "not"}
     | TEXTS
 )
-"""What an `Applied` may apply. Numbers are exact: integers of any size, floats of 64 bits.
+"""Operators of an `Applied`. Numbers are exact: integers of any size, floats of 64 bits.
 
-`mod` of a negative number is not negative; `signed` is what a signed integer of so many bits holds; `bytes` is the
-length of a text in UTF-8; flags are 0 and 1.
+`mod` of a negative number is not negative; `signed` is the value as held by a signed integer of the given number of
+bits; `bytes` is the length of a text in UTF-8; flags are 0 and 1.
 """
 
 _INFIX: Final = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2), "mod": ("%", 2)}
@@ -90,7 +90,7 @@ def evaluate(node: Node, column: Callable[[str], Array]) -> Array | None:
         return numeric(np.asarray(column(node.name)))
     if isinstance(node, int | float):
         return np.array(node, dtype=object if isinstance(node, int) and not -(2**63) <= node < 2**63 else None)
-    assert isinstance(node, Applied)  # a constant text is an argument of operators on texts alone
+    assert isinstance(node, Applied)  # only operators on texts have constant texts as arguments
     if node.operator in TEXTS:
         subject, *constants = node.args
         assert isinstance(subject, Name)
@@ -170,7 +170,7 @@ def _of_texts(operator: str, column: Array, constants: list[Node]) -> Array | No
 
 
 def of_text(operator: str, value: object, constants: Sequence[Node]) -> int | None:
-    """Return what an operator on texts makes of a value; None where the value is no text, or of the other kind."""
+    """Return the result of a text operator for a value; None if it is not a text, or of the other kind of text."""
     if not isinstance(value, str | bytes) or (constants and not isinstance(constants[0], type(value))):
         return None
     if operator == "len":
@@ -194,7 +194,7 @@ def text(node: Node) -> str:
 
 
 def _write(node: Node) -> tuple[str, int]:
-    """Return the text of a node and how tightly its parts belong together."""
+    """Return the text of a node and its precedence."""
     if isinstance(node, Name):
         quantity = quantity_of(node.name)
         return (f"{quantity.kind}({quantity.topic}{quantity.path})" if quantity else node.name), _ATOM

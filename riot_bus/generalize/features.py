@@ -1,4 +1,4 @@
-"""Derived features: the quantities that the literals of a rule compare (facts: rules need x * y, not boxes)."""
+"""Derived features: the quantities that the literals of a rule compare (rules need x * y, not boxes)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _wrapped(operator: str, bits: int, *, signed: bool) -> Callable[[list[Node],
 
 
 def _weighted(args: list[Node], constant: tuple[int | float, ...]) -> Node:
-    """Return the sum of what has a positive coefficient, less the sum of what has a negative one."""
+    """Return the sum of the parts with positive coefficients, minus the sum of those with negative ones."""
     sides: list[Node | None] = [None, None]
     for arg, weight in zip(args, constant, strict=True):
         part = arg if abs(weight) == 1 else Applied("mul", (abs(weight), arg))
@@ -94,7 +94,7 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     "prefix": Kind(1, 3.0, lambda args, constant: Applied("startswith", (args[0], constant)), (str, bytes)),
     "contains": Kind(1, 4.0, lambda args, constant: Applied("contains", (args[0], constant)), (str, bytes)),
 }
-"""What a feature may be. Quantities of one or two variables, or three, as numbers; quantities of texts; flags."""
+"""Kinds of features: numeric quantities of one to four variables, quantities of texts, and flags."""
 
 FLAGS: Final = frozenset({"nan", "nonfinite", "ascii", "printable", "digits", "utf8", "prefix", "contains"})
 """Kinds whose values are booleans."""
@@ -168,11 +168,11 @@ class Feature:
 
     @property
     def expression(self) -> Node:
-        """The feature as a tree of operators, variables and constants, for who renders it."""
+        """The feature as a tree of operators, variables and constants, for rendering."""
         return _expression(self)
 
     def text(self) -> str:
-        """Return it as people write it."""
+        """Return the feature as people write it."""
         return text(self.expression)
 
     def column(self, columns: Mapping[str, Array], index: int = 0) -> Array:
@@ -213,7 +213,9 @@ _MOST_WITH_TRIPLES = 6
 
 
 def features_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return the features worth trying for variables of these types, cheapest first; those with constants are not.
+    """Return the features worth trying for variables of these types, cheapest first.
+
+    Of those with constants, only sums and differences of three are included.
 
     Args:
         types: Name and type (bool, int8 .. uint64, float32, float64, string, bytes) of each variable.
@@ -251,7 +253,7 @@ _MOST_WITH_CASTS = 4
 
 
 def casts_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return integers, and sums, differences and products of two, as smaller integers hold them.
+    """Return features of integers, and of sums, differences and products of two, cast to smaller integers.
 
     Args:
         types: Name and type of each variable.
@@ -278,6 +280,6 @@ def _wraps(left: str, right: str) -> list[str]:
     kinds = [f"signed{size}", f"signedsub{size}", f"signedmul{size}"]
     if left.startswith("uint"):
         kinds += [f"wrap{size}", f"wrapsub{size}", f"wrapmul{size}"]
-    elif size == "64":  # what formats without sizes of integers call all of them
+    elif size == "64":  # the type of all integers in formats without integer sizes
         kinds += ["signed32", "signedmul32", "wrap32", "wrapsub32"]
     return kinds

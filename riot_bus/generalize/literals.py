@@ -21,7 +21,7 @@ from riot_bus.vocabulary.trial import Scalar
 __all__ = ["FAR", "OPERATORS", "Literal"]
 
 FAR = 1e18
-"""The distance where there is none (NaN, other types) and the bound of all distances."""
+"""Distance of values that have none (NaN, other types), and the upper bound of all distances."""
 
 NEAR = 1e-300
 """Distance of a point on the boundary itself: keeps "negative inside, positive outside" exact."""
@@ -29,13 +29,13 @@ NEAR = 1e-300
 OPERATORS = ("<", "<=", ">", ">=", "==", "!=", "is", "not", "in", "not in")
 
 LARGEST_SET = 16
-"""A set has at most so many members."""
+"""Maximum number of members of a set."""
 
 _SHOWN = 48
 """Texts longer than this are not shown whole."""
 
 _BEYOND = {"max": ">", "min": "<"}
-"""So a comparison is met by the largest, or smallest, element if it is by any; the other way round if it is by all."""
+"""Comparison that the largest, or smallest, element meets if any element does; the opposite one means all elements."""
 
 _ODD = {"isnan": "NaN", "nonfinite": "not finite"}
 
@@ -82,7 +82,7 @@ class Literal:
             raise ConfigError(f"{self.feature.text()!r} cannot be compared with {self.value!r}")
 
     def text(self) -> str:
-        """Return it as people write it: `i >= w` rather than `i - w >= 0`."""
+        """Return the literal as people write it: `i >= w` rather than `i - w >= 0`."""
         if self.operator in ("is", "not"):
             return self.feature.text() if self.operator == "is" else _opposite(self.feature)
         order = order_of(self.feature.args[0]) if isinstance(self.value, bool) else None
@@ -98,7 +98,7 @@ class Literal:
         return f"{self.feature.text()} {self.operator} {_shown(self.value)}"
 
     def _of_elements(self, quantity: Quantity) -> str:
-        """Return what is said of the largest, smallest or odd ones as what is said of any or all of the elements."""
+        """Return a statement about the largest, smallest or odd elements as one about any or all elements."""
         elements = f"({quantity.topic}{quantity.path})"
         if isinstance(self.value, bool):
             word = "any" if self.value == (self.operator == "==") else "none"
@@ -158,7 +158,7 @@ class Literal:
 
 
 def _opposite(feature: Feature) -> str:
-    """Return the text of what a flag is not, without saying "not" twice."""
+    """Return the text of a negated flag, without a double "not"."""
     node = feature.expression
     return text(node.args[0]) if isinstance(node, Applied) and node.operator == "not" else f"not {feature.text()}"
 

@@ -13,7 +13,7 @@ from riot_bus.generalize.features import Array, Feature
 __all__ = ["WRAPS", "boundary_distance"]
 
 WRAPS = re.compile("(wrap|signed|cast)(sub|mul)?(?=[0-9])")
-"""The begin of the kinds of what wraps around; the number of bits follows."""
+"""Beginning of the kinds of features that wrap around; the number of bits follows."""
 
 
 def boundary_distance(

@@ -1,9 +1,9 @@
 """Minimisation: the few messages of a failing log that are needed for the failure (RIOT II-B a).
 
-Weighted search for the shortest failing prefix: it ends with a needed message. Keep that one, cut what comes behind,
-repeat with the kept ones in front until they alone fail. About log2(n) trials per needed message, where delta debugging
-takes two to three times as many. Answers may be wrong: each search goes on until its result is likely enough, and what
-was cut wrongly is found missing, and searched for again.
+A weighted search finds the shortest failing prefix, which ends with a needed message. Keep that one, cut what follows
+it, and repeat with the kept ones in front until they alone fail. This takes about log2(n) trials per needed message;
+delta debugging takes two to three times as many. Answers may be wrong: each search continues until its result is likely
+enough, and a message that was cut wrongly is found to be missing and searched for again.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from riot_bus.vocabulary.trial import Ask, Progress
 __all__ = ["CONFIDENCE", "Minimal", "minimize"]
 
 SAME_GROUP = 8.0
-"""How much likelier a message is needed when another one of its group (topic) is."""
+"""Factor by which a message is likelier to be needed when another one of its group (topic) is."""
 
 BUDGET = 2000
 """Trials at most: enough for three needed of 5,000 failing three times in ten (about 400), or 150 that always do."""
 
 CONFIDENCE = 0.95
-"""Of all that is claimed about the result together."""
+"""Confidence in all claims about the result together."""
 
 _DOUBT = 0.03
 """What ends the trials of the result and of each message's need together, less than what may be claimed: rates of 0.9
@@ -38,7 +38,7 @@ _FAILS = 0.98
 """Prior that the whole log fails: fresh trials of it have confirmed the finding."""
 
 _SURE = 0.95
-"""Of one search: the check at the end finds what is wrong."""
+"""Confidence that ends one search; the check at the end finds mistakes."""
 
 _UNNEEDED = 0.1
 """Prior that a message which a search has found is not needed after all, or that those found are not enough."""
@@ -59,12 +59,12 @@ class Minimal:
 
     Attributes:
         kept: Indices into the log, ascending.
-        trials: All that were asked.
-        one_minimal: Whether it was shown that `kept` triggers the failure, and without any one of it nothing does.
-        confidence: How sure that is at least; 0 if it was not shown.
-        failed: How many of how many trials of `kept` failed.
-        without: Likewise for each of `kept`, when it alone is left out.
-        noise: What is known of the rates of failure by now.
+        trials: Number of trials asked.
+        one_minimal: Whether it was shown that `kept` triggers the failure, and does not without any one message.
+        confidence: Lower bound of the confidence in that; 0 if it was not shown.
+        failed: Failing trials of `kept`, and trials in total.
+        without: The same for each message of `kept`, when it alone is left out.
+        noise: What is known about the failure rates by now.
     """
 
     kept: tuple[int, ...]
@@ -105,11 +105,11 @@ def minimize(
         groups: Topic of each message; needed messages often share one.
         causes: Messages of which at least one has to be kept; parts without any have another cause, and are not asked.
         likely: Whether the whole log is probably minimal: then that is checked before anything is searched.
-        noise: What is known of the rates of failure.
-        budget: Most trials. Where they end, the best so far is the result, and is said to be not proven.
+        noise: What is known about the failure rates.
+        budget: Maximum number of trials; once they are spent, the best so far is the result, marked as not proven.
         parallelism: Questions worth asking in one batch.
-        progress: Told after every batch.
-        better: Told of each smaller part that was found to fail, which is not proven to be minimal yet.
+        progress: Called after every batch.
+        better: Called with each smaller part that was found to fail, which is not proven to be minimal yet.
 
     Returns:
         The kept messages. `one_minimal` says whether they were shown to be minimal.
@@ -175,10 +175,10 @@ class _Search:
         return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing, least=least)[0] > 0.5
 
     def _minimal(self, kept: tuple[int, ...]) -> tuple[int, ...]:
-        """Search, and check what was found; what the check refutes is mended, and checked again.
+        """Search, and check the result; a refuted result is repaired and checked again.
 
         Args:
-            kept: What to begin with: nothing, or what is probably minimal.
+            kept: Messages to begin with: none, or a set that is probably minimal.
         """
         if kept:
             self._check_whole()
@@ -197,9 +197,9 @@ class _Search:
             kept = self._search(kept)
 
     def _sure(self, kept: tuple[int, ...]) -> bool:
-        """Return whether what was found fails, as if nothing was known of it but its trials.
+        """Return whether the set that was found fails, judged by its trials alone.
 
-        Seen twice: that a failure without its cause ends the search is the likeliest mistake.
+        This takes at least two trials: the likeliest mistake is that a failure without its cause ended the search.
         """
         doing = "making sure of what was found"
         return self.trials.triggers([kept], prior=0.5, doubt=_WRONG / 2, doing=doing, least=2)[0] > 0.5
@@ -210,10 +210,10 @@ class _Search:
         """Return a part of a failing set without one message that is not needed, or the set if all are needed.
 
         Args:
-            kept: The set.
-            prior: Of a message not being needed. The search has chosen the set for answers that may be chance, so at
-                last what was likely before does not count.
-            doubt: What ends the trials of all of them together, with those of the set.
+            kept: The set that fails.
+            prior: Prior that a message is not needed. The search chose the set by answers that may be chance, so in
+                the last check prior knowledge does not count.
+            doubt: Doubt that ends the trials of all parts together with those of the set.
         """
         questions = [part for part in self._parts(kept) if self._may(part, ())]
         doing = "checking that every kept message is needed"
@@ -224,11 +224,11 @@ class _Search:
 
     @staticmethod
     def _parts(kept: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Return all but one of some messages, in turns."""
+        """Return the parts that lack one message each."""
         return [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
 
     def _search(self, start: tuple[int, ...]) -> tuple[int, ...]:
-        """Return a set that fails, likely: the start and what repeated search for the shortest failing prefix finds."""
+        """Return a set that probably fails: the start and what searches for the shortest failing prefix find."""
         kept = list(start)
         prior, order = list(self.prior), self._order(kept, self.prior)
         cut = 0.0

@@ -1,4 +1,4 @@
-"""What stands between a search and a batch oracle: fresh trials, and decisions from all of them."""
+"""Layer between a search and a batch oracle: fresh trials, and decisions from all of them."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ def assignment_key(assignment: Mapping[str, Setting]) -> Hashable:
 
 
 class BudgetSpentError(Exception):
-    """The trials that a search may take are spent; caught by the search, which tells what it has."""
+    """The budget of trials is spent; the search catches this and returns what it has found."""
 
 
 class Trials(Generic[QuestionT]):
-    """Asks a question by a fresh trial each time, decides from all answers, and learns how reliable they are.
+    """Trials of a search: asks each time by a fresh trial, decides from all answers, and learns their reliability.
 
     Args:
         ask: The batch oracle.
-        key: What makes two questions the same.
-        noise: What is known of the rate of failures and of false ones.
-        budget: Most trials.
+        key: Function whose result is equal for questions that are the same.
+        noise: What is known about the rates of failures and of false ones.
+        budget: Maximum number of trials.
         parallelism: Questions worth asking in one batch.
-        progress: Told after every batch.
+        progress: Called after every batch.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Trials(Generic[QuestionT]):
             rises: Whether inputs trigger the failure from the flip on.
             sure: Probability that ends the search.
             doing: What is going on, for `progress`.
-            told: Positions with what `ask` has answered for them, whether they failed.
+            told: Positions that `ask` has already answered, with whether they failed.
 
         Raises:
             BudgetSpentError: There are no trials left for it.
@@ -120,12 +120,12 @@ class Trials(Generic[QuestionT]):
         """Return for each question the probability that it triggers the failure.
 
         Args:
-            questions: Different ones.
-            prior: Of each, before any trial of it; one for all, or one for each.
+            questions: Questions that differ from each other.
+            prior: Probability before any trial; one for all questions, or one for each.
             doubt: A probability below this, or above one minus this, decides.
             doing: What is going on, for `progress`.
-            least: Trials of each question at least, earlier ones of it counted.
-            first: Whether the first that is found to trigger the failure ends it; later ones may then be open.
+            least: Minimum number of trials of each question, including earlier ones.
+            first: Whether to stop at the first question found to trigger the failure; later ones may stay undecided.
 
         Raises:
             BudgetSpentError: There are no trials left for it.
@@ -159,11 +159,11 @@ class Trials(Generic[QuestionT]):
     ) -> list[bool]:
         """Return for each question whether it triggers the failure; equal ones are decided together.
 
-        How many of them do is not known, so their trials tell nothing of the rates.
+        It is not known how many of them do, so their trials say nothing about the rates.
 
         Args:
-            questions: Any.
-            doubt: Probability of an answer being wrong at most.
+            questions: Questions, of which some may be equal.
+            doubt: Maximum probability that an answer is wrong.
             doing: What is going on, for `progress`.
             priors: How likely each one is to trigger it before any trial; None if nothing is known.
 
@@ -187,7 +187,7 @@ class Trials(Generic[QuestionT]):
         return min(self.parallelism, left)
 
     def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
-        """Return whether one fresh trial of each of the first questions failed, of as many as are worth asking at once.
+        """Return whether one fresh trial of each question failed, for the first ones that fit in one batch.
 
         Raises:
             BudgetSpentError: There are no trials left for it.

@@ -28,10 +28,10 @@ LONGEST_TEXT = 1 << 16
 
 
 def widen(table: Table, learnt: Learnt) -> Learnt:
-    """Return the rule with each threshold's interval between the samples that this literal alone decides about.
+    """Return the rule with the interval of each threshold set by the samples that its literal alone decides.
 
     The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold), and
-    samples may lie within one that was found where another literal holds. A limit that terms share stays one.
+    samples may lie within an interval that was found where another literal holds. A limit that terms share stays one.
     """
     columns = columns_of(table.variables, table.assignments)
     failed = np.array(table.failed, dtype=bool)
@@ -40,9 +40,9 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
 
 
 def narrowed(table: Table, learnt: Learnt) -> Learnt | None:
-    """Return the rule with its thresholds where all trials put them; None if trials contradict it.
+    """Return the rule with its thresholds adjusted to all trials; None if trials contradict it.
 
-    It costs a small part of learning the rule again, and most trials of a rule that is nearly right do not contradict.
+    This costs a fraction of learning the rule again, and most trials of a nearly right rule do not contradict it.
     """
     columns = columns_of(table.variables, table.assignments)
     failed = np.array(table.failed, dtype=bool)
@@ -54,7 +54,7 @@ _Holds = Callable[[Candidate, Mapping[str, Array]], Array]
 
 
 def _between(learnt: Learnt, columns: Mapping[str, Array], failed: Array, holds: _Holds) -> Learnt:
-    """Return the rule with intervals from failing samples, for which a literal `holds`, to others that pass by it."""
+    """Return the rule with intervals from failing samples, where a literal `holds`, to those that pass due to it."""
     terms = [list(term) for term in learnt.terms]
     bits = learnt.bits
     nowhere = np.zeros(len(failed), dtype=bool)
@@ -100,9 +100,9 @@ def _maybe(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
-    """Return the terms without literals that decide about no sample, longest first, and x for abs(x) where it does.
+    """Return the terms without literals that decide no sample, longest first, and x for abs(x) if that suffices.
 
-    A literal of all terms stays in all if it decides in one: it is said once.
+    A literal of all terms stays in all of them if it decides in one: it is written once.
     """
     held: dict[Candidate, Array] = {one: concrete(one).holds(columns) for term in terms for one in term}
     for term in terms:
@@ -205,7 +205,7 @@ def _scale(value: Number) -> float:
 
 
 def without(learnt: Learnt, place: tuple[int, int]) -> Rule:
-    """Return where this literal alone decides: the rest of its term holds. Other terms are checked by the caller."""
+    """Return the rest of a literal's term: where it holds, the literal decides. Callers check other terms."""
     term = learnt.terms[place[0]]
     return Rule((tuple(concrete(other) for index, other in enumerate(term) if index != place[1]),))
 
@@ -233,7 +233,7 @@ def _solutions(
 def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.Random) -> list[Assignment]:
     """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term.
 
-    Passing ones come first: what fails may fail by another term, whose limits are not exact yet.
+    Passing ones come first: a failing one may fail because of another term whose limits are not exact yet.
     """
     candidate = learnt.terms[place[0]][place[1]]
     values = table.values(candidate.feature)

@@ -1,8 +1,8 @@
 """Relevant fields: those whose value decides about the failure, each with a certificate (RIOT II-B b, after HPSL).
 
-Replace all fields not known to be relevant at once by one random draw. Where that changes the outcome, bisect the list
-of replaced fields down to two neighbouring trials that differ in one field and in the outcome: its certificate. Answers
-may be wrong: that nothing has changed is a hypothesis like any other, and a search goes on until one is likely enough.
+Replace all fields not known to be relevant at once by one random draw. If that changes the outcome, bisect the list of
+replaced fields down to two neighbouring trials that differ in one field and in the outcome: the field's certificate.
+Answers may be wrong: "nothing has changed" is one of the hypotheses, and a search ends when one is likely enough.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STRAIGHT = 60
 """Draws in a row without effect: with 95 % confidence all other fields change at most ln(20) / 60 = 5 % of outcomes."""
 
 PASSING_STRAIGHT = 12
-"""Likewise around a passing assignment, which only looks for further fields: nothing is claimed from it."""
+"""The same around a passing assignment; that stage only looks for further fields, and no claim rests on it."""
 
 BUDGET = 1000
 """Trials at most: enough for three of 5,000 fields, failing three times in ten (about 500)."""
@@ -36,7 +36,7 @@ _FAILS = 0.98
 """Prior that the failing log fails: it was minimised."""
 
 _SURE = 0.98
-"""Of one search."""
+"""Confidence that ends one search."""
 
 _DOUBTED = 0.02
 """Probability that one side of a certificate is wrong, above which it is asked again."""
@@ -45,13 +45,13 @@ _START = 0.01
 """Prior that the start of a search is not what it was found to be."""
 
 _UNCONFIRMED = 0.2
-"""Prior that a certificate does not hold: more than searches leave, since they know least of the rates at first."""
+"""Prior that a certificate does not hold: more doubt than searches leave, since at first they know little of rates."""
 
 _LEAST = 1e-3
 """Prior of all fields without weight together."""
 
 ALTERNATIVE_CAUSES = 8
-"""So many fields at most are taken in because they break a passing trial (a unit may crash on any field)."""
+"""Maximum number of fields included because they break a passing trial (a unit may crash on any field)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ class FieldSpace:
     """One field and the values it may take.
 
     `failing` is its value in the failing log, `nominal` the one before the injection (None when not injected), `draws`
-    are replacements (dictionary and observed values), `prior` the weight to be relevant beside others of its kind,
-    `observed` those that the field had in nominal logs.
+    are replacements (dictionary and observed values), `prior` is its weight for being relevant among fields of its
+    kind, `observed` are its values in nominal logs.
     """
 
     name: str
@@ -102,8 +102,8 @@ class Relevance:
     """All relevant fields in the order found.
 
     With 95 % confidence a random draw of all other fields changes the outcome with probability at most `bound`
-    (ln(1/0.05) / `straight`, from `straight` draws in a row without a change). `complete` says that the search has
-    ended by itself, not since its trials were spent.
+    (ln(1/0.05) / `straight`, from `straight` draws in a row without a change). `complete` says that the search
+    ended by itself, not because its trials were spent.
     """
 
     fields: tuple[RelevantField, ...]
@@ -136,13 +136,13 @@ def relevant_fields(
         fields: All fields of the minimal log, with distinct names.
         ask: Each question assigns a value to every field, and is each time a fresh trial; True = failed with the same
             signature.
-        seed: Decides all draws.
+        seed: Seed of all random draws.
         straight: Draws in a row without effect that end the search.
-        passing_straight: Likewise around a passing assignment; 0 leaves that stage out.
-        noise: What is known of the rates of failure.
-        budget: Most trials. Where they end, the fields found so far are the result.
+        passing_straight: The same around a passing assignment; 0 skips that stage.
+        noise: What is known about the failure rates.
+        budget: Maximum number of trials; once they are spent, the fields found so far are the result.
         parallelism: Questions worth asking in one batch.
-        progress: Told after every batch.
+        progress: Called after every batch.
 
     Raises:
         InconclusiveError: If the failing assignment does not fail.
@@ -233,7 +233,7 @@ class _Search:
                 return
 
     def drop_unconfirmed(self) -> list[str]:
-        """Ask certificates again that the rates known by now leave in doubt; drop and return those that do not hold."""
+        """Ask again for certificates in doubt at the rates known by now; drop and return those that do not hold."""
         dropped = []
         for name, field in list(self.found.items()):
             sides, doing = (field.certificate.failing, field.certificate.passing), "confirming certificates"
@@ -265,8 +265,8 @@ class _Search:
         """Find one field between two assignments whose outcomes differ; None if they do not.
 
         Args:
-            start: Its outcome is known.
-            end: One trial of it was answered.
+            start: Assignment whose outcome is known.
+            end: Assignment with one answered trial.
             failing: Whether `start` triggers the failure.
             answer: Whether the trial of `end` failed.
             unchanged: Prior that the outcomes do not differ.
@@ -296,7 +296,7 @@ class _Search:
         return name
 
     def _disown(self, start: dict[str, Scalar], *, failing: bool) -> None:
-        """Mend what has led to a start of the wrong outcome: nominal values that heal after all, or a certificate."""
+        """Undo what led to a start with the wrong outcome: nominal values that do heal, or a certificate."""
         if failing:
             self.failing = {field.name: field.failing for field in self.fields.values()}
             self.heal()
@@ -317,7 +317,7 @@ class _Search:
         return {name: base[name] if name in self.found else self._deal(name) for name in self.fields}
 
     def _deal(self, name: str) -> Scalar:
-        """Return the field's next replacement value: all come once before one comes again."""
+        """Return the field's next replacement value: all are used once before any is repeated."""
         deck = self.decks[name]
         if not deck:
             field = self.fields[name]

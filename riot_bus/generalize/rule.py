@@ -56,7 +56,7 @@ class Rule:
     def distance(self, columns: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
         """Return how far each row is from the predicted failure: negative inside, never NaN, at most 1e18 in size.
 
-        The largest over the literals of a term, the smallest over the terms; an objective for an optimiser.
+        It is the largest over the literals of a term and the smallest over the terms: an objective for an optimiser.
 
         Args:
             columns: One array of equal length per variable.
@@ -74,7 +74,7 @@ class Rule:
         return result
 
     def text(self) -> str:
-        """Return the rule in one line, such as `x * y < 0 or x * y > 4194304`; what all terms need is said once."""
+        """Return the rule in one line, such as `x * y < 0 or x * y > 4194304`; shared literals appear once."""
         if len(self.terms) < 2:
             return _all_of(self.terms[0]) if self.terms else "never"
         shared = tuple(each for each in self.terms[0] if all(each in term for term in self.terms))

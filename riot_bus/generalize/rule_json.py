@@ -1,4 +1,4 @@
-"""The JSON form of rules. What is read here may come from strangers: everything is checked, nothing is evaluated."""
+"""The JSON form of rules. The input may be untrusted: everything is checked, nothing is evaluated."""
 
 from __future__ import annotations
 

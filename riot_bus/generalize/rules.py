@@ -35,25 +35,25 @@ SURFACES = 60
 CONDITIONS = 3
 VALIDATIONS = 3
 MORE = 2
-"""After a validation that shows mistakes the budget grows by one part of so many."""
+"""After a validation that shows mistakes, the budget grows by the initial one divided by this."""
 DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
 ALTERNATIVE_BITS = 6.0
 """A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
 MOST_PLAIN_TERMS = 2
-"""A rule of more terms may stand for a cast, which is a comparison that comes back again and again."""
+"""A rule of more terms may stand for a cast, whose comparisons hold periodically."""
 GUESSED = ("explore",)
-"""Phases whose answers the rule may expect: not those where rules disagree or a limit lies, nor those that judge it."""
+"""Phases whose answers the rule may predict: not those where rules disagree or at limits, nor those that judge it."""
 FAILS = 0.98
 """Prior that the failing values fail: the log was minimised with them."""
 REVISED = 8
-"""So many samples that a rule gets wrong are asked again at once; where it gets more wrong, it is the rule."""
+"""Maximum number of samples that a rule gets wrong and that are asked again at once; with more, the rule is wrong."""
 MOST_REVISIONS = 40
-"""What is asked again for the forty-first time is not told apart by more trials."""
+"""Maximum number of revisions; more trials would not resolve what is still in doubt."""
 DOUBT = 0.06
-"""A rule is never trusted more than to be wrong in one of sixteen new questions: that takes a few trials of each."""
+"""A rule is always expected to be wrong in at least one of sixteen new questions, so each takes a few trials."""
 CASTS_AFTER = 0.3
-"""Casts are sought after this part of the budget: there are enough failing trials by then to tell that many terms."""
+"""Casts are sought after this share of the budget: by then enough trials have failed to distinguish so many terms."""
 LINES_AFTER = 0.4
 """Edges are sought after this part of the budget: rules without coefficients are found by then."""
 
@@ -76,7 +76,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another rule that explains all trials as well, and a case of which they say different things."""
+    """Another rule that explains all trials equally well, and a case on which the two disagree."""
 
     rule: Rule
     decided_by: Mapping[str, Scalar]
@@ -88,16 +88,15 @@ class LearnedRule:
 
     Attributes:
         rule: The rule.
-        precision: Of the predicted failures, how many fail, on the distribution that `validation` states.
-        recall: Of the failures, how many are predicted, on that distribution.
-        balanced_accuracy: Mean of recall and of the share of passing cases that are told; None if no fresh trial
+        precision: Share of the predicted failures that fail, on the distribution stated in `validation`.
+        recall: Share of the failures that are predicted, on that distribution.
+        balanced_accuracy: Mean of recall and of the share of passing cases that are predicted; None if no fresh trial
             failed, or none passed.
-        checks: Fresh trials behind these numbers.
+        checks: Number of fresh trials behind these rates.
         samples: All trials, each with its values and whether it failed.
-        trials: Their number.
-        alternatives: At most two rules that the trials do not tell from this one.
-        varied_mistakes: Of the fresh trials with other values of variables outside of the rule, those that it gets
-            wrong.
+        trials: Number of trials.
+        alternatives: At most two rules that the trials do not distinguish from this one.
+        varied_mistakes: Number of fresh trials with other values of variables outside of the rule that it gets wrong.
         varied_checks: Number of such trials.
     """
 
@@ -139,7 +138,7 @@ def learn_rule(
             counterexamples adds half of the budget, for learning from them.
         parallelism: Questions worth asking in one batch.
         context: Variables that should not matter. Every third fresh trial also gives them other nominal values.
-        progress: Told after every batch.
+        progress: Called after every batch.
 
     Raises:
         InconclusiveError: If the failing values do not fail.
@@ -165,7 +164,7 @@ def learn_rule(
             if checked and search.revise(search.best):
                 checked = search.samples[-len(checked) :]
             if not search.mistakes([sample for sample in checked if sample.phase != "context"]):
-                break  # what the context does, more trials of these variables cannot teach
+                break  # more trials of these variables cannot show what the context does
             search.budget += budget // MORE
         return search.result(checked)
 
@@ -181,7 +180,7 @@ def _one_thread() -> AbstractContextManager[object]:
 
 
 def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
-    """Return the simplest rule for the trials so far, and the literals that it was chosen from with where they hold."""
+    """Return the simplest rule for the trials so far, the literals it was chosen from, and where these hold."""
     failed = np.array(table.failed, dtype=bool)
     candidates, masks = table.candidates()
     best = learn(candidates, masks, failed)
@@ -270,7 +269,7 @@ class _Search:
         return asked
 
     def revise(self, learnt: Learnt) -> bool:
-        """Ask again what a rule gets wrong, where answers may be wrong; return whether one is another now."""
+        """Ask again what a rule gets wrong, if answers may be wrong; return whether any answer has changed."""
         if self._expecting is None or not learnt.terms or self.revisions >= MOST_REVISIONS:
             return False
         self.revisions += 1
@@ -287,7 +286,7 @@ class _Search:
         return bool(changed)
 
     def _guesses(self, questions: Sequence[Assignment], phase: str) -> list[float]:
-        """Return how likely questions are to fail, as far as the rule says so and has been right about its like."""
+        """Return how likely questions are to fail, by the rule and by how often it has been right before."""
         if not self._asked:
             return [FAILS]
         if phase not in GUESSED or not self.rule.terms:
@@ -441,7 +440,7 @@ class _Search:
         return [pool[index] for index in order[:count].tolist() if doubt[index] > 0.01]
 
     def _thresholds(self, best: Learnt) -> list[Assignment]:
-        """Return one narrowing trial per threshold of the best rule; one that terms share is one."""
+        """Return one narrowing trial per threshold of the best rule; one that terms share counts once."""
         found = []
         shared: set[Candidate] = set()
         for row, term in enumerate(best.terms):
@@ -511,7 +510,7 @@ class _Search:
     # -- validation -----------------------------------------------------------------------------------------------
 
     def validate(self, count: int, context: Sequence[Variable]) -> list[Sample]:
-        """Ask fresh cases of the distribution that `validation` states, half inside the rule where they can be had."""
+        """Ask fresh cases of the distribution stated in `validation`, half of them inside the rule if possible."""
         near = near_limits(self.table, self.best, self.sampler, self.random, 10 * count)
         drawn = [self.sampler.assignment(self.random) for _ in range(len(near) or 10 * count)]
         pool = [one for one in (*near, *drawn) if not self._known(one)]
@@ -532,7 +531,7 @@ class _Search:
         return [*self.ask(plain, "validate"), *self.ask(others, "context")]
 
     def _validate_known(self, count: int, context: Sequence[Variable]) -> list[Sample]:
-        """Ask known cases with other values of what is not to matter, where few values can be had, as of an order."""
+        """Ask known cases with other values of the context, if variables have few values, as an order does."""
         cases: dict[object, Assignment] = {}
         for turn in range(count):
             one = self.table.assignments[turn % len(self.table.assignments)]

@@ -1,4 +1,4 @@
-"""Where the values of trials come from: nominal range, dictionary, log-uniform over the type, and known samples."""
+"""Sources of the values of trials: nominal range, dictionary, log-uniform over the type, and known samples."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TYPES = (
 """The types a variable may have."""
 
 _OBSERVED = 200
-"""So many elements of nominal arrays are kept, evenly thinned out."""
+"""Elements of nominal arrays are evenly thinned out to about this number, at most twice as many."""
 
 _FLOAT32_MAX = 3.4028234663852886e38
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
@@ -57,8 +57,8 @@ class Variable:
 
     `type` is one of bool, int8 .. int64, uint8 .. uint64, float32, float64, string, bytes. `failing` is its value in
     the failing log, `passing` values that heal (from certificates), `nominal` observed ones, `dictionary` exceptional
-    ones. An array has a name with `[*]`, the type of its elements and `[]`, `Elements` as values but in its dictionary,
-    of one length, and `places`: numbers of the elements that rules may tell apart from the others.
+    ones. An array has a name with `[*]`, the type of its elements followed by `[]`, values that are `Elements` of one
+    length (except in its dictionary), and `places`: indices of the elements that rules may treat one by one.
     """
 
     name: str
@@ -71,12 +71,12 @@ class Variable:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What rules see of an array; nothing for other variables, which they see themselves."""
+        """What rules see of an array; empty for other variables, which rules see directly."""
         return columns_of_array(self.name, self.type[:-2], self.places) if self.type.endswith("[]") else ()
 
 
 def fitted(variable: Variable) -> Variable:
-    """Return the variable with all its values as its type holds them; without those that it cannot hold.
+    """Return the variable with all values converted to its type, without those that the type cannot hold.
 
     Raises:
         ValueError: If the type is unknown or cannot hold the failing value.
@@ -134,12 +134,12 @@ def row_of(variables: Sequence[Variable], assignment: Assignment) -> dict[str, S
 def changed(
     variables: Sequence[Variable], base: Assignment, change: Mapping[str, Setting]
 ) -> dict[str, Setting] | None:
-    """Return the base with other values, as the types hold them; None if there is nothing to change or one cannot.
+    """Return the base with other values, converted to their types; None if `change` is empty or a value does not fit.
 
     Args:
         variables: The variables.
-        base: A value for each.
-        change: By name of a variable, or of what rules see of an array.
+        base: Value of each variable.
+        change: New values by name of a variable, or of a column of an array.
     """
     found = dict(base)
     for variable in variables:
@@ -254,7 +254,7 @@ class Sampler:
         return list({scalar_key(value): value for value in found}.values())
 
     def behind(self, name: str) -> Variable:
-        """Return the variable of this name, or the array of which it is what rules see."""
+        """Return the variable of this name, or the array with a column of this name."""
         for variable in self.variables:
             if name == variable.name or any(name == column for column, _, _ in variable.columns):
                 return variable
@@ -312,7 +312,7 @@ def _nominal(variable: Variable, chance: random.Random) -> Any:
 
 
 def _beside(base: int, chance: random.Random) -> int:
-    """Return a number a little beside, a few times something round away, or with another bit."""
+    """Return a number close by, away by a multiple of a round number, or with one bit flipped."""
     kind = chance.randrange(4)
     if kind == 0:
         return base ^ (1 << chance.randrange(max(8, min(base.bit_length() + 1, 32))))
@@ -336,7 +336,7 @@ def _log_uniform(type_: str, chance: random.Random) -> Scalar:
 
 
 def columns_of(variables: Sequence[Variable], assignments: Sequence[Assignment]) -> dict[str, Array]:
-    """Return assignments as one array per variable, and of arrays one for each of their columns."""
+    """Return assignments as one array per variable, or per column of a variable that is an array."""
     columns: dict[str, Array] = {}
     for variable in variables:
         values = [assignment[variable.name] for assignment in assignments]

@@ -1,7 +1,7 @@
 """Simplification: values as simple as they can be while the failure stays (RIOT II-B a).
 
-Each thing that can be simplified is a ladder of values, the simplest first, what it is now last. First those are found
-that cannot take their simplest value, as the needed messages of a log are; then the lowest rung of each of these.
+Each thing that can be simplified is a ladder of values, from the simplest to the current one. First, those that cannot
+take their simplest value are found, like the needed messages of a log; then the lowest failing rung of each of these.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Levels = tuple[int, ...]
 """A rung for each ladder."""
 
 _SURE = 0.95
-"""Of one search for a rung: what it finds is checked."""
+"""Confidence that ends one search for a rung; its result is checked."""
 
 _FOUND, _NEEDED, _DOUBT = 0.9, 0.1, 0.02
-"""Priors that a rung which a search has found fails, and that the simplest rung of all does; what decides."""
+"""Priors that a rung found by a search fails, and that the simplest rung fails; doubt that ends a check."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +46,17 @@ def simplify(
     progress: Progress | None = None,
     better: Callable[[Levels], None] | None = None,
 ) -> Simplified:
-    """Find low rungs with which the failure still comes.
+    """Find low rungs with which the failure still occurs.
 
     Args:
         sizes: Rungs of each ladder, at least two; the last ones together are known to fail.
         ask: Each question has a rung for each ladder, and is each time a fresh trial; True = failed with the same
             signature.
-        noise: What is known of the rates of failure.
-        budget: Most trials. Where they end, the lowest rungs so far are the result.
+        noise: What is known about the failure rates.
+        budget: Maximum number of trials; once they are spent, the lowest rungs so far are the result.
         parallelism: Questions worth asking in one batch.
-        progress: Told after every batch.
-        better: Told of lower rungs as they are found to fail.
+        progress: Called after every batch.
+        better: Called with lower rungs as they are found to fail.
     """
     now = tuple(size - 1 for size in sizes)
     told = better or (lambda _: None)

@@ -17,7 +17,7 @@ from riot_bus.vocabulary.trial import Scalar
 __all__ = ["Candidate", "Table", "concrete"]
 
 BOUNDARIES = 24
-"""So many thresholds per feature are tried."""
+"""Maximum number of thresholds tried per feature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Table:
 
     Attributes:
         assignments: The samples.
-        rows: Likewise, as rules see them.
+        rows: The samples as rules see them.
     """
 
     def __init__(self, variables: Sequence[Variable]) -> None:
@@ -98,7 +98,7 @@ class Table:
                 known.extend(values.tolist())
 
     def include(self, feature: Feature) -> None:
-        """Have one more feature, for all samples."""
+        """Add a feature, for all samples."""
         if feature not in self.features:
             values = feature.values(columns_of(self.variables, self.assignments))
             self.features.append(feature)
@@ -140,7 +140,7 @@ class Table:
     def conditional(self, within: Array) -> tuple[list[Candidate], Array]:
         """Return thresholds that separate failing from passing samples among those of a mask alone.
 
-        A second limit of a rule may be no flip among all samples.
+        A second limit of a rule may not show as a flip among all samples.
         """
         failed = np.array(self.failed, dtype=bool)
         found: list[Candidate] = []
@@ -163,7 +163,7 @@ class Table:
     ) -> None:
         """Offer each small or known value that was seen failing, and the sets of those that only fail or only pass.
 
-        That a variable is *not* a value is worth telling if it was seen passing with it: a receiver ignores such.
+        Literals with "!=" are offered for values that were seen passing, since a receiver may ignore such a value.
         """
         feature = Feature("raw", (variable.name,))
         known = {variable.failing, *variable.passing, *variable.dictionary, *variable.nominal[:64]}
@@ -193,11 +193,11 @@ class Table:
 
 
 _SMALL = 255
-"""Members of a set of integers are known values, or at most so large."""
+"""Members of a set of integers are known values, or at most this large."""
 
 
 def _value_bits(value: Scalar, variable: Variable) -> float:
-    """Return about the description length of a value: those of texts that are nominal are short."""
+    """Return the approximate description length of a value; it is short for nominal texts."""
     if isinstance(value, bool):
         return 3.0
     if isinstance(value, str | bytes):
@@ -212,7 +212,7 @@ def _equal(feature: Feature, mask: Array, value: Scalar, found: list[Candidate],
 
 
 def _beginnings(variable: Variable) -> list[Feature]:
-    """Return prefixes, and letters that are neither letters nor digits, of a text that fails or is nominal."""
+    """Return prefixes of a failing or nominal text, and its characters that are neither letters nor digits."""
     found: dict[Feature, None] = {}
     for text in (variable.failing, *variable.nominal[:1]):
         if not isinstance(text, str | bytes):
@@ -247,7 +247,7 @@ def _residues(
             bits = feature.cost + number_bits(place)
             candidate = Candidate(feature, operator, bits, inside=place)
             offers.append((abs(score[place]), candidate, (rest == place) == (operator == "==")))
-    # The highest bit of an unsigned integer is a threshold, which is said as such.
+    # The highest bit of an unsigned integer is a threshold, and is offered as one.
     for bit in range(1, limits[1].bit_length() - variable.type.startswith("uint")):
         mask = ((array >> bit) & 1).astype(bool)
         feature = Feature("bits", (variable.name,), 1 << bit)
@@ -261,7 +261,7 @@ def _residues(
 
 
 _OFFERS = 12
-"""So many residues and bits of a variable are tried: rules that need them show them among the first."""
+"""Number of residues and bits tried per variable: those that a rule needs are among the first."""
 
 
 def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Array]) -> None:
@@ -316,7 +316,7 @@ def _thresholds(
 
 
 def _interval_bits(low: float, high: float) -> float:
-    """Return about the description length of the simplest number between (the search ranks thousands of them)."""
+    """Return about the description length of the simplest number in between (the search ranks thousands)."""
     if low <= 0 <= high:
         return 1.0
     if not (np.isfinite(low) and np.isfinite(high)):

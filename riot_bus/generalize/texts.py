@@ -1,4 +1,4 @@
-"""Texts and bytes for trials: variations of known ones in length, begin and alphabet."""
+"""Texts and bytes for trials: variations of known ones in length, beginning and alphabet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["resized", "varied"]
 TextT = TypeVar("TextT", str, bytes)
 
 LONGEST = 4096
-"""Variations are at most so long, unless a known text is longer."""
+"""Maximum length of variations, unless a known text is longer."""
 
 _ALPHABETS = (
     "abcdefghijklmnopqrstuvwxyz",
@@ -32,10 +32,10 @@ def resized(text: TextT, size: int) -> TextT:
 
 
 def varied(known: Sequence[TextT], chance: random.Random) -> TextT:
-    """Return a variation of one of the known texts: cut, lengthened, with one letter more or other, or random letters.
+    """Return a variation of a known text: cut, lengthened, with a letter added or replaced, or random letters.
 
     Args:
-        known: At least one text, or bytes.
+        known: Known texts, or bytes; at least one.
         chance: Source of randomness.
     """
     base = chance.choice(known)

@@ -1,4 +1,4 @@
-"""Where fresh trials may show that a rule is wrong, and what they say about it, with intervals that cover.
+"""Fresh trials that may show that a rule is wrong, and its scores from them, with confidence intervals that cover.
 
 The stated distribution of validation: half of the cases lie near a limit of the rule (one step to half of the limit's
 size beside it on either side, the same with the sign changed, between the last passing and the first failing trial),
@@ -28,12 +28,12 @@ __all__ = ["Estimate", "Scores", "near_limits", "scores"]
 Number = int | float
 
 _DECIDED, _KNOWN = 0.5, 0.8
-"""Shares of cases that are made of known ones in which one limit decides, and of known ones at all."""
+"""Shares of cases made from known ones in which one limit decides, and from known ones at all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A rate of the stated distribution with its 95 % interval; no `rate` where no trial says anything.
+    """A rate of the stated distribution with its 95 % interval; `rate` is None if no trial tells it.
 
     `hits` of `total` are the trials behind it; a rate that is weighted is not their quotient.
     """
@@ -90,7 +90,7 @@ def scores(predicted: Sequence[bool], failed: Sequence[bool], share: float) -> S
 
 
 def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.Random, count: int) -> list[Assignment]:
-    """Return at most so many cases near the limits of a rule.
+    """Return at most `count` cases near the limits of a rule.
 
     Args:
         table: The trials so far; cases are known ones, or new draws, moved to a limit.

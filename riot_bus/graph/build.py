@@ -1,4 +1,4 @@
-"""From what was observed to a graph; pure."""
+"""Construction of a graph from observations; pure."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class _Builder:
                     self.add(replace(edge, topic=key))
 
     def bridged(self) -> None:
-        """Add the edges of bridge links: each publishes what came over it, and subscribes to all else that it takes."""
+        """Add the edges of bridge links: each publishes what came over it, and subscribes to other keys it takes."""
         keys = {key for key, _ in self.seen.flows} | {key for each in self.seen.bridged for key in each.publishes}
         keys |= {edge.topic for edge in self.edges.values() if edge.role == "publishes"}
         for each in self.seen.bridged:

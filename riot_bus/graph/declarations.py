@@ -1,4 +1,4 @@
-"""A snapshot of what plain Zenoh components have declared: dangerous, and therefore never taken unasked."""
+"""A snapshot of what plain Zenoh components have declared: dangerous, and therefore only taken on request."""
 
 from __future__ import annotations
 

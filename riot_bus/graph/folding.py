@@ -1,4 +1,4 @@
-"""A graph as people want to see it: actions as one thing instead of five, and names that cannot be mistaken; pure."""
+"""A graph as people want to see it: actions as one topic instead of five, and unambiguous names; pure."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _BELOW = "/_action/"
 def folded(graph: Graph) -> Graph:
     """Return the graph with one topic for each action, instead of its topics and services.
 
-    Who serves one of its services serves the action, who calls one calls it; that these also publish and subscribe to
-    feedback and status goes without saying.
+    A component that serves one of its services serves the action, and one that calls one calls it; that these also
+    publish and subscribe to feedback and status is not shown separately.
     """
     actions = {topic.key: topic.key.partition(_BELOW)[0] for topic in graph.topics if topic.action}
     if not actions:
@@ -48,7 +48,7 @@ def folded(graph: Graph) -> Graph:
 
 
 def _of_one(key: str, parts: list[Edge]) -> Iterator[Edge]:
-    """Yield what one component has to do with an action."""
+    """Yield the edges between one component and an action."""
     present = {each.role for each in parts}
     roles = [role for role in CALL_ROLES if role in present]
     if roles and parts[0].zid:
@@ -71,9 +71,9 @@ def _joined(key: str, role: Role, parts: list[Edge]) -> Edge:
 
 
 def names(topics: Iterable[Topic]) -> dict[str, str]:
-    """Return what to call each key: its name, with the key where several have the same name.
+    """Return a unique name for each key: its name, followed by the key if several keys have the same name.
 
-    Such keys do not meet: they differ in ROS domain, type or type hash.
+    Such keys do not match each other: they differ in ROS domain, type or type hash.
     """
     all_topics = list(topics)
     count = Counter(topic.name for topic in all_topics)

@@ -1,4 +1,4 @@
-"""Graphs over time as records for a log: the first is whole, each later one says what has come and what is gone."""
+"""Graphs over time as records for a log: the first is complete, each later one says what is new and what is gone."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _PARTS: dict[str, type[Any]] = {"components": ConnectedComponent, "topics": Topi
 
 
 def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
-    """Return what happened to a graph, as the mapping of a metadata record.
+    """Return the changes of a graph, as the mapping of a metadata record.
 
     Args:
-        before: What the log knows already; None for a log that begins here.
+        before: Graph that the log has already; None for a log that begins here.
         after: The graph now.
-        time: Nanoseconds since the Unix epoch.
+        time: Time in nanoseconds since the Unix epoch.
     """
     parts = {
         "gone": {} if before is None else _missing(before, after),
@@ -38,10 +38,10 @@ def replay(records: Iterable[Mapping[str, str]]) -> Iterator[tuple[int, Graph]]:
     """Yield each graph and its time from the records of a log.
 
     Args:
-        records: As `LogReader.notes` yields them.
+        records: Records as `LogReader.notes` yields them.
 
     Raises:
-        ValueError: One of them is damaged.
+        ValueError: A record is damaged.
     """
     graph = Graph()
     for each in records:
@@ -83,6 +83,6 @@ def _frozen(value: Any) -> Any:
 
 
 def _missing(graph: Graph, other: Graph) -> dict[str, list[dict[str, Any]]]:
-    """Return what a graph has and the other has not."""
+    """Return the parts of a graph that the other does not have."""
     known = {name: set(getattr(other, name)) for name in _PARTS}
     return {name: [asdict(each) for each in getattr(graph, name) if each not in known[name]] for name in _PARTS}

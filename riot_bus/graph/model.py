@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["CALL_ROLES", "ConnectedComponent", "Edge", "Graph", "GraphChange", "Topic", "Unknown"]
 
 CALL_ROLES: tuple[Role, ...] = ("serves", "calls")
-"""What components do with services and actions; all other roles are those of topics."""
+"""Roles of components for services and actions; all other roles are for topics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +21,13 @@ class ConnectedComponent:
     """A session that is connected to a segment, or a link of a bridge in the router's own process.
 
     Attributes:
-        segment: Where; empty if it is behind another router or peer.
-        zid: Id of its Zenoh session; of a link its segment and name.
+        segment: Name of the segment; empty if it is behind another router or peer.
+        zid: Id of its Zenoh session; for a link, its segment and name.
         mode: `client`, `peer`, `router` or `link`; empty if unknown.
-        name: `metadata.name` of its configuration, which shows only if its admin space is enabled; of a link its name.
-        nodes: Its ROS nodes; of a link the systems that were heard there.
+        name: `metadata.name` of its configuration, known only if its admin space is enabled; for a link, its name.
+        nodes: Its ROS nodes; for a link, the systems that were heard there.
         addresses: Its ends of the links to the segment.
-        pid: The process, if it runs on this host and we may see it.
+        pid: Process id, if it runs on this host and we may see it.
         command: The process's command.
     """
 
@@ -52,11 +52,11 @@ class Topic:
 
     Attributes:
         key: Key or key expression.
-        name: What people call it.
-        type_name: Message type, as far as an announcement tells.
+        name: Name for people.
+        type_name: Message type, if an announcement states it.
         intercepted: Whether its messages, or its requests and replies, go through the pipeline.
         action: Name of the action that it belongs to.
-        action_type: Type of that action, as far as its announcement tells.
+        action_type: Type of that action, if its announcement states it.
     """
 
     key: str
@@ -74,14 +74,14 @@ class Edge:
     Attributes:
         topic: Key of the topic.
         role: What the component does.
-        segment: Where; empty if not known.
-        zid: The component; empty if not known.
-        node: Its ROS node, if one says so, or the system behind the link.
+        segment: Name of the segment; empty if not known.
+        zid: Id of the component; empty if not known.
+        node: Its ROS node, if announced, or the system behind the link.
         evidence: How we know, sorted: `ros2 token`, `bridge token`, `advanced token`, `traffic`, `timestamp` (the
-            sender stamped its messages), `matching` (somebody would receive), `declaration`, `bridge` (it says so
+            sender stamped its messages), `matching` (there is a receiver), `declaration`, `bridge` (it says so
             itself), and `only component` (of that segment: a conclusion).
-        messages: Messages so far, if they could be told apart; not compared.
-        rate: Messages per second lately; not compared.
+        messages: Number of messages so far, if they could be attributed; not compared.
+        rate: Recent messages per second; not compared.
     """
 
     topic: str
@@ -95,7 +95,7 @@ class Edge:
 
     @property
     def identity(self) -> tuple[str, str, str, str, str]:
-        """What makes it this edge and no other."""
+        """Values that identify the edge."""
         return (self.topic, self.role, self.segment, self.zid, self.node)
 
 
@@ -105,7 +105,7 @@ class Unknown:
 
     Attributes:
         about: A topic's key, a component's id, or empty.
-        segment: Where; empty if it holds for the whole bus.
+        segment: Name of the segment; empty if it holds for the whole bus.
         text: What is not known, and why.
     """
 
@@ -140,7 +140,7 @@ class Graph:
         edges: Iterable[Edge],
         unknown: Iterable[Unknown],
     ) -> Graph:
-        """Return a graph in order."""
+        """Return a graph with its parts sorted."""
         return cls(
             components=tuple(sorted(components, key=lambda each: (each.segment, each.zid))),
             topics=tuple(sorted(topics, key=lambda each: each.key)),
@@ -154,7 +154,7 @@ class Graph:
         return next(found, None)
 
     def changes_since(self, other: Graph) -> tuple[GraphChange, ...]:
-        """Return what is different from an earlier graph, sorted; counts and rates do not count.
+        """Return the differences from an earlier graph, sorted; message counts and rates are ignored.
 
         Args:
             other: The earlier graph.

@@ -1,4 +1,4 @@
-"""What the sources of a graph say at one moment."""
+"""What the sources of a graph report at one moment."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ def _nothing(_: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """What the sources say at one moment.
+    """What the sources report at one moment.
 
     Attributes:
         segments: Names of all segments.
-        sessions: Mode of each connected session by segment and id, the bus's own left out.
-        addresses: Their ends of the links.
+        sessions: Mode of each connected session by segment and id, without the bus's own.
+        addresses: These sessions' ends of the links, by segment and id.
         owners: Processes by address.
-        names: Names by id.
+        names: Names by session id.
         tokens: All announcements.
         flows: Messages so far by key and source segment.
-        rates: Messages per second lately, by the same.
-        senders: Ids that stamped these messages, by the same.
-        matching: Segments and keys with somebody who would receive.
-        declared: A snapshot of declarations, if somebody asked for one.
+        rates: Recent messages per second, by key and source segment.
+        senders: Ids that stamped these messages, by key and source segment.
+        matching: Segments and keys for which there is a receiver.
+        declared: Snapshot of declarations, if one was requested.
         bridged: Links of a bridge in the router's own process.
-        intercepted: Whether what is published on a key goes through the pipeline, so that matching is told by segment.
-        calls_intercepted: Whether requests and replies of a service do.
-        name: What people call a key.
+        intercepted: Whether messages on a key go through the pipeline, so that matching is known by segment.
+        calls_intercepted: Whether requests and replies of a service go through the pipeline.
+        name: Function that returns the name of a key for people.
         skipped: Number of keys whose matching is not watched, because there are too many.
-        left_out: Whether there are more keys with traffic, which had less of it.
+        left_out: Whether keys with less traffic were left out.
     """
 
     segments: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Gathers what all sources of a bus say, with what has to be remembered between two looks."""
+"""Observer that gathers the reports of all sources of a bus, with the state to keep in between."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Key = tuple[str, str]
 
 
 class WatchedBus(Protocol):
-    """What a graph needs of a bus."""
+    """Interface of a bus that a graph needs."""
 
     @property
     def sessions(self) -> Mapping[str, zenoh.Session]:
@@ -42,7 +42,7 @@ class WatchedBus(Protocol):
 
     @property
     def ids(self) -> Collection[str]:
-        """Ids of the bus's present sessions."""
+        """Ids of the bus's current sessions."""
 
     @property
     def ids_ever(self) -> Collection[str]:
@@ -65,15 +65,15 @@ class WatchedBus(Protocol):
 
 
 class Observer:
-    """Looks at a bus.
+    """Observer of a bus.
 
     Args:
         bus: The bus, open.
-        changed: Called after each event of Zenoh's.
+        changed: Called after each Zenoh event.
         senders: Returns the ids that stamped messages, by key and source segment.
-        registry: Names keys, and understands tokens.
+        registry: Type registry that names keys and interprets tokens.
         processes: Whether to look for the components' processes on this host.
-        clock: Seconds that only grow.
+        clock: Monotonic clock in seconds.
     """
 
     def __init__(
@@ -110,16 +110,16 @@ class Observer:
             source.start()
 
     def stop(self) -> None:
-        """Listen no more; safe to call twice."""
+        """Stop listening; safe to call twice."""
         for source in self._sources.values():
             source.stop()
 
     def ours(self) -> set[str]:
-        """Return the ids of sessions that are no components."""
+        """Return the ids of the bus's own sessions, which are not components."""
         return {*self._bus.ids, *self._bus.ids_ever}
 
     def observe(self) -> Observations:
-        """Return what all sources say now."""
+        """Return what all sources report now."""
         ours = self.ours()
         modes = {
             (segment, zid): mode
@@ -157,11 +157,11 @@ class Observer:
         )
 
     def _busiest(self, flows: Mapping[Key, int]) -> dict[Key, int]:
-        """Leave out what is too much: a graph of all keys that somebody invents would take the memory."""
+        """Return only the busiest keys: a graph of all keys that a component may invent would exhaust memory."""
         self._left_out = len(flows) > _MOST_FLOWS
         if not self._left_out:
             return dict(flows)
-        shown = self._flows  # of keys with as many messages those stay, else the graph would change all the time
+        shown = self._flows  # these stay if others have as many messages, else the graph would change all the time
         return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: (each[1], each[0] in shown)))
 
     def _measure(self, flows: dict[Key, int]) -> None:
@@ -174,10 +174,9 @@ class Observer:
             self._flows = {**flows, **{each: count for each, count in self._flows.items() if each in flows}}
 
     def _watch(self, keys: set[str], most: int) -> int:
-        """Watch who would receive these keys, as long as not so many are watched; return how many are too many.
+        """Watch whether these keys have receivers, up to `most` watches; return how many keys are too many.
 
-        Each costs: whatever is published on a key that nobody has declared takes Zenoh the longer the more are declared
-        beside it.
+        Each watch has a cost: publishing on an undeclared key takes Zenoh longer, the more keys are declared beside it.
         """
         new = sorted(key for key in keys - self._watched if key and "*" not in key)
         room = max(0, most // max(1, len(self._sources)) - len(self._watched))

@@ -51,7 +51,7 @@ def connections(pids: Collection[int] | None = None) -> list[Connection]:
     """Return the established TCP connections of processes of this host, sorted.
 
     Args:
-        pids: Only of these processes.
+        pids: Ids of the processes to look at; None for all.
     """
     import psutil
 
@@ -82,7 +82,7 @@ def owners(locators: Iterable[str]) -> dict[str, SocketOwner]:
     """Return which process owns each locator; those of other hosts, users and protocols are left out.
 
     Args:
-        locators: Such as `tcp/127.0.0.1:34567`.
+        locators: Locators such as `tcp/127.0.0.1:34567`.
     """
     wanted = {end: locator for locator in locators if (end := endpoint_of(locator)) is not None}
     if not wanted:

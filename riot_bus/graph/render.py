@@ -1,4 +1,4 @@
-"""Graphs as text, JSON, Mermaid and DOT; pure. Names come from the network and are escaped as each format asks."""
+"""Graphs as text, JSON, Mermaid and DOT; pure. Names come from the network and are escaped as each format requires."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def changes_json(graph: Graph, changes: Sequence[GraphChange], *, time: int) -> 
 
     Args:
         graph: The new graph.
-        changes: What is different.
-        time: Nanoseconds since the Unix epoch.
+        changes: Differences from the graph before.
+        time: Time in nanoseconds since the Unix epoch.
     """
     record = {"version": VERSION, "time": time, "changes": [asdict(each) for each in changes], "graph": asdict(graph)}
     return json.dumps(record, sort_keys=True)

@@ -1,10 +1,10 @@
-"""Where the graph comes from: what one segment's session sees, without a question that could harm its router.
+"""Sources of the graph: what one segment's session sees, without any query that could harm its router.
 
-Which questions are safe with Zenoh 1.10.2, by its sources, and tried while three clients declared and undeclared
-without a pause: transports, links and their events take no lock of the routing tables (1,100,000 questions). The root
-keys `@/<id>/<mode>`, which alone match `@/*/*`, let go of that lock before they reply (132,000 and 8,000 queries). All
-below them but `metrics` and `route/successor/**` reply while they hold it (`subscriber/**`, `publisher/**`,
-`queryable/**`, `querier/**`, `token/**`, `linkstate/*`): the router hung at the second query, for ever.
+Queries that are safe with Zenoh 1.10.2, by its source code and by trials while three clients declared and undeclared
+without a pause: transports, links and their events take no lock of the routing tables (1,100,000 queries). The root
+keys `@/<id>/<mode>`, the only ones that match `@/*/*`, release that lock before they reply (132,000 and 8,000 queries).
+All keys below them except `metrics` and `route/successor/**` reply while they hold it (`subscriber/**`, `publisher/**`,
+`queryable/**`, `querier/**`, `token/**`, `linkstate/*`): the router hung forever at the second query.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class AdminView:
     """What a session with an enabled admin space says about itself.
 
     Attributes:
-        zid: Its id.
+        zid: Id of the session.
         mode: `client`, `peer` or `router`.
         name: `metadata.name` of its configuration.
-        locators: Where it listens.
+        locators: Locators that it listens on.
         sessions: Ids and modes of the sessions that it is connected to.
     """
 
@@ -52,11 +52,11 @@ class AdminView:
 
     @classmethod
     def parse(cls, key: str, payload: bytes) -> AdminView | None:
-        """Read an answer of `@/*/*`; None if it is something else. Whatever runs in the network may answer.
+        """Parse a reply to `@/*/*`; None if it is something else, since anything in the network may reply.
 
         Args:
             key: Key of the reply.
-            payload: Its payload.
+            payload: Payload of the reply.
         """
         chunks = key.split("/")
         try:
@@ -77,11 +77,11 @@ class AdminView:
 
 
 def admin_views(session: zenoh.Session, *, timeout: float = _ANSWER_S) -> dict[str, AdminView]:
-    """Ask all sessions that can be reached and whose admin space is enabled about themselves, by id.
+    """Return the views of all sessions that can be reached and whose admin space is enabled, by id.
 
     Args:
         session: A segment's own session.
-        timeout: Seconds; how long an answer may take.
+        timeout: Seconds that an answer may take.
     """
     zenoh = library_of(session)
     replies = session.get(
@@ -96,12 +96,12 @@ def admin_views(session: zenoh.Session, *, timeout: float = _ANSWER_S) -> dict[s
 
 
 class SegmentSource:
-    """Keeps what a segment's session sees, by events: sessions, links and announcements.
+    """What a segment's session sees, kept up to date by events: sessions, links and announcements.
 
     Args:
         session: The segment's own session.
-        registry: Understands tokens.
-        changed: Called on a thread of Zenoh's after each event; must return at once.
+        registry: Type registry that interprets tokens.
+        changed: Called on a Zenoh thread after each event; must return at once.
     """
 
     def __init__(self, session: zenoh.Session, registry: TypeRegistry, changed: Callable[[], None]) -> None:
@@ -117,7 +117,7 @@ class SegmentSource:
         self._listeners: list[Any] = []
 
     def start(self) -> None:
-        """Take in what is there, and listen from now on."""
+        """Read the current state, and listen from now on."""
         info, liveliness = self.session.info, self.session.liveliness()
         self._listeners = [
             info.declare_transport_events_listener(self._transport, history=True),
@@ -126,7 +126,7 @@ class SegmentSource:
         ]
 
     def stop(self) -> None:
-        """Listen no more; safe to call twice."""
+        """Stop listening; safe to call twice."""
         listeners, self._listeners = self._listeners, []
         with self._lock:
             publishers, self._publishers = list(self._publishers.values()), {}
@@ -143,12 +143,12 @@ class SegmentSource:
             return {zid: sorted(ends) for zid, ends in self._addresses.items() if ends}
 
     def tokens(self) -> list[Announcement]:
-        """Return what is announced, in this segment and whatever is joined to it."""
+        """Return the announcements in this segment and in whatever is joined to it."""
         with self._lock:
             return list(self._tokens.values())
 
     def watch_matching(self, keys: Collection[str]) -> None:
-        """Ask from now on who would receive these keys; a publisher that never publishes is declared for each."""
+        """Watch whether these keys have receivers; a publisher that never publishes is declared for each."""
         zenoh = library_of(self.session)
         for key in keys:
             if key not in self._publishers:
@@ -158,8 +158,8 @@ class SegmentSource:
                     self._publishers[key] = publisher
 
     def matching(self) -> set[str]:
-        """Return the watched keys that somebody beyond this session would receive."""
-        # Asked instead of listened to: zenoh-python starts a thread for each listener, and asking takes 2 us.
+        """Return the watched keys that have a receiver outside this session."""
+        # Polled, not listened to: zenoh-python starts a thread for each listener, and polling takes 2 us.
         with self._lock:
             publishers = dict(self._publishers)
         return {key for key, publisher in publishers.items() if publisher.matching_status.matching}

@@ -1,4 +1,4 @@
-"""A graph with what a recording adds to it: who publishes, as far as samples tell; pure."""
+"""A graph with what a recording adds to it: who publishes, as far as messages tell; pure."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def supplemented(
     tokens: Iterable[Announcement] = (),
     complete: bool = True,
 ) -> Graph:
-    """Return a graph with the keys of a recording, and who published them where that can be told.
+    """Return a graph with the keys of a recording, and with their publishers where these can be determined.
 
-    A message that says no segment was published in the only one there is, or where its sender is that has stamped it.
+    A message without a segment is attributed to the segment of the sender that stamped it, or to the only segment.
 
     Args:
-        graph: Who is connected, and what is known of them.
-        counts: Messages by key and source segment; the segment is empty where the recording does not tell it.
-        senders: Ids in the stamps of messages, by key.
-        tokens: What components announce.
-        complete: Whether the graph has all components; else the only one of a segment is not concluded from.
+        graph: Graph of the connected components, and what is known about them.
+        counts: Messages by key and source segment; the segment is empty if the recording does not state it.
+        senders: Ids in the timestamps of messages, by key.
+        tokens: Announcements of components.
+        complete: Whether the graph has all components; else messages are not attributed to the only segment.
     """
     homes = {each.zid: each.segment for each in graph.components}
     segments = sorted({each.segment for each in graph.components})
@@ -57,10 +57,10 @@ def supplemented(
 
 
 def without_listener(graph: Graph) -> tuple[Graph, bool]:
-    """Return a graph without what matching says of components in whose segment somebody reads everything.
+    """Return a graph without edges that rest on matching in segments where something reads everything.
 
-    There each key has a receiver, what the component publishes itself included: that is how a recorder of `**` shows,
-    and of the component it tells nothing. Also returns whether there is such a segment.
+    There each key has a receiver, even those that the component publishes: this is how a recorder of `**` shows, and it
+    says nothing about the component. Also returns whether there is such a segment.
     """
     read: defaultdict[str, set[str]] = defaultdict(set)
     written: defaultdict[str, set[str]] = defaultdict(set)
@@ -76,7 +76,7 @@ def without_listener(graph: Graph) -> tuple[Graph, bool]:
 
 
 def _joined(graph: Graph, more: Graph, keys: Collection[str]) -> Graph:
-    """Return both graphs' edges and all topics; components and what is unknown of them are those of the first."""
+    """Return the edges, topics and components of both graphs, with what is unknown in the first."""
     edges: dict[tuple[str, str, str, str, str], Edge] = {each.identity: each for each in graph.edges}
     for edge in more.edges:
         known = edges.get(edge.identity)

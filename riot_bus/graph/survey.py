@@ -1,4 +1,4 @@
-"""One look at a network from a client: who announces what, without a question that could harm a router."""
+"""One look at a network from a client: who announces what, without any query that could harm a router."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Started:
 
     Attributes:
         command: Program and arguments.
-        cwd: Its working folder now.
+        cwd: Its current working folder.
     """
 
     pid: int
@@ -46,13 +46,13 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What was announced at the end of a look.
+    """What is announced at the end of a look at the network.
 
     Attributes:
-        announcements: Sorted.
-        offered: What the publishers of a key offer, as a log's channel has it (`offered_qos_profiles`).
+        announcements: All announcements, sorted.
+        offered: What the publishers of a key offer, in the form of a log's channel (`offered_qos_profiles`).
         started: The processes behind sessions, by the sessions' ids; those of other hosts and users are left out.
-        skipped: Number of tokens that were too many.
+        skipped: Number of tokens left out because there were too many.
         modes: `client`, `peer` or `router` of each session that routers say they are linked to, by its id.
     """
 
@@ -67,13 +67,13 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
     """Look at the network for some seconds.
 
     Args:
-        endpoint: Where a router listens.
-        registry: Its adapters understand the tokens.
-        seconds: How long to look; what goes meanwhile is forgotten.
+        endpoint: Endpoint that a router listens on.
+        registry: Type registry whose adapters interpret the tokens.
+        seconds: How long to look; tokens that vanish meanwhile are left out.
         config: Further Zenoh configuration.
 
     Raises:
-        EnvironmentFaultError: Nobody answers there.
+        EnvironmentFaultError: Nobody answers at the endpoint.
     """
     lock = threading.Lock()
     tokens: set[str] = set()
@@ -112,7 +112,7 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
 
 
 def started_at(endpoint: str) -> list[Started]:
-    """Return the other processes of this host that have a TCP connection to an endpoint, by their numbers."""
+    """Return the other processes of this host that have a TCP connection to an endpoint, sorted by process id."""
     place = endpoint_of(endpoint)
     if place is None:
         return []
@@ -127,7 +127,7 @@ def started_at(endpoint: str) -> list[Started]:
 def _links(session: zenoh.Session) -> tuple[dict[Link, str], dict[str, str]]:
     """Return who is at the far end of the links of all routers, and the modes of these sessions by id.
 
-    `graph.sources` says why this question is safe.
+    `graph.sources` says why this query is safe.
     """
     from riot_bus.zenoh import api as zenoh
 

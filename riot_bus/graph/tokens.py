@@ -1,4 +1,4 @@
-"""What components announce by liveliness tokens: what adapters understand, and zenoh-ext's advanced pub/sub."""
+"""Announcements by liveliness tokens: those that adapters understand, and those of zenoh-ext's advanced pub/sub."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["ADVANCED", "expressions", "parse_token"]
 
 ADVANCED = "**/@adv/**"
-"""Where the tokens of advanced publishers and subscribers live. `@...` chunks are verbatim: no `**` matches them."""
+"""Keys of the tokens of advanced publishers and subscribers. `@...` chunks are verbatim: no `**` matches them."""
 
 _ROLES: dict[str, Role] = {"pub": "publishes", "sub": "subscribes"}
 _TOKEN = re.compile(r"(?P<key>.+)/@adv/(?P<role>pub|sub)/(?P<zid>[0-9a-f]+)/[^/]+(?:/.*)?")
@@ -26,11 +26,11 @@ def expressions(registry: TypeRegistry) -> list[str]:
 
 
 def parse_token(token: str, registry: TypeRegistry) -> Announcement | None:
-    """Return what a liveliness token announces, None if it is nothing that we know.
+    """Return what a liveliness token announces, None if it is not known.
 
     Args:
         token: The token's key.
-        registry: Its adapters are asked, and may learn the type of a key.
+        registry: Type registry whose adapters are asked, and may learn the type of a key.
 
     Example:
         >>> from riot_bus.types.registry import TypeRegistry

@@ -26,22 +26,22 @@ _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02
 _MOST_S = 30.0
 _REST = 19
-"""How many times longer than a look the watch rests: traffic goes on meanwhile, on the same processor."""
+"""The watch rests this many times as long as a refresh took, because bus traffic shares the processor."""
 
 
 class GraphWatch:
     """The present graph of a bus; a context manager.
 
-    Events of Zenoh (sessions, links, announcements) are taken in at once; what has no events (traffic, who would
-    receive) is looked at once in each period. Reads only; never asks a router what could hang it.
+    Events of Zenoh (sessions, links, announcements) are processed at once; whatever has no events (traffic, who would
+    receive) is polled once per period. Read-only; only `read_declarations` asks a router something that could hang it.
 
     Args:
         bus: The bus, open.
         callback: Called with each new graph and what changed, one call at a time; what it raises is logged.
         senders: Returns the ids that stamped messages, by key and source segment. A component stamps its messages if
             its configuration says `timestamping/enabled`; each stamp holds its id.
-        registry: Names keys, and understands tokens.
-        period: Seconds.
+        registry: Registry that names keys and understands tokens.
+        period: Polling period in seconds.
         processes: Whether to look for the components' processes on this host.
     """
 
@@ -70,7 +70,7 @@ class GraphWatch:
         self._last_change = time.monotonic()
 
     def start(self) -> Self:
-        """Take in what is there, then follow the changes."""
+        """Read the present state, then follow the changes."""
         self._observer.start()
         self.refresh()
         self._thread = threading.Thread(target=self._run, name="riot-graph", daemon=True)
@@ -115,8 +115,8 @@ class GraphWatch:
         """Wait until the graph satisfies a condition; return whether it did in time.
 
         Args:
-            condition: Asked at once and after each look.
-            timeout: Seconds.
+            condition: Condition that is checked at once and after each refresh.
+            timeout: Longest wait in seconds.
         """
         with self._new:
             return self._new.wait_for(lambda: condition(self._graph), timeout)
@@ -124,10 +124,10 @@ class GraphWatch:
     def read_declarations(self, *, rest_s: float = 1.0) -> Graph:
         """Add what plain components have declared. DANGEROUS: see `declarations.declarations`.
 
-        The graph keeps this snapshot, less the components that leave, until it is read again.
+        The graph keeps this snapshot, minus the components that leave, until the next call.
 
         Args:
-            rest_s: Seconds for which nothing may have come, left or been announced.
+            rest_s: Seconds that must have passed without an arrival, a departure or an announcement.
 
         Raises:
             EnvironmentFaultError: The bus is not at rest, or a router hangs now.

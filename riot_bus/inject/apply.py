@@ -30,16 +30,16 @@ def inject_log(
     reached: list[list[int]] | None = None,
     ahead: list[int] | None = None,
 ) -> tuple[tuple[Message, ...], list[tuple[int, Message, tuple[Change, ...]]]]:
-    """Carry out injections on a log, in its order.
+    """Apply injections to a log, in the order of its messages.
 
     Args:
-        messages: The log.
-        injections: What to do to it.
-        registry: Names topics and knows their types.
-        seed: Seed of the choices.
-        reached: Gets for each injection the indices of the messages that it changed; setting a field to what it is
-            already changes nothing.
-        ahead: Gets for each message of the log how many messages come out before its turn.
+        messages: Messages of the log.
+        injections: Injections to carry out on them.
+        registry: Registry that names topics and knows their types.
+        seed: Seed of the random choices.
+        reached: List to which are added, for each injection, the indices of the messages that it changed; setting a
+            field to the value that it already has is no change.
+        ahead: List to which is added, for each message of the log, how many messages come out before its turn.
 
     Returns:
         The messages as a receiver would get them (a delayed one carries its new time), and for every touched message
@@ -76,12 +76,12 @@ def inject_log(
 
 
 def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes: Iterable[Change]) -> Iterator[int]:
-    """Yield the numbers of those injections that changed a message: setting a field to what it is changes nothing.
+    """Yield the numbers of the injections that changed a message; setting a field to its own value is no change.
 
     Args:
         injections: All injections of the plan.
-        applied: Numbers of those that were carried out on it.
-        changes: What was done to it, with the values before.
+        applied: Numbers of the injections that were carried out on the message.
+        changes: Changes of the message, with the values before.
     """
     real = {each.field for each in changes if repr(each.before) != repr(each.after)}
     same = {each.field for each in changes if each.action == "set"} - real

@@ -11,7 +11,7 @@ A dictionary is a TOML file:
     [[field]]                              # values for some fields only, by a path pattern (`*` = anything)
     path = "*.linear.x"
     type = "float64"                       # optional: then every value is checked when the file is read
-    only = true                            # optional: nothing but these values for such fields
+    only = true                            # optional: try only these values in such fields
     entries = [{ value = 1e6, reason = "faster than any robot" }]
 
     [[message]]                            # fields that are changed together, by message type: see `mutations`
@@ -57,7 +57,7 @@ class _Binding:
 class Dictionary:
     """Exceptional values by type and by field.
 
-    Bindings of later files come before those of earlier ones; `values_for` names no value twice.
+    Bindings of later files come before those of earlier ones; `values_for` returns no value twice.
     """
 
     def __init__(self) -> None:
@@ -66,12 +66,12 @@ class Dictionary:
         self._mutations: dict[str, list[Mutation]] = {}
 
     def add(self, text: str, *, where: str, own: bool = False) -> None:
-        """Take in the text of a dictionary file.
+        """Add the text of a dictionary file.
 
         Args:
-            text: TOML.
-            where: Names it in errors.
-            own: Whether it is the user's own, so that fields that do not exist are said.
+            text: Text of the file, as TOML.
+            where: Name of the file in errors.
+            own: Whether the file is the user's own.
 
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
@@ -100,7 +100,7 @@ class Dictionary:
                 self._mutations.setdefault(mutation.type, []).append(mutation)
 
     def mutations_for(self, type_name: str) -> tuple[Mutation, ...]:
-        """Return the mutations of messages of a type, such as `sensor_msgs/msg/Image`; not those of messages in it."""
+        """Return the mutations of a message type, such as `sensor_msgs/msg/Image`, without those of nested messages."""
         return tuple(self._mutations.get(type_name, ()))
 
     def mutated_types(self) -> tuple[str, ...]:
@@ -115,7 +115,7 @@ class Dictionary:
         Args:
             type: Primitive type of the field.
             path: Field path (or `topic:path`) to look bindings up by.
-            told: What the field's definition tells (`riot_bus.types.capabilities`), not where a binding says `only`.
+            told: Values from the field's definition (`riot_bus.types.capabilities`); unused if a binding says `only`.
 
         Raises:
             ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
@@ -146,7 +146,7 @@ class Dictionary:
         return tuple(found.values())
 
     def own(self) -> Dictionary:
-        """Return what the user's own files have of it, values for whole types apart."""
+        """Return the part that comes from the user's own files, without values for whole types."""
         found = Dictionary()
         found._bindings = [each for each in self._bindings if each.own]
         mine = {name: [each for each in some if each.own] for name, some in self._mutations.items()}
@@ -154,10 +154,10 @@ class Dictionary:
         return found
 
     def unmatched(self, paths: Iterable[str]) -> Iterator[ConfigError]:
-        """Yield what to say of each `[[field]]` that none of these fields has values from.
+        """Yield an error for each `[[field]]` whose pattern matches none of these fields.
 
         Args:
-            paths: All fields (`topic:path`); of an array some elements will do.
+            paths: Paths of all fields (`topic:path`); for an array, some of its elements suffice.
         """
         known = list(paths)
         for binding in reversed(self._bindings):
@@ -187,7 +187,7 @@ def installed_files() -> Iterator[tuple[str, str]]:
 
 
 def own_text(path: Path) -> str:
-    """Return the text of a dictionary file of the user's own; raises ConfigError if it cannot be read."""
+    """Return the text of one of the user's own dictionary files; raises ConfigError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

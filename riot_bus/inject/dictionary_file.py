@@ -87,8 +87,8 @@ def read_file(text: str, *, where: str) -> DictionaryFile:
     """Read the text of a dictionary file.
 
     Args:
-        text: TOML.
-        where: Names it in errors.
+        text: Text of the file, as TOML.
+        where: Name of the file in errors.
 
     Raises:
         ConfigError: Not TOML, an unknown key, or a value of the wrong kind.
@@ -102,7 +102,7 @@ def read_file(text: str, *, where: str) -> DictionaryFile:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of dictionary files; `docs/dictionary.schema.json` is this."""
+    """Return the JSON Schema of dictionary files, as it is in `docs/dictionary.schema.json`."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **DictionaryFile.model_json_schema()}
 
 
@@ -125,20 +125,20 @@ def eligible(type: str, value: Scalar) -> bool:
 
 
 def plain_value(value: Any) -> Scalar:
-    """Return a value as a field holds it: bytes of their digits, and what is repeated at its full length."""
+    """Return a value as a field holds it: hexadecimal digits as bytes, and repeated text at its full length."""
     if isinstance(value, RepeatedText):
         return plain_value(value.repeat) * value.times
     return bytes.fromhex(value.hex) if isinstance(value, HexBytes) else value
 
 
 def check_type(kind: str | None, where: str | None) -> None:
-    """Raise ConfigError unless a type is one of fields, or none."""
+    """Raise ConfigError unless a type is one of `TYPES` or None."""
     if kind is not None and kind not in TYPES:
         raise ConfigError(f"unknown type {kind!r}", where=where, hint=did_you_mean(kind, TYPES))
 
 
 def binds(pattern: str, path: str) -> bool:
-    """Return whether a binding's pattern means a field; the path may be `topic:path`."""
+    """Return whether a binding's pattern matches a field; the path may be `topic:path`."""
     return names_field(pattern, path) or names_field(pattern, path.rpartition(":")[2])
 
 

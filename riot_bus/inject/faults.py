@@ -1,7 +1,7 @@
 """Kinds of faults: what happens to a message that an injection selects; found by the entry points `riot_bus.faults`.
 
 A kind is a class whose fields are the keys that a plan's table takes for it. `field`, `value`, `delay` and `copies` are
-attributes of the injection, all others are among its `options`. What tells which messages are meant is the plan's.
+attributes of the injection, all others are among its `options`. Which messages are selected is up to the plan.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class FaultKind(Protocol):
     """What is done to each message that an injection selects."""
 
     def apply(self, event: Event) -> None:
-        """Do it.
+        """Apply the fault to a message.
 
         Raises:
-            PayloadError: It cannot be done to this message, which is passed as it is.
+            PayloadError: It cannot be applied to this message, which is passed unchanged.
         """
         ...
 
@@ -62,8 +62,8 @@ class SetFault:
     """Set a field.
 
     Attributes:
-        field: Path of the field; with `[*]` of many.
-        value: What it is set to.
+        field: Path of the field; with `[*]`, of many fields.
+        value: Value that it is set to.
     """
 
     field: str
@@ -130,12 +130,12 @@ class DuplicateFault:
 
 @dataclass(frozen=True, slots=True)
 class OmitFault:
-    """Leave a field out, where no definition says which fields there are (JSON, MessagePack, CBOR).
+    """Leave out a field of a format without type definitions (JSON, MessagePack, CBOR).
 
     Attributes:
-        field: Path of the field, which may be a list or a map with all that is in it.
-        null: Whether null stands in its place instead.
-        empty: What stands in its place without anything in it, `list` or `map`; nothing if empty.
+        field: Path of the field, which may be a list or a map with all that it contains.
+        null: Whether null takes its place.
+        empty: Empty container that takes its place, `list` or `map`; nothing does if this is empty.
     """
 
     field: str
@@ -163,7 +163,7 @@ class TruncateFault:
     """Cut the payload off.
 
     Attributes:
-        keep: Share of its bytes that is left.
+        keep: Share of its bytes that is kept.
     """
 
     keep: Annotated[float, Field(ge=0, lt=1)] = 0.5

@@ -1,8 +1,8 @@
 """Formulas over the fields of one message: `len(data) == step * height`, `width + 1`, `'rgb8'`.
 
 Arithmetic (`+ - * / // % **`), comparisons, `and`, `or`, `not`, `abs`, `min`, `max`, `isfinite`, numbers, quoted text,
-`true`, `false`, `nan`, `inf`, and field paths such as `pose.covariance[7]` and `len(data)`. Python's grammar has the
-same form, so its parser reads them; what it has read is looked through piece by piece, and never executed.
+`true`, `false`, `nan`, `inf`, and field paths such as `pose.covariance[7]` and `len(data)`. The syntax is
+that of Python, so its parser reads them; the syntax tree is checked node by node, and never executed by Python.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ _CONSTANTS: dict[str, float | bool] = {"nan": math.nan, "inf": math.inf, "true":
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed formula: ask it with a function that reads fields.
+    """A parsed formula; call it with a function that reads fields.
 
     Attributes:
-        text: As it was written.
+        text: Text of the formula, as it was written.
         fields: Every path that it may read, in order of appearance.
-        literal: The text that it stands for, if it is nothing but a quoted one.
+        literal: The quoted text, if the formula is nothing else.
     """
 
     text: str
@@ -70,7 +70,7 @@ class Expression:
         """Return the value for one message.
 
         Raises:
-            PayloadError: A field is not there, or of a kind that cannot be reckoned with.
+            PayloadError: A field is missing, or of a kind that cannot be calculated with.
         """
         try:
             value = self._root(read)
@@ -84,7 +84,7 @@ class Expression:
 
 
 def join_path(base: str, path: str) -> str:
-    """Return the path of a field of a part: `join_path("a[0].b", "len(c)")` is `len(a[0].b.c)`."""
+    """Return the path of a nested field: `join_path("a[0].b", "len(c)")` is `len(a[0].b.c)`."""
     if not base:
         return path
     return f"len({base}.{path[4:-1]})" if path.startswith("len(") else f"{base}.{path}"
@@ -100,7 +100,7 @@ def parse_formula(text: str) -> Expression:
     """Parse a formula.
 
     Raises:
-        ConfigError: The text is none; the message shows the column.
+        ConfigError: The text is not a formula; the message shows the column.
     """
     if len(text) > _LONGEST:
         raise ConfigError(f"a formula of {len(text)} characters is too long", where="formula")
@@ -170,7 +170,7 @@ class _Compiler:
         return check
 
     def path(self, tree: ast.expr) -> str | None:
-        """Return the field path that a piece spells, None if it is something else."""
+        """Return the field path that a node spells, or None if it is something else."""
         match tree:
             case ast.Name(id=name):
                 return name

@@ -20,9 +20,9 @@ class InjectionPlan:
     """An injection plan that is carried out.
 
     Attributes:
-        name: What people call it, such as its file.
-        text: As it was written.
-        injector: Carries it out.
+        name: Name shown to users, such as the path of its file.
+        text: Text of the plan, as it was written.
+        injector: Interceptor that carries it out.
     """
 
     name: str
@@ -34,8 +34,8 @@ class InjectionPlan:
         """Read a plan.
 
         Args:
-            text: TOML.
-            name: What people call it.
+            text: Text of the plan, as TOML.
+            name: Name shown to users.
             seed: Seed of the run, added to the plan's own.
 
         Raises:

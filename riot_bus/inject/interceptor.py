@@ -29,14 +29,14 @@ _CACHED_KEYS = 1 << 16
 
 
 class Injector:
-    """Carries out injections, the same ones for the same seed whatever the timing.
+    """Interceptor that carries out injections, the same ones for the same seed whatever the timing.
 
     A share of messages (`probability`) is chosen by the seeds, the injection's number, the message's content and its
     per-topic index, never by arrival order across topics. A message whose payload does not decode, or that lacks the
     field, is passed on, counted in `skipped` and reported once per topic (`problems`).
 
     Args:
-        injections: Carried out in this order.
+        injections: Injections, carried out in this order.
         seed: The trial's seed; each injection's own seed is added to it.
 
     Raises:
@@ -65,7 +65,7 @@ class Injector:
         self._rewriting: dict[str, int] = {}
 
     def load(self, registry: TypeRegistry) -> None:
-        """Take the registry that says which topics an expression means."""
+        """Set the registry that tells which topics an expression matches."""
         self._registry = registry
         self._routes.clear()
 
@@ -100,7 +100,7 @@ class Injector:
                 return
 
     def _route(self, key: str, topic: str) -> tuple[list[int], dict[int, list[int]]]:
-        """Return the numbers of the injections for a key; those for one message only, by its index."""
+        """Return the numbers of the injections for a key, and those for a single message, by its index."""
         many: list[int] = []
         single: dict[int, list[int]] = {}
         for number, injection in enumerate(self.injections):
@@ -110,7 +110,7 @@ class Injector:
         return many, single
 
     def rewriter(self, kind: MessageType | None, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
-        """Return what sets a field, if all messages of a key get the same value at the same place; see `Pipeline`."""
+        """Return a patch of payloads if all messages of a key get the same value at the same place; see `Pipeline`."""
         numbers = [n for n in range(len(self.injections)) if self._wants(n, key, key)]
         patcher = getattr(kind, "patcher", None)
         if len(numbers) != 1 or kind is None or patcher is None:

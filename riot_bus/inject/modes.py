@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["MOST_MODES", "modes_of"]
 
 MOST_MODES = 6
-"""Most values that a mode has: a field with more is rather a count or a measurement."""
+"""Largest number of values of a mode; a field with more is more likely a count or a measurement."""
 _LONG = 64
-"""Texts of modes have fewer characters."""
+"""A text of this many characters or more is not a mode."""
 _MOST_KNOWN = 1 << 12
 
 

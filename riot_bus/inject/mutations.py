@@ -4,14 +4,14 @@ Part of a dictionary file (see `riot_bus.inject.dictionary`):
 
     [[message]]
     type = "sensor_msgs/msg/Image"                    # or a list of types that have the same fields
-    consistent = "len(data) == step * height"         # optional: holds of sound messages, and of no mutated one
+    consistent = "len(data) == step * height"         # optional: true of sound messages, false of mutated ones
     mutations = [
         { set = { height = "height + 1" }, reason = "one row more than there is data" },
         { set = { step = 65536, height = 65536 }, reason = "their product wraps to 0 in 32 bits" },
     ]
 
 A text is a formula over the message as it was before (`riot_bus.inject.formula`); literal text has quotes of its own:
-`"'rgb8'"`. A mutation holds wherever its type stands: in messages of that type, and in all messages that contain one.
+`"'rgb8'"`. A mutation applies wherever its type occurs: in messages of that type, and in all messages that contain one.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class Mutation:
         type: Type of the message that has the fields.
         changes: New value of each field by path.
         reason: Why this is worth trying.
-        consistent: A formula that is true of sound messages and of no mutated one; empty if it is only unusual.
+        consistent: Formula that is true of sound messages and false of mutated ones; empty if these are only unusual.
         opt_in: Whether it is only tried where the user asked for all of its fields.
-        source: Which entry of which file it is from.
-        own: Whether that is the user's own file.
+        source: Entry and file that it comes from.
+        own: Whether that file is the user's own.
     """
 
     type: str
@@ -64,17 +64,17 @@ class Mutation:
     own: bool = False
 
     def at(self, base: str) -> Changes:
-        """Return the changes for a message of this type that stands at a path of another one."""
+        """Return the changes for a message of this type that is nested at a path of another one."""
         return tuple(
             (join_path(base, path), Formula(value.text, base) if isinstance(value, Formula) else value)
             for path, value in self.changes
         )
 
     def breaks(self, kind: MessageType, payload: bytes, base: str = "") -> bool:
-        """Return whether a message is not consistent, as far as this mutation tells; False if it does not.
+        """Return whether a message contradicts the formula `consistent`; False if there is no formula.
 
         Raises:
-            PayloadError: The message lacks a field that would tell.
+            PayloadError: The message lacks a field of the formula.
         """
         if not self.consistent:
             return False
@@ -85,7 +85,7 @@ def mutate(kind: MessageType, payload: bytes, changes: Iterable[tuple[str, Scala
     """Return a payload with all changes made.
 
     Raises:
-        PayloadError: A field is not there, or a formula has no value that it can hold.
+        PayloadError: A field is missing, or a formula has no value that the field can hold.
     """
     original = payload
     for path, wanted in changes:
@@ -131,8 +131,8 @@ def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutati
     """Yield the mutations of a `[[message]]`, one for each of its types.
 
     Args:
-        raw: As the file has it.
-        where: Which one of which file.
+        raw: Table as the file has it.
+        where: File and place in it, for errors.
         own: Whether the file is the user's own.
 
     Raises:

@@ -125,8 +125,8 @@ def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
     """Read an injection plan from a text.
 
     Args:
-        text: TOML.
-        name: What errors call it.
+        text: Text of the plan, as TOML.
+        name: Name of the plan in errors.
 
     Raises:
         ConfigError: It is not TOML, or a key or value in it is wrong.
@@ -164,7 +164,7 @@ def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
 
 
 def _check(entry: _Inject, where: str) -> dict[str, Scalar]:
-    """Check what a table says as a whole; return the options that are its kind's own."""
+    """Check a table as a whole; return the options that belong to its kind of fault."""
     declared = options_of(_class(entry.fault, f"{where}.fault"))
     own = dict(entry.model_extra or {})
     for key in own.keys() - declared.keys():
@@ -286,7 +286,7 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
     first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
     tags = ("bool", "int", "float", "str", "_Bytes", "_Formula")
     *outer, last = first["loc"]
-    unknown = first["type"] == "extra_forbidden"  # a key that somebody wrote, which may be called like a tag
+    unknown = first["type"] == "extra_forbidden"  # a key from the file, which may have the name of a tag
     place: list[str | int] = [part for part in outer if part not in tags]
     place += [last] if unknown or last not in tags else []
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")

@@ -19,11 +19,10 @@ _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
 
 
 def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
-    """Return a payload with the fields set that a path with `[*]` stands for.
+    """Return a payload in which all fields that a path with `[*]` stands for are set.
 
     Raises:
-        PayloadError: There are no such fields (but for arrays that are empty), they are too many, or the value does not
-            fit.
+        PayloadError: There are no such fields (other than for an empty array) or too many, or the value does not fit.
     """
     fields, lengths = _patterns(path)
     changes = {}
@@ -39,7 +38,7 @@ def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) ->
 
 @lru_cache(maxsize=256)
 def _patterns(path: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
-    """Return what matches the fields that a path with `[*]` stands for, and what matches the lengths of its arrays."""
+    """Return the patterns of the fields that a path with `[*]` stands for, and of the lengths of its arrays."""
     escaped = re.escape(path).replace(r"\[\*\]", r"\[\d+\]")
     places = re.finditer(r"\\\[\\d\+\\\]", escaped)
     arrays = "|".join(escaped[: place.start()] for place in places)
@@ -58,7 +57,7 @@ def _check_elements(kind: MessageType, payload: bytes, path: str) -> None:
 
 
 def fit_value(value: Scalar, before: Scalar) -> Scalar:
-    """Bring a plan's value into the field's kind: `"nan"` is a number where the field is one."""
+    """Convert a plan's value to the field's kind: `"nan"` becomes a number if the field is one."""
     if isinstance(before, float):
         if isinstance(value, str) and value.strip().lower() in _NUMBERS:
             return float(value)

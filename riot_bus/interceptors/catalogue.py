@@ -32,9 +32,9 @@ class Option:
     """One option of an interceptor.
 
     Attributes:
-        name: As it is written.
-        type: As it is declared, empty if it is not.
-        default: None also if it is required.
+        name: Name as it is written.
+        type: Type as it is declared, empty if it is not.
+        default: Default value; None also if the option is required.
         doc: Meaning of the option, in a sentence.
         required: Whether it has to be given.
     """
@@ -62,7 +62,7 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
         use: Name of a shipped or installed interceptor, or `FILE.py[:NAME]`, whose code is then executed.
         options: Its own options, and conditions: select, from, to, start, end, first, last, where, probability, seed;
             `name` gives it another name.
-        where: Place of the text that it was named in, for errors.
+        where: Place where it is named, for errors.
         root: Folder that relative paths start from, by default the working folder.
 
     Returns:
@@ -100,7 +100,7 @@ def names() -> list[str]:
 
 
 def describe() -> list[Description]:
-    """Return what is shipped and installed, by name; of what cannot be loaded, why."""
+    """Describe the shipped and installed interceptors; the summary of one that cannot be loaded says why."""
     found = []
     for name in names():
         try:

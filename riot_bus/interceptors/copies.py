@@ -49,8 +49,8 @@ class Duplicate:
 class Tee:
     """Publish a copy under another key as well.
 
-    Copies are only published: one under the key of a request would ask its service, and one under that of a reply
-    would answer somebody. Such a key is refused here if it always is one, else as an error of the message.
+    Copies are only published: under the key of a request, a copy would call the service, and under that of a reply, it
+    would answer a caller. Such a key is refused at once if it is always one, otherwise as an error of the message.
 
     Args:
         key: Of the copy; `{key}` and `{topic}` stand for those of the message, such as `copy/{key}`.

@@ -34,7 +34,7 @@ __all__ = ["RuleGuard"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 24
-"""No rule.json is larger: it has a few hundred samples."""
+"""Largest size of a rule.json, which has a few hundred samples."""
 _WILD = re.compile(r"[*$?#]")
 _NUMBERED = re.compile(r"(.+)\[(\d{1,6})\]:[^:]*", re.DOTALL)
 _BEYOND: Mapping[str, Callable[[Any, Any], bool]] = {
@@ -43,9 +43,9 @@ _BEYOND: Mapping[str, Callable[[Any, Any], bool]] = {
     "isnan": lambda element, _: math.isnan(element),
     "nonfinite": lambda element, _: not math.isfinite(element),
 }
-"""By quantity of elements: which of them are not as they may be, for a wanted value of it."""
+"""By quantity of elements: whether an element violates a wanted value of the quantity."""
 _MOST_BACK = 64
-"""So many earlier messages of a topic are remembered at most: logs that a rule is learnt on are short."""
+"""Most earlier messages of a topic that are remembered; the logs that rules are learnt from are short."""
 
 
 class _Field(NamedTuple):
@@ -58,9 +58,9 @@ class _Field(NamedTuple):
 class RuleGuard:
     """Keep from a unit what a rule says it fails on; all other messages pass as they are.
 
-    Where the rule relates fields of several topics, or of messages before, a message is judged with what was delivered
-    of these; until each has come, what needs it does not hold. An order of messages is judged at the second one. A
-    message that lacks a field of the rule passes, and is an error of this interceptor.
+    If the rule relates fields of several topics or of earlier messages, a message is judged with the values delivered
+    for these; conditions on a value that has not arrived yet do not hold. An order of messages is judged at the second
+    one. A message that lacks a field of the rule passes, and counts as an error of this interceptor.
 
     Args:
         rule: A finding's rule.json.
@@ -130,7 +130,7 @@ class RuleGuard:
             raise ConfigError(f"clamp has to know the type of {missing[0]!r}", where=str(self.rule), hint=hint)
         repairs = {}
         for topic, fields in self._fields.items():
-            # the length of an array is none of a message's values: changing it would invent elements
+            # the length of an array is not a value of the message: changing it would invent elements
             movable = [self._names[one.place] for one in fields if not one.back and not one.path.startswith("len(")]
             if why := self._why_not(movable, types):
                 hint = "use drop or hold"
@@ -140,7 +140,7 @@ class RuleGuard:
 
     def _why_not(self, movable: Sequence[str], types: Mapping[str, str]) -> str:
         own = set(movable)
-        # a message changes the truth of those terms alone that have one of its fields
+        # a message only changes the truth of terms that have one of its fields
         terms = (
             tuple(term for term in self._rule.terms if any(own & set(literal.feature.args) for literal in term))
             if len(self._fields) > 1
@@ -149,7 +149,7 @@ class RuleGuard:
         return why_not_repairable(terms, movable, types)
 
     def message(self, event: Event) -> None:
-        """Judge it, and do something only if the rule holds."""
+        """Judge a message, and act on it only if the rule holds."""
         fields = self._fields.get(event.topic)
         if fields is None:
             return
@@ -190,7 +190,7 @@ class RuleGuard:
         return past[-back].get(path) if len(past) >= back else None
 
     def _remember(self, event: Event) -> None:
-        """Keep of a delivered message what later ones are judged with."""
+        """Keep the values of a delivered message that later ones are judged with."""
         if self._orders:
             self._came.add(event.topic)
         if event.topic in self._past:
@@ -201,7 +201,7 @@ class RuleGuard:
             self._past[event.topic].append(kept)
 
     def _act(self, event: Event, fields: Sequence[_Field], values: list[Any]) -> list[Any] | None:
-        """Return the values that are delivered and good; None if there are none."""
+        """Act on a message that meets the rule; return the values that are delivered and good, or None."""
         self.met[event.topic] += 1
         if self.action == "report":
             self._delivered = values
@@ -229,7 +229,7 @@ class RuleGuard:
                 self._good_elements[event.topic, quantity.path] = event.read_elements(quantity.path)
 
     def _set(self, event: Event, path: str, wanted: Any) -> None:
-        """Set a field; of a quantity of elements, those of them that are beyond it, held ones to what they were."""
+        """Set a field; for a quantity of elements, set those that violate it (hold: to their last good values)."""
         quantity = quantity_of(path)
         if quantity is None:
             event.set(path, wanted)
@@ -258,14 +258,14 @@ class RuleGuard:
             _LOG.warning("guard: message %d of %s %s (%s); so far %d", event.index, event.topic, what, told, count)
 
     def stop(self) -> None:
-        """Tell what was done."""
+        """Log what was done."""
         if self.met:
             done = ", ".join(f"{count} {what}" for what, count in self.done.items())
             _LOG.warning("guard: %s: the rule held for %d messages: %s", self.rule, self.met.total(), done)
 
 
 def _topics(given: Any, names: Sequence[str]) -> list[str]:
-    """Return the topics of the log in which names are given, as a record tells or else as many as the names need."""
+    """Return the topics of the log that the names refer to: the recorded ones, or as many as the names need."""
     if isinstance(given, list) and given and all(isinstance(topic, str) for topic in given):
         return given
     numbered = [found.groups() for name in names if (found := _NUMBERED.fullmatch(name))]

@@ -107,7 +107,7 @@ class Bandwidth:
         link = "" if self.shared else event.topic
         now, start, size = came(event), due(event), len(event.payload)
         free, last = self._links.get(link) or (start, now)
-        if last - now > _CLOCK_STEP_NS:  # the clock was set back: what waits has still as long to wait
+        if last - now > _CLOCK_STEP_NS:  # the clock was set back: queued messages wait as long as before
             free -= last - now
         waiting = (free - start) * self.bytes_per_second / 1e9
         if waiting > 0 and waiting + size > self.queue:

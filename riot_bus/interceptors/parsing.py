@@ -20,7 +20,7 @@ _KEY = re.compile(r"[A-Za-z_]\w*")
 
 
 def parse(text: str) -> tuple[str, dict[str, Any]]:
-    """Take `NAME key=value key=value` apart; an option that is given twice is a list.
+    """Split `NAME key=value key=value`; the values of an option that is given twice become a list.
 
     Raises:
         ConfigError: The text is not of this form.
@@ -62,7 +62,7 @@ def from_tables(
 
     Args:
         tables: Tables of riot.toml, as they are written there.
-        where: The file, for errors.
+        where: Name of the file, for errors.
         root: Folder that relative paths start from, by default the working folder.
 
     Raises:
@@ -86,10 +86,10 @@ def build_all(
     """Build the interceptors of a riot.toml, then those of a command line; files that they name are executed.
 
     Args:
-        texts: As written after `--interceptor`.
-        tables: `[[router.interceptors]]`, as written.
-        file: The riot.toml, for errors and relative paths.
-        seed: Seed of those that have none of their own; 0 for none.
+        texts: Texts, as written after `--interceptor`.
+        tables: Tables `[[router.interceptors]]`, as written.
+        file: Path of riot.toml, for errors and relative paths.
+        seed: Seed of interceptors that have none of their own; 0 for none.
 
     Raises:
         ConfigError: One cannot be built.

@@ -23,14 +23,14 @@ _FROZEN_BYTES = 1 << 28
 _STATE_BYTES = 256
 _MOST_ELEMENTS = 1 << 16
 _SET_SINGLY = 8
-"""So many fields are set one by one, which notes each of them; more are set at once, which is fast."""
+"""Up to this many fields are set one by one, which records each; more are set at once, which is faster."""
 
 _INDEX = re.compile(r"\[\d+\]")
 
 
 class _Frozen(NamedTuple):
     payloads: dict[tuple[str, ...], bytes]
-    """By the segments that a message goes to: on its way to each of them it may have been changed before."""
+    """By target segments, because a message may have been changed before on its way to each of them."""
     first: int
     last: int
 
@@ -42,8 +42,8 @@ class _Frozen(NamedTuple):
 class Freeze:
     """Repeat the last value: selected messages carry the payload of the first one that was selected.
 
-    A message that it does not see, because it is not selected or was dropped before, ends it, and so does a delete; the
-    next one is repeated anew.
+    A message that this does not see, because it is not selected or was dropped before, ends the repetition, and so does
+    a delete; the next message is then repeated.
 
     Args:
         hold: For how many messages a value is repeated; 0 for as long as messages are selected.
@@ -97,7 +97,7 @@ class Corrupt:
             raise ConfigError("nothing is to be spoiled", hint="give bits = NUMBER or count = NUMBER OF BYTES")
 
     def message(self, event: Event) -> None:
-        """Spoil its payload."""
+        """Corrupt its payload."""
         data = bytearray(event.payload)
         end = len(data) if self.length is None else min(len(data), self.offset + self.length)
         if self.offset >= end:

@@ -15,11 +15,11 @@ ValueT = TypeVar("ValueT")
 
 
 class PerTopic(Generic[ValueT]):
-    """State by topic; what was not set for longest is forgotten when somebody invents too many topics.
+    """State by topic; if there is too much of it, the state that was not set for longest is forgotten.
 
     Args:
-        most: Greatest sum of the sizes.
-        size: Of one state; by default each counts as one.
+        most: Largest sum of the sizes.
+        size: Function that returns the size of a state; by default each counts as one.
     """
 
     def __init__(self, *, most: int = _MOST_TOPICS, size: Callable[[ValueT], int] | None = None) -> None:

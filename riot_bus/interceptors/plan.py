@@ -34,7 +34,7 @@ class Inject:
         self.topics = self.injector.topics
 
     def load(self, registry: TypeRegistry) -> None:
-        """Take the registry that says which topics an expression means."""
+        """Set the registry that tells which topics an expression matches."""
         self.injector.load(registry)
 
     def message(self, event: Event) -> None:

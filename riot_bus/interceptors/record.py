@@ -32,8 +32,8 @@ _OVERHEAD_BYTES = 256
 class Record:
     """Record messages as they are at this place, before and after other interceptors.
 
-    The file is written on a thread of its own. What does not fit in the queue is not recorded, but goes on as it is: it
-    is counted in `lost`, and the loss is an error of this interceptor.
+    The file is written on a thread of its own. A message that does not fit in the queue is passed on but not recorded:
+    it is counted in `lost`, and the loss is an error of this interceptor.
 
     Args:
         path: The log to write; an existing file is overwritten.
@@ -62,7 +62,7 @@ class Record:
         self._thread: threading.Thread | None = None
 
     def load(self, registry: TypeRegistry) -> None:
-        """Take the registry that knows topics and types."""
+        """Set the registry that knows topics and types."""
         self._registry = registry
 
     def start(self) -> None:
@@ -93,7 +93,7 @@ class Record:
         raise DataLossError("messages are not recorded", where=str(self.path), hint="is the disk full, or too slow?")
 
     def stop(self) -> None:
-        """Write what waits and finish the log.
+        """Write the queued messages and finish the log.
 
         Raises:
             DataLossError: The log lacks messages.

@@ -53,12 +53,12 @@ class Jitter:
         check_seconds("spread", self.spread)
 
     def message(self, event: Event) -> None:
-        """Delay it, but not less than what came before."""
+        """Delay it, but not to before the preceding message."""
         now = due(event)
         wanted = now + int(1e9 * max(0.0, self.seconds + self.spread * (2 * event.draw() - 1)))
         last = self._last.get(event.topic)
         if last is not None:
-            # A clock that was set back must not hold up messages until it is where it was.
+            # A clock that was set back must not hold up messages until it has caught up.
             wanted = max(wanted, min(last, now + int(1e9 * (self.seconds + self.spread))))
         self._last[event.topic] = wanted
         hold_until(event, wanted)
@@ -84,17 +84,17 @@ class Reorder:
 
 
 def came(event: Event) -> int:
-    """Return when a message came, in nanoseconds since the first message."""
+    """Return when a message arrived, in nanoseconds since the first message."""
     return round(event.seconds * 1e9)
 
 
 def due(event: Event) -> int:
-    """Return when a message falls due as things stand, in nanoseconds since the first message."""
+    """Return when a message is due with its present delay, in nanoseconds since the first message."""
     return came(event) + event.delay_ns
 
 
 def hold_until(event: Event, when: int) -> None:
-    """Delay a message so that it falls due at `when`, to the nanosecond: what falls due together keeps its order."""
+    """Delay a message until `when`, to the nanosecond, so that messages due at the same time keep their order."""
     left = when - due(event)
     if left > 0:
         seconds = left / 1e9

@@ -1,6 +1,6 @@
-"""Logs are MCAP: writer, reader, player, and fields as arrays.
+"""Logs, which are MCAP files: writer, reader, player, and fields as arrays.
 
-`columns` and `iter_columns` can be had from here; they are imported when they are first asked for.
+`columns` and `iter_columns` are available here; they are only imported when they are first used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a recording has and what it lacks, as a record in the log itself: the metadata record `riot_bus.lost`."""
+"""What a recording contains and lacks, stored in the log itself as the metadata record `riot_bus.lost`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Numbers = Mapping[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """Messages by topic and, where they are not in the log, by reason; false if none is lost.
+    """Numbers of messages by topic and, if they are not in the log, by reason; false if none is lost.
 
     Attributes:
-        recorded: What was written.
-        lost: What should have been, by reason: `disk` (full or broken), `too slow` (the disk), `no room` (the queue
-            before it), `refused` (more keys or other times than a log can hold), `missed` (gaps in the numbers that
-            publishers give, so the messages never arrived).
-        left_out: What nobody wanted, by reason: `paused`, `throttled`.
+        recorded: Messages that were written.
+        lost: Messages that should have been written, by reason: `disk` (full or broken), `too slow` (the disk),
+            `no room` (in the queue before the disk), `refused` (more keys or other times than a log can hold),
+            `missed` (gaps in the numbers that publishers give: the messages never arrived).
+        left_out: Messages that were not wanted, by reason: `paused`, `throttled`.
     """
 
     recorded: Numbers = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Account:
         return sum(number for name, topics in self.lost.items() if reason in (None, name) for number in topics.values())
 
     def since(self, former: Account) -> Account:
-        """Return what was added to another account."""
+        """Return what was added since an earlier account."""
         return Account(
             _less(self.recorded, former.recorded),
             {reason: _less(topics, former.lost.get(reason, {})) for reason, topics in self.lost.items()},
@@ -65,7 +65,7 @@ def account_of(record: Mapping[str, str]) -> Account | None:
     """Read a metadata record; None if it is damaged or of another version.
 
     Args:
-        record: As `LogReader.notes(LOST)` yields it; the last one of a log counts.
+        record: Record that `LogReader.notes(LOST)` yields; the last one of a log counts.
     """
     try:
         if record["version"] != str(_VERSION):

@@ -1,4 +1,4 @@
-"""Logs from and to files in formats of other tools, as far as adapters know them (`riot_bus.types.capabilities`)."""
+"""Conversion of logs from and to file formats of other tools that adapters know (`riot_bus.types.capabilities`)."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class ArchiveDone:
-    """What was written.
+    """Result of a conversion.
 
     Attributes:
-        messages: Their number.
-        skipped: Messages of other kinds, which the format cannot hold.
-        loss: What of the log could not be read.
-        damage: What of the other file could not be read, empty if nothing.
+        messages: Number of messages written.
+        skipped: Number of messages of other kinds, which the format cannot hold.
+        loss: Part of the log that could not be read.
+        damage: Part of the other file that could not be read, empty if there is none.
     """
 
     messages: int
@@ -45,7 +45,7 @@ class ArchiveDone:
 
 
 def archive_endings(adapters: Sequence[Adapter]) -> list[str]:
-    """Return the endings of files that adapters know."""
+    """Return the file name endings that adapters know."""
     return sorted({ending for each in adapters if isinstance(each, ConvertsFiles) for ending in each.archives})
 
 
@@ -63,14 +63,14 @@ def export_archive(
     """Write a log's delivered messages in the format that the ending of a file names; the file appears when complete.
 
     Args:
-        log: The log.
+        log: Log to read.
         out: File to write.
-        adapters: One of them knows the format.
+        adapters: Adapters, one of which knows the format.
         topics: Topic names or key expressions; None for all.
         start: Earliest time, nanoseconds.
         end: Latest time (exclusive), nanoseconds.
         force: Whether an existing file is replaced.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
+        salvage: Whether to take messages of damaged chunks that an index confirms.
 
     Raises:
         ConfigError: The file exists, no adapter knows its format, or no message is of that kind.
@@ -101,12 +101,12 @@ def export_archive(
 def import_archive(
     file: Path | str, out: Path | str, adapters: Sequence[Adapter], *, force: bool = False
 ) -> ArchiveDone:
-    """Write a log of a file in a format of other tools; the log appears when complete.
+    """Convert a file in a format of another tool to a log; the log appears when complete.
 
     Args:
-        file: The file; its ending names the format.
-        out: The log to write.
-        adapters: One of them knows the format.
+        file: File to read; its ending names the format.
+        out: Log to write.
+        adapters: Adapters, one of which knows the format.
         force: Whether an existing file is replaced.
 
     Raises:
@@ -146,7 +146,7 @@ def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
 
 @contextmanager
 def _finished(out: Path, *, force: bool, source: Path) -> Iterator[str]:
-    """Give the name of a file that takes the place of `out` when all went well."""
+    """Yield the name of a temporary file that replaces `out` if no error occurs."""
     if out.exists() and not force:
         raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
     if out.exists() and source.exists() and os.path.samefile(source, out):

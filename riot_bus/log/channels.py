@@ -1,4 +1,4 @@
-"""What a log says of its topics, and from when to when it goes; as much as a player wants to know."""
+"""Topics and time span of a log, as a player needs them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["recorded_topics", "span_of"]
 
 
 def recorded_topics(reader: LogReader) -> list[RecordedTopic]:
-    """Return the topics of the delivered messages; a topic of several channels once, as its first one says."""
+    """Return the topics of the delivered messages; if a topic has several channels, the first one counts."""
     found: dict[str, RecordedTopic] = {}
     for topic in reader.recorded():
         found.setdefault(topic.key, topic)
@@ -20,6 +20,6 @@ def recorded_topics(reader: LogReader) -> list[RecordedTopic]:
 
 
 def span_of(reader: LogReader) -> tuple[int, int] | None:
-    """Return the time of the first message and about that of the last one, without reading all; None if it is empty."""
+    """Return the times of the first and (roughly) the last message, without reading all; None for an empty log."""
     first = next((message.time for message in reader.messages()), None)
     return None if first is None else (first, max(first, reader.latest))

@@ -1,4 +1,4 @@
-"""Messages of files that know no keys, such as ROS 2 bags, as they would come from the bus."""
+"""Messages of files without keys, such as ROS 2 bags, as they would arrive from the bus."""
 
 from __future__ import annotations
 
@@ -24,12 +24,11 @@ def bus_messages(
 ) -> Iterator[Message]:
     """Yield the delivered messages; those of a file without keys under the keys that they would have on the bus.
 
-    They get a number each, and the attachments that their middleware wants, from a publisher of which nothing else is
-    known.
+    Each of the latter gets a number, and the attachment that its middleware needs, from an otherwise unknown publisher.
 
     Args:
-        reader: The log.
-        registry: Its adapters say how topics are published.
+        reader: Reader of the log.
+        registry: Registry whose adapters tell how topics are published.
         start: Earliest time, nanoseconds.
         end: Latest time (exclusive), nanoseconds.
 
@@ -66,7 +65,7 @@ class _Topic:
 
 
 def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
-    """Take the types of a log's schemas for topics whose type is not known otherwise."""
+    """Use the types of a log's schemas for topics whose type is not known otherwise."""
     for topic, (schema, encoding) in reader.schemas.items():
         if registry.type_of(topic) is None:
             registry.add_schema(topic, schema, encoding)

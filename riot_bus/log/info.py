@@ -1,4 +1,4 @@
-"""What is in a log, at a glance: from its summary, or by reading all of it."""
+"""An overview of a log, from its summary or by reading all of it."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ class TopicInfo:
     """One topic of a log.
 
     Attributes:
-        topic: What people call it.
-        key: Its Zenoh key.
+        topic: Name of the topic shown to users.
+        key: Zenoh key of the topic.
         type: Name of the messages' type.
         encoding: MCAP's message encoding.
         count: Messages that were delivered.
-        originals: Those as they were before they were changed, delayed or dropped.
-        bytes: Of payloads; None if the log was not read.
-        first: Time of the first message, nanoseconds; if the log was not read, about that.
-        last: Time of the last message, likewise.
+        originals: Originals of messages that were changed, delayed or dropped.
+        bytes: Bytes of all payloads; None if the log was not read.
+        first: Time of the first message, nanoseconds; approximate if the log was not read.
+        last: Time of the last message, nanoseconds; approximate if the log was not read.
         missing: Gaps in the numbers that publishers gave their messages; None if the log was not read, or if they
             gave none.
     """
@@ -67,22 +67,22 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """A whole log.
+    """An overview of a log.
 
     Attributes:
-        path: The file.
-        size: Its bytes.
+        path: Path of the file.
+        size: Size of the file in bytes.
         profile: MCAP profile.
-        topics: Facts of each topic by name.
+        topics: Facts about each topic, sorted by name.
         count: Messages that were delivered.
         start: Time of the first message, nanoseconds; None if there is none.
-        end: Time of the last one.
-        metadata: What the recorder said of the run.
-        loss: What cannot be read; nothing is known of that unless `scanned`.
-        scanned: Whether all of the file was read; otherwise its summary alone.
-        account: What the recorder lost by its own account; None if it gave none.
-        library: Who has written the file.
-        chunks: How many there are.
+        end: Time of the last message, nanoseconds; None if there is none.
+        metadata: Metadata of the run, from the recorder.
+        loss: What cannot be read; unknown unless `scanned`.
+        scanned: Whether all of the file was read, not only its summary.
+        account: The recorder's own account of what it lost; None if it gave none.
+        library: Library that has written the file.
+        chunks: Number of chunks.
     """
 
     path: str
@@ -112,17 +112,17 @@ def log_info(
     progress: Callable[[int, int], None] | None = None,
     limits: LogLimits | None = None,
 ) -> LogInfo:
-    """Say what a log holds.
+    """Return an overview of a log.
 
     Args:
-        path: The log.
-        scan: Read all of it, so that the loss is the whole truth; False: only if its summary is not sound; None: if it
-            is small (64 MiB), or if its summary is not sound.
-        progress: Called now and then with the bytes that are read, and those of the file.
-        limits: Of what is read; None for the usual ones, as the environment's `RIOT_LOG_LIMITS` changes them.
+        path: Path of the log.
+        scan: Whether to read all of it, so that the loss is complete; False: only if its summary is not sound; None: if
+            it is small (64 MiB), or if its summary is not sound.
+        progress: Function that is called repeatedly with the number of bytes read and of the whole file.
+        limits: Limits of what is read; None for the default ones, with the changes in `RIOT_LOG_LIMITS`.
 
     Raises:
-        ConfigError: The file is no log.
+        ConfigError: The file is not a log.
     """
     limits = lifted() if limits is None else limits
     if not scan:
@@ -256,7 +256,7 @@ class _Numbers:
         self._known: dict[tuple[str, bytes], _Publisher] = {}
 
     def take(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
-        """Take in the messages of a block that have an attachment."""
+        """Process the messages of a block that have an attachment."""
         channels = block.channels
         for place, extra in extras.items():
             attachment = extra.get("a")

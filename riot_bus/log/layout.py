@@ -1,7 +1,7 @@
-"""What riot_bus puts into an MCAP file beyond messages; docs/log-format.md describes it for people.
+"""What riot_bus stores in an MCAP file besides messages; docs/log-format.md describes it for users.
 
-An MCAP message has a channel, two times, a number and data. What else a message on the bus has is kept by the channel
-when it is the same for all messages, and in *extras* otherwise: one MCAP attachment before each chunk that needs it.
+An MCAP message has a channel, two times, a number and data. Other properties of a message on the bus are stored in the
+channel if all messages share them, and otherwise in *extras*: one MCAP attachment before each chunk that needs it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """What a channel's messages have in common."""
+    """The properties that a channel's messages have in common."""
 
     encoding: str = ""
     segment: str = ""
@@ -65,7 +65,7 @@ class Constants:
 
     @classmethod
     def of(cls, message: Message) -> Constants:
-        """Return what a message says."""
+        """Return the properties of a message."""
         return cls(message.encoding, message.segment, message.qos)
 
     def to_metadata(self) -> dict[str, str]:
@@ -74,7 +74,7 @@ class Constants:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Constants:
-        """Read channel metadata of a file that may be anybody's."""
+        """Read channel metadata of a file from any source."""
         try:
             qos = _qos(json.loads(metadata.get(QOS, "null")))
         except (ValueError, RecursionError):
@@ -83,7 +83,7 @@ class Constants:
 
 
 def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
-    """Return what neither the MCAP message nor the channel can say about a message, None if that is nothing."""
+    """Return the properties of a message that neither MCAP message nor channel can hold, None if there are none."""
     extras: dict[str, Any] = {}
     if message.attachment is not None:
         extras["a"] = message.attachment
@@ -111,7 +111,7 @@ def message_of(time: int, key: str, payload: bytes, fields: Mapping[str, Any]) -
 
 
 def channel_name(topic: str, role: Role) -> str:
-    """Return what MCAP calls a channel; requests and replies get names that are valid for ROS 2 tools.
+    """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools.
 
     Example:
         >>> channel_name("/add_two_ints/@request", "delivered")
@@ -152,7 +152,7 @@ def load_extras(file: int, block: Block, most: int, limits: LogLimits = DEFAULT_
         file: Descriptor of the log.
         block: Block of the log.
         most: Largest number of messages that the block can have.
-        limits: Of what is read.
+        limits: Limits of what is read.
 
     Raises:
         ValueError: They are damaged or, as BeyondLimitError, too large.
@@ -164,9 +164,9 @@ def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) ->
     """Decode the extras of one chunk.
 
     Args:
-        data: As `pack_extras` has returned it.
-        most: So many messages the chunk has at most.
-        limits: Of what is read.
+        data: Result of `pack_extras`.
+        most: Largest number of messages that the chunk can have.
+        limits: Limits of what is read.
 
     Raises:
         ValueError: They are damaged or, as BeyondLimitError, too large.
@@ -187,7 +187,7 @@ def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) ->
 
 
 def _unpack_pairs(raw: bytes, most: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the pairs of many extras: hostile ones, deeply nested, would take far more memory than they have bytes."""
+    """Yield the pairs of many extras; refuse deeply nested ones, which would take far more memory than bytes."""
     maps = 0
 
     def check_list(items: list[Any]) -> list[Any]:

@@ -1,4 +1,4 @@
-"""LogLimits of what is read of a log: those of people, tighter ones of a robot, and how both are lifted."""
+"""Limits of what is read of a log: default ones, tighter ones for a robot, and how both are lifted."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _FEW = 1 << 12
 
 
 def lifted(limits: LogLimits = DEFAULT_LIMITS) -> LogLimits:
-    """Return limits as the environment's `RIOT_LOG_LIMITS` changes them, such as `ratio=1000,chunk=2GiB`.
+    """Return limits with the changes in the environment's `RIOT_LOG_LIMITS`, such as `ratio=1000,chunk=2GiB`.
 
     Raises:
-        ConfigError: A limit is unknown, or its value is none.
+        ConfigError: A limit is unknown, or its value is not valid.
     """
     wanted: dict[str, int] = {}
     for text in filter(None, map(str.strip, os.environ.get(VARIABLE, "").split(","))):
@@ -40,12 +40,12 @@ def tight_limits(files: int = 1) -> LogLimits:
     """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too.
 
     Args:
-        files: So many are read at once.
+        files: Number of files that are read at once.
     """
     share = max(1, files)
     return lifted(replace(_TIGHT, chunks=max(_FEW, _TIGHT.chunks // share), held=_TIGHT.held // share))
 
 
 def refusal(error: BeyondLimitError) -> str:
-    """Say in a sentence what is beyond which limit, and how to lift that."""
+    """Return a sentence that tells what is beyond which limit, and how to lift it."""
     return f"{error}; {VARIABLE}={error.lift} lifts that"

@@ -1,4 +1,4 @@
-"""What could not be read of a log, and the notes that a reader takes of it on the way."""
+"""What could not be read of a log, and the notes that a reader takes of it while reading."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ class Loss:
 
     Attributes:
         unfinished: The file was never closed: what its writer had not yet written is lost.
-        bytes: Bytes that are not a whole record: at the end, or behind a damaged length.
-        chunks: Damaged chunks that were left out, and those that the summary counts but that are not there.
+        bytes: Bytes that are not a whole record: at the end, or after a damaged length.
+        chunks: Damaged chunks that were left out, and those that the summary counts but that are missing.
         messages: Messages that were left out because their channel is unknown or their time is impossible.
         details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
             their payload.
         conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
-        unsorted: Messages that come later than their time: chunks do not say the truth about their times, or so many
-            of them overlap that sorting would take too much memory.
-        salvaged: Messages of damaged chunks that were taken as far as an index confirms them; that their payloads are
-            as they were, nobody can say.
-        salvageable: Messages of damaged chunks that could be taken likewise, where somebody has counted them.
+        unsorted: Messages that come later than their time: chunks state wrong times, or so many of them overlap that
+            sorting would take too much memory.
+        salvaged: Messages of damaged chunks that were taken because an index confirms them; their payloads may still
+            be damaged.
+        salvageable: Messages of damaged chunks that could be salvaged in this way, if they were counted.
         beyond: Chunks that were left out because of a limit.
-        limit: The first limit that was met, what was beyond it, and how to lift it; empty if none was.
+        limit: The first limit that was exceeded, by what, and how to lift it; empty if none was.
     """
 
     unfinished: bool = False
@@ -96,19 +96,19 @@ class LossNotes:
     _refused: BeyondLimitError | None = None
 
     def note_damage(self, block: Block, problem: ValueError) -> None:
-        """Take note that a block cannot be read, or must not be."""
+        """Note that a block cannot be read, or must not be."""
         (self._beyond if self._is_limit(problem) else self.damaged).add(block.number)
 
     def note_detail(self, place: Block | Span, problem: Exception | None = None) -> None:
-        """Take note that what belongs to a block's messages, or a record beside the messages, cannot be read."""
+        """Note that data about a block's messages, or a record other than messages, cannot be read."""
         self._is_limit(problem)
-        self._details.add(-place.offset if isinstance(place, Span) else place.number)  # apart from numbers of blocks
+        self._details.add(-place.offset if isinstance(place, Span) else place.number)  # no number of a block
 
     def total(self, scan: Scan) -> Loss:
         """Return all that is missing of a file.
 
         Args:
-            scan: The file.
+            scan: Scan of the file.
         """
         refused = scan.refused or self._refused
         skipped = scan.missing_chunks if scan.stopped else 0
@@ -126,7 +126,7 @@ class LossNotes:
         )
 
     def _is_limit(self, error: Exception | None) -> bool:
-        """Return whether an error is a limit's, and take note of the first one."""
+        """Return whether an error is due to a limit, and remember the first one."""
         if not isinstance(error, BeyondLimitError):
             return False
         self._refused = self._refused or error

@@ -1,4 +1,4 @@
-"""How people name what is in a log: its topics, new names for them, and points of its time."""
+"""Names that users give for the content of a log: topics, new names for them, and points in time."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def means(text: str, topic: RecordedTopic) -> bool:
 
 
 def in_full(text: str, topics: Sequence[RecordedTopic], adapters: Callable[[], Sequence[Adapter]]) -> str:
-    """Return the key expression that a short name such as MAVLink's `HEARTBEAT` stands for; other names as they are.
+    """Return the key expression that a short name such as MAVLink's `HEARTBEAT` stands for; other names unchanged.
 
     Args:
-        text: A name or key expression, as a user wrote it.
-        topics: What was recorded; adapters are only asked about a text that means none of it.
-        adapters: Returns who knows short names.
+        text: Name or key expression, as a user wrote it.
+        topics: Recorded topics; adapters are only asked about a text that matches none of them.
+        adapters: Function that returns the adapters, which know short names.
     """
     if any(means(text, topic) for topic in topics):
         return text
@@ -63,7 +63,7 @@ def parse_remaps(texts: Sequence[str]) -> dict[str, str]:
 
 
 def renamed(topic: RecordedTopic, remaps: Mapping[str, str]) -> str | None:
-    """Return the new name of a topic by what `parse_remaps` returned, None if it keeps its own."""
+    """Return the new name of a topic from the result of `parse_remaps`, None if it keeps its own."""
     bare = topic.name.strip("/")
     for old, new in remaps.items():
         if not old.endswith("/**"):
@@ -81,9 +81,9 @@ def parse_time(text: str, start: int, *, where: str) -> int:
 
     Args:
         text: Seconds from the beginning, seconds since the Unix epoch (from 100 million on), or a date and time in
-            ISO 8601; UTC if it does not say.
-        start: The beginning, nanoseconds.
-        where: The option, for errors.
+            ISO 8601; UTC if it has no time zone.
+        start: Beginning of the logs, nanoseconds.
+        where: Name of the option, for errors.
 
     Raises:
         ConfigError: It is none of these.

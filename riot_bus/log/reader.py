@@ -1,4 +1,4 @@
-"""Read a log in bounded memory, whole or damaged, ours or a ROS 2 bag."""
+"""Reading of logs in bounded memory, whole or damaged, written by riot_bus or as a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ _LEAST_BYTES = HEAD.size + SHORTEST_MESSAGE
 
 @dataclass(frozen=True, slots=True)
 class ChannelSource:
-    """What the messages of a channel are.
+    """The common properties of the messages of a channel.
 
     Attributes:
-        key: Their key.
-        topic: What people call it.
-        role: Delivered, or originals.
+        key: Key of the messages.
+        topic: Name of the topic shown to users.
+        role: Whether they were delivered, or are originals.
         own: Whether riot_bus has written them.
-        constants: What else they have in common.
-        schema: Their type's definition, empty if there is none.
+        constants: Further properties that they have in common.
+        schema: Definition of their type, empty if there is none.
         encoding: MCAP's message encoding.
     """
 
@@ -94,12 +94,12 @@ class LogReader:
     been read).
 
     Args:
-        path: The file.
-        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.engine.salvage`).
-        limits: Of what is read; None for the usual ones, as the environment's `RIOT_LOG_LIMITS` changes them.
+        path: Path of the file.
+        salvage: Whether to take messages of damaged chunks that an index confirms (`riot_bus.log.engine.salvage`).
+        limits: Limits of what is read; None for the default ones, with the changes in `RIOT_LOG_LIMITS`.
 
     Attributes:
-        limits: Of what is read; what is beyond is treated as damage.
+        limits: Limits of what is read; anything beyond them is treated as damage.
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.
@@ -111,7 +111,7 @@ class LogReader:
         self._salvage = salvage
         self._file = open_log(path)
         self.close = weakref.finalize(self, os.close, self._file)
-        """Close the file; happens by itself when the reader is no longer used."""
+        """Close the file; done automatically when the reader is no longer used."""
         try:
             self._scan: Scan = scan_file(self._file, self.path, self.limits)
         except ConfigError:
@@ -139,7 +139,7 @@ class LogReader:
 
     @property
     def library(self) -> str:
-        """Who has written the file, by its own account."""
+        """The library that has written the file, as the file states."""
         return self._scan.header.library if self._scan.header else ""
 
     @property
@@ -149,7 +149,7 @@ class LogReader:
 
     @cached_property
     def metadata(self) -> Mapping[str, str]:
-        """What the writer was given as `metadata`."""
+        """The `metadata` that was passed to the writer."""
         found: dict[str, str] = {}
         for name, span in self._scan.metadata:
             if name == layout.RUN:
@@ -170,11 +170,11 @@ class LogReader:
             yield source.topic, source.key, source.schema, source.encoding
 
     def sources(self) -> Mapping[int, ChannelSource]:
-        """Return what the messages of each channel are, by the channel's number in the file."""
+        """Return the properties of each channel's messages, by the channel's number in the file."""
         return {number: self._source(number, channel) for number, channel in self._channels.items()}
 
     def recorded(self) -> Iterator[RecordedTopic]:
-        """Yield all that the file says of each channel of delivered messages; a topic may have several."""
+        """Yield all that the file tells about each channel of delivered messages; a topic may have several."""
         for number, source in self.sources().items():
             if source.role == "delivered":
                 details = dict(self._channels[number].metadata)
@@ -182,7 +182,7 @@ class LogReader:
 
     @property
     def latest(self) -> int:
-        """Time of the last message as chunks say it, without reading them; 0 of an empty log."""
+        """Time of the last message as chunks state it, without reading them; 0 for an empty log."""
         return max((block.end for block in self._scan.blocks), default=0)
 
     def messages(
@@ -193,7 +193,7 @@ class LogReader:
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[Message]:
-        """Yield messages by time of reception; those of equal time in the file's order.
+        """Yield messages sorted by time of reception, those of equal time in the file's order.
 
         Args:
             topics: Topic names or key expressions; None for all.
@@ -234,7 +234,7 @@ class LogReader:
         """Yield what was written with `LogWriter.note`, in the order of writing; damaged ones are left out.
 
         Args:
-            name: Such as `riot_bus.graph`.
+            name: Name of the notes, such as `riot_bus.graph`.
         """
         for found, span in self._scan.metadata:
             if found == name:
@@ -250,14 +250,14 @@ class LogReader:
         return self._file
 
     def blocks(self, low: int = 0, high: int = 1 << 64) -> list[Block]:
-        """Return the blocks that may have messages in [low, high), by time; those of equal time as they are written."""
+        """Return the blocks that may have messages in [low, high), sorted by time, then by order in the file."""
         return sorted(
             (block for block in self._scan.blocks if block.end >= low and block.start < high),
             key=lambda block: (block.start, block.number),
         )
 
     def define(self, opcode: int, body: bytes) -> None:
-        """Take in a schema or channel that was found in a block."""
+        """Add a schema or channel that was found in a block."""
         define(self._scan, opcode, body)
 
     def extras_of(self, block: Block, size: int) -> dict[int, dict[str, Any]]:
@@ -265,7 +265,7 @@ class LogReader:
 
         Args:
             block: The block of the messages.
-            size: Its bytes, uncompressed.
+            size: Uncompressed size of the block in bytes.
         """
         try:
             return layout.load_extras(self._file, block, size // _LEAST_BYTES, self.limits)
@@ -274,21 +274,21 @@ class LogReader:
             return {}
 
     def count_damage(self, block: Block, problem: ValueError) -> None:
-        """Take note that a block cannot be read, by whoever has tried."""
+        """Note that a block cannot be read."""
         self._lost.note_damage(block, problem)
 
     def count_unknown(self, block: Block, count: int) -> None:
-        """Take note that so many messages of a block are left out: of unknown channels, or of impossible times."""
+        """Note how many messages of a block are left out because of unknown channels or impossible times."""
         if count:
             self._lost.unknown[block.number] = count
 
     def count_unsorted(self, block: Block, count: int) -> None:
-        """Take note that so many messages of a block come later than their time."""
+        """Note how many messages of a block come later than their time."""
         if count:
             self._lost.unsorted[block.number] = count
 
     def rest_of(self, block: Block, *, memory: int | None = None) -> Salvage | None:
-        """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
+        """Return and count what an index confirms of a damaged block; None if it confirms nothing or is not to be used.
 
         Args:
             block: The block of the messages.
@@ -300,7 +300,7 @@ class LogReader:
         return found
 
     def salvageable(self) -> int:
-        """Return how many messages of the chunks that were found to be damaged an index confirms."""
+        """Return how many messages an index confirms in the chunks that were found to be damaged."""
         blocks = [block for block in self._scan.blocks if block.number in self._lost.damaged]
         found = (salvage(self._file, block, self.limits) for block in blocks)
         return sum(len(each.places) for each in found if each is not None)
@@ -352,7 +352,7 @@ class LogReader:
         return entries
 
     def _salvage_block(self, block: Block) -> list[MessageEntry]:
-        """Return what an index confirms of a damaged block, and take in its schemas and channels."""
+        """Return what an index confirms of a damaged block, and add its schemas and channels."""
         found = self.rest_of(block)
         if found is None:
             return []
@@ -368,7 +368,7 @@ class LogReader:
 
 
 def open_log(path: Path | str) -> int:
-    """Return a descriptor of a file for reading; raises ConfigError if there is none."""
+    """Return a descriptor of a file for reading; raises ConfigError if it cannot be opened."""
     try:
         return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except ValueError as error:
@@ -378,7 +378,7 @@ def open_log(path: Path | str) -> int:
 
 
 def channel_source(channel: Channel, schema: SchemaRecord | None) -> ChannelSource:
-    """Return what the messages of a channel are, from its records in the file."""
+    """Return the properties of a channel's messages, from its records in the file."""
     metadata, topic = channel.metadata, channel.topic
     return ChannelSource(
         metadata.get(layout.KEY, topic),

@@ -1,4 +1,4 @@
-"""What rosbag2 wants to know of a bag: `metadata.yaml` beside its files, and the same text in each file.
+"""The metadata that rosbag2 needs of a bag: `metadata.yaml` beside its files, and the same text in each file.
 
 Written in version 8 of the format, with QoS as numbers in a text, which every ROS 2 release since Humble reads.
 Source: rosbag2_storage's metadata_io and its MCAP plug-in.
@@ -64,12 +64,12 @@ class BagFile:
 
     @property
     def messages(self) -> int:
-        """Their number."""
+        """Number of messages in the file."""
         return sum(each.messages for each in self.topics)
 
 
 def bag_file(name: str, writer: LogWriter) -> BagFile:
-    """Return what is in a log so far; call `LogWriter.flush` before."""
+    """Return the content of a log so far; call `LogWriter.flush` before."""
     schemas, channels = writer.definitions()
     return bag_of(name, channels, schemas, writer.counts(), *writer.span())
 
@@ -77,15 +77,15 @@ def bag_file(name: str, writer: LogWriter) -> BagFile:
 def bag_of(
     name: str, channels: Sequence[Channel], schemas: Sequence[Schema], counts: Mapping[int, int], start: int, end: int
 ) -> BagFile:
-    """Return what is in a file.
+    """Return the content of a file.
 
     Args:
-        name: The file's, without folder.
-        channels: All of them; those without messages may be left out.
-        schemas: Their types.
-        counts: Messages by channel.
+        name: Name of the file, without folder.
+        channels: All channels; those without messages may be left out.
+        schemas: Schemas of the channels.
+        counts: Number of messages by channel.
         start: Time of the earliest message, nanoseconds.
-        end: Time of the latest one.
+        end: Time of the latest message, nanoseconds.
     """
     types = {each.id: each.name for each in schemas}
     topics = [
@@ -138,7 +138,7 @@ def bag_epilogue(writer: LogWriter) -> tuple[str, dict[str, str]]:
 
 
 def write_metadata(folder: Path, files: Sequence[BagFile]) -> None:
-    """Write `metadata.yaml`, all or nothing of it; raises OSError."""
+    """Write `metadata.yaml` atomically; raises OSError."""
     part = folder / ".metadata.yaml.part"
     part.write_text(bag_text(files), encoding="utf-8")
     os.replace(part, folder / "metadata.yaml")
@@ -184,12 +184,12 @@ def _list(head: str, lines: Sequence[str]) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """Return a text as YAML takes it in double quotes, which is as in JSON."""
+    """Return a text in double quotes for YAML, which are the same as in JSON."""
     return json.dumps(text, ensure_ascii=True)
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag's folder, in the order of their numbers; of anything else, the path itself.
+    """Return the MCAP files of a bag's folder, in the order of their numbers; for anything else, the path itself.
 
     Raises:
         ConfigError: The folder has no such files.

@@ -1,4 +1,4 @@
-"""What every recording says of the run that it is from."""
+"""Facts about its run that every recording contains."""
 
 from __future__ import annotations
 

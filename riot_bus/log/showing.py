@@ -1,4 +1,4 @@
-"""A short log for people: its messages field by field, with what was changed beside what it was."""
+"""A readable view of a short log: its messages field by field, with changed values beside the original ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["ShownField", "ShownLog", "ShownMessage", "show_log"]
 
 _ELEMENTS, _CHANGED = 4, 64
-"""So many elements of each array are shown, and so many are looked at for changes."""
+"""Most elements of each array that are shown, and that are checked for changes."""
 _INDEX = re.compile(r"\[(\d+)\]")
 _FIELDS = 40
 _LONGEST = 80
@@ -29,7 +29,7 @@ _LONGEST = 80
 
 @dataclass(frozen=True, slots=True)
 class ShownField:
-    """One field: its value now and, if that was changed, before; None if there was or is none."""
+    """One field: its value and, if that was changed, the value before; None where there is none."""
 
     path: str
     value: Scalar | None
@@ -42,13 +42,13 @@ class ShownMessage:
     """One message.
 
     Attributes:
-        number: Its place among the delivered messages, from 0; None if it was not delivered.
-        seconds: Since the first message of the log.
-        topic: Its topic.
+        number: Position among the delivered messages, from 0; None if it was not delivered.
+        seconds: Seconds since the first message of the log.
+        topic: Name of its topic.
         type: Name of its type; empty if that is not known.
-        fields: Changed ones first; at most so many.
-        more: Fields that are not among them.
-        note: What else is to be said, such as why there are no fields.
+        fields: Fields, changed ones first, up to a limit.
+        more: Number of fields that are not among them.
+        note: Further remarks, such as why there are no fields.
     """
 
     number: int | None
@@ -62,13 +62,13 @@ class ShownMessage:
 
 @dataclass(frozen=True, slots=True)
 class ShownLog:
-    """Messages of a log: all, or where there are too many the changed ones, or the first ones if none was changed.
+    """Messages of a log: all, or if there are too many, the changed ones, or the first ones if none was changed.
 
     Attributes:
-        messages: In their order.
-        total: Delivered messages in the log.
-        modified: How many messages were changed, or dropped.
-        left_out: Changed messages that are not shown.
+        messages: Messages in their order.
+        total: Number of delivered messages in the log.
+        modified: Number of messages that were changed or dropped.
+        left_out: Number of changed messages that are not shown.
     """
 
     messages: tuple[ShownMessage, ...]
@@ -77,7 +77,7 @@ class ShownLog:
     left_out: int
 
     def lines(self) -> Iterator[str]:
-        """Yield it for people; changed fields are marked `*`."""
+        """Yield the view as lines of text; changed fields are marked `*`."""
         shown = sum(each.number is not None for each in self.messages)
         rest = "" if shown == self.total else "; these are shown" if self.modified else f"; the first {shown} are shown"
         yield f"{counted(self.total, 'message')}, {self.modified} changed{rest}"
@@ -95,7 +95,7 @@ class ShownLog:
             yield f"... {counted(self.left_out, 'further changed message')}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON values; bytes are hex text."""
+        """Return the view as JSON values; bytes are hex text."""
         return {
             "total": self.total,
             "modified": self.modified,
@@ -120,12 +120,12 @@ class ShownLog:
 
 
 def show_log(reader: LogReader, *, registry: TypeRegistry, most: int = 20) -> ShownLog:
-    """Return the messages of a log that there is room for.
+    """Return a view of a log with a limited number of messages.
 
     Args:
-        reader: The log.
-        registry: Names topics and knows their types.
-        most: Most messages.
+        reader: Reader of the log.
+        registry: Registry that names topics and knows their types.
+        most: Most messages that are shown.
     """
     total = sum(1 for _ in reader.messages())
     originals: dict[int, Message] = {}

@@ -1,4 +1,4 @@
-"""Sizes as people write them; as `riot record --split-size` takes them."""
+"""Human-readable sizes, in the form that `riot record --split-size` accepts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ __all__ = ["size_text"]
 
 
 def size_text(size: float) -> str:
-    """Return bytes as people write them.
+    """Return a size in bytes as human-readable text.
 
     Example:
         >>> size_text(999), size_text(1500), size_text(2_000_000)

@@ -66,11 +66,11 @@ _MESSAGE_ENCODINGS = {"application/json": "json", "text/json": "json", "applicat
 
 
 class LostMessagesError(EnvironmentFaultError):
-    """The disk is full, slow or has failed; what comes later may be written again.
+    """Messages are lost since the disk is full, slow or has failed; later ones may be written again.
 
     Attributes:
-        reasons: Messages, by reason (`disk`, `too slow`), key and role, that were written and yet are not in the file.
-        errno: Of the operating system, None if it did not fail.
+        reasons: Number of messages missing in the file, by reason (`disk`, `too slow`), key and role.
+        errno: Error number of the operating system, None if it reported no error.
     """
 
     def __init__(
@@ -89,34 +89,34 @@ class LostMessagesError(EnvironmentFaultError):
 
     @property
     def lost(self) -> Counter[tuple[str, Role]]:
-        """Messages, by key and role, that are lost for any reason."""
+        """Number of messages lost for any reason, by key and role."""
         return sum(self.reasons.values(), Counter())
 
     def add(self, other: LostMessagesError) -> None:
-        """Take in what another one says is lost."""
+        """Add the losses of another error to this one."""
         for reason, lost in other.reasons.items():
             self.reasons[reason] = self.reasons.get(reason, Counter()) + lost
 
 
 class Storage(Protocol):
-    """Where chunks go: a file, or the memory (`riot_bus.log.engine.ring`). All of it raises OSError but `close`."""
+    """Destination of chunks: a file or memory (`riot_bus.log.engine.ring`); all but `close` may raise OSError."""
 
     @property
     def size(self) -> int:
-        """Bytes in it."""
+        """Size in bytes."""
 
     @property
     def statistics(self) -> Statistics:
-        """What is in it."""
+        """MCAP statistics of the content."""
 
     def is_linked(self) -> bool:
-        """Whether there is still a file of that name."""
+        """Return whether the file still exists under its name."""
 
     def sync(self) -> None:
-        """Return when what was written survives the machine."""
+        """Return once the written data would survive a crash of the machine."""
 
     def together(self) -> AbstractContextManager[None]:
-        """Append what is appended in this block all together, or nothing of it."""
+        """Append everything that is appended in this context, or nothing of it."""
 
     def define(self, records: bytes) -> None:
         """Write definitions before the next chunk."""
@@ -134,11 +134,11 @@ class Storage(Protocol):
         """Append a summary."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the storage."""
 
 
 class ChannelWriter(NamedTuple):
-    """What `append` wants to know of a channel: its number, and what its messages have in common."""
+    """What `append` needs to know about a channel: its number, and what its messages have in common."""
 
     number: int
     constants: Constants
@@ -153,34 +153,34 @@ class LogWriter:
     """Writes messages to an MCAP file; safe to use from several threads.
 
     Chunks end by size or age. A chunk's extras and provenance are written before the chunk itself, so whatever
-    survives is complete. When the disk fails, the file ends with the last whole chunk, LostMessagesError tells what is
-    lost, and the next chunk is tried again.
+    survives is complete. When the disk fails, the file ends with the last complete chunk, LostMessagesError says what
+    is lost, and writing is tried again with the next chunk.
 
     Args:
         path: File to create; an existing one is overwritten.
-        registry: Names topics and knows their types; without one, topics are keys and types unknown.
-        metadata: What the reader gives back as `metadata`, such as the seed.
-        profile: MCAP profile; `ros2` for logs that ROS 2 tools shall read.
+        registry: Names and types of topics; without one, topics are keys and types unknown.
+        metadata: Metadata of the run, such as the seed; the reader returns it as `metadata`.
+        profile: MCAP profile; `ros2` for logs that ROS 2 tools should read.
         compression: `zstd`, `lz4` or `none`.
         chunk_bytes: Size of a chunk before compression.
         chunk_seconds: Age at which `write` and `tick` end a chunk.
-        clock: Tells a chunk's age.
-        channel_metadata: Asked once per key for more channel metadata, such as `offered_qos_profiles`.
-        threaded: Compress and write on a thread of its own; errors are then raised by a later call.
-        durable: Make sure once in `chunk_seconds` that what is written is on the disk, whatever happens to the power.
-        queue_bytes: How much may wait for that thread. What does not fit is lost rather than waited for, but for
-            `patience`; None to wait for as long as it takes.
-        patience: Seconds to wait for room, where `append` is told to. Once that was in vain, nobody waits until half of
-            what waits is written, so that many chunks in a row cannot stall the caller together.
-        storage: Where chunks go instead of the file; then the path is only for messages.
-        epilogue: Returns a metadata record to write last, when all messages are in the file.
+        clock: Clock that measures a chunk's age.
+        channel_metadata: Function called once per key for more channel metadata, such as `offered_qos_profiles`.
+        threaded: Whether to compress and write on a separate thread; errors are then raised by a later call.
+        durable: Whether to force written data to the disk once every `chunk_seconds`, to survive a power failure.
+        queue_bytes: Bytes that may wait for that thread. Messages that do not fit after `patience` are lost; None to
+            wait for as long as it takes.
+        patience: Seconds to wait for room in the queue, unless `append` is told not to. After a wait in vain, no call
+            waits until the queue is at most half full, so that many chunks in a row cannot stall the caller together.
+        storage: Destination of chunks instead of the file; the path is then only used in error messages.
+        epilogue: Function that returns a metadata record to write last, when all messages are in the file.
 
     Attributes:
         lost: Messages per topic that an MCAP file cannot hold: too many keys, or a time that is not 0 ... 2^64 - 1.
-        refused: Their number.
+        refused: Total number of these messages.
         problem: Why nothing can be written at present; empty as long as all is well.
         errno: Number of that error, None if the operating system has none.
-        gone: Whether somebody has removed the file; then nothing more is written.
+        gone: Whether the file has been removed; then nothing more is written.
         profile: The file's MCAP profile.
 
     Raises:
@@ -234,7 +234,7 @@ class LogWriter:
         self._file: Storage = storage or McapFile(
             path, profile=self.profile, library=layout.LIBRARY, compression=compression
         )
-        self._linked = self._file.is_linked()  # not all file systems know
+        self._linked = self._file.is_linked()  # not all file systems can tell
         self._synced = 0
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="riot-write") if threaded else None
         self._syncer = ThreadPoolExecutor(1, thread_name_prefix="riot-sync") if threaded and durable else None
@@ -245,12 +245,12 @@ class LogWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file, and of what is on its way there."""
+        """Bytes in the file and on their way to it."""
         return self._file.size + self._queued + self._builder.size
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait to be written, the chunk in the making not counted."""
+        """Bytes that wait to be written, without the chunk under construction."""
         return self._queued
 
     def write(self, message: Message, *, role: Role = "delivered", changes: Sequence[Change] = ()) -> None:
@@ -296,7 +296,7 @@ class LogWriter:
         """Return what `append` needs for the messages of a key; None if the file can hold no more keys.
 
         Args:
-            message: One of them; the channel is opened with what it says.
+            message: One of these messages; its attributes define the channel.
         """
         with self._lock:
             try:
@@ -305,9 +305,9 @@ class LogWriter:
                 return self._open_channel(message, "delivered")
 
     def renew(self, key: str) -> None:
-        """Let further messages of a key have channels of their own: its type has become known.
+        """Make further messages of a key open new channels, since its type has become known.
 
-        Whoever has a track of it asks for another one.
+        Callers must call `track` again for this key.
         """
         with self._lock:
             for known in self._known.values():
@@ -319,15 +319,15 @@ class LogWriter:
             self._refuse(key, count)
 
     def append(self, rows: Sequence[Row], *, patient: bool = True) -> None:
-        """Write many messages at once: what `write` does, for those who have taken their messages apart already.
+        """Write many messages at once, as `write` does, from values that are already extracted.
 
         Args:
-            rows: Channel as of `track`, sequence (32 bits), time and publish time (64 bits), payload, and what
-                `layout.extras_of` says.
-            patient: Wait a little for room (`patience`).
+            rows: Tuples of channel number (from `track`), sequence (32 bits), time and publish time (64 bits),
+                payload, and the result of `layout.extras_of`.
+            patient: Whether to wait for room for up to `patience` seconds.
 
         Raises:
-            LostMessagesError: Others are lost; of these, those that it names.
+            LostMessagesError: The messages that it names are lost, of these rows or earlier ones.
         """
         failures: list[LostMessagesError] = []
         with self._lock:
@@ -346,11 +346,11 @@ class LogWriter:
             raise _all_of(failures)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Write an MCAP metadata record; `LogReader.notes` gives it back.
+        """Write an MCAP metadata record; `LogReader.notes` returns it.
 
         Args:
-            name: Such as `riot_bus.graph`.
-            mapping: Keys and texts.
+            name: Name of the record, such as `riot_bus.graph`.
+            mapping: Keys and texts of the record.
 
         Raises:
             LostMessagesError: The disk failed, now or before.
@@ -360,10 +360,10 @@ class LogWriter:
                 self._do(0, self._note, name, dict(mapping))
 
     def tick(self) -> None:
-        """End a chunk that is old enough; call it now and then when messages are rare.
+        """End a chunk that is old or large enough; call this regularly when messages are rare.
 
         Raises:
-            LostMessagesError: The disk failed, or somebody has removed the file.
+            LostMessagesError: The disk failed, or the file has been removed.
         """
         with self._lock:
             if self._closed:
@@ -375,7 +375,7 @@ class LogWriter:
                 self._end_chunk()
 
     def flush(self) -> None:
-        """Return when all that was written so far is in the file, or known to be lost.
+        """Wait until everything written so far is in the file, or known to be lost.
 
         Raises:
             LostMessagesError: The disk failed, now or before.
@@ -388,7 +388,7 @@ class LogWriter:
             raise _all_of(failures)
 
     def counts(self) -> Mapping[int, int]:
-        """Return how many messages of each channel are in the file; call `flush` before, if all shall be counted."""
+        """Return how many messages of each channel are in the file; call `flush` first to count all of them."""
         return dict(self._file.statistics.channel_message_counts)
 
     def span(self) -> tuple[int, int]:
@@ -479,7 +479,7 @@ class LogWriter:
             self._do(batch.draft.size, self._store, batch)
 
     def _make_room(self, most: int, size: int, failures: list[LostMessagesError], *, patient: bool) -> bool:
-        """Return whether another chunk may wait; wait a little for that, if that makes sense."""
+        """Return whether the queue has room for another chunk; wait for it up to `patience` where that helps."""
         deadline = monotonic() + self._patience
         self._try(partial(self._collect, 0), failures)
         if 2 * self._queued <= most:
@@ -494,7 +494,7 @@ class LogWriter:
         return True
 
     def _do(self, size: int, action: Callable[..., None], *arguments: Any) -> None:
-        """Do something with the file, now or on the other thread."""
+        """Run an action on the file, now or on the writing thread."""
         if self._thread is None:
             try:
                 action(*arguments)
@@ -506,7 +506,7 @@ class LogWriter:
             self._collect(_MOST_WAITING if self._queue_bytes is None else 0)
 
     def _collect(self, most: int | None) -> None:
-        """Take note of what is done; wait until no more than `most` is not (None: nothing; 0: do not wait)."""
+        """Collect finished actions; wait until at most `most` are pending (None: until none is; 0: do not wait)."""
         failures: list[LostMessagesError] = []
         self._collect_sync(failures, waiting=False)
         while self._waiting and (most is None or self._waiting[0][0].done() or 0 < most < len(self._waiting)):
@@ -544,7 +544,7 @@ class LogWriter:
             self._sync()
 
     def _sync(self) -> None:
-        """Promise that what is written stays; on a thread of its own, since the next chunks must not wait for it."""
+        """Force written data to the disk, on a thread of its own if there is one, so that chunks need not wait."""
         if self._syncer is None:
             self._synchronise()
         elif self._syncing is None:

@@ -30,7 +30,7 @@ _Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 class Rate:
     """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching.
 
-    Where no inputs are known, from the start of the trial. Where others had the processors, it may be as much later.
+    Without known inputs, this starts with the trial. An output may be late by the time for which the machine was busy.
 
     Attributes:
         topic: Topic name or key expression.
@@ -47,7 +47,7 @@ class Rate:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Topics of which it misses messages."""
+        """Topics whose missing messages are a violation."""
         return self.topics
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
@@ -98,7 +98,7 @@ class Never(_Condition):
 
     Attributes:
         when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
-        tell: A field of such a message that is told.
+        tell: Field of such a message whose value is reported.
     """
 
     tell: str | None = None
@@ -111,7 +111,7 @@ class Never(_Condition):
         return []
 
     def unseen(self, view: TrialView) -> str | None:
-        """Return why the condition could not be asked, None if it could: without one, that nothing comes is enough."""
+        """Return why the condition could not be checked, None if it could or there is no condition."""
         selector = message_selector(self.when)
         return None if selector.where is None else why_unseen(view, selector, met=False)
 
@@ -140,11 +140,11 @@ class Sometimes(_Condition):
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Topics of which it misses messages."""
+        """Topics whose missing messages are a violation."""
         return self.topics
 
     def unseen(self, view: TrialView) -> str | None:
-        """Return None: that nothing came is what it looks for."""
+        """Return None: missing messages are what it looks for."""
         return None
 
     def forge(self, view: TrialView) -> TrialView:
@@ -154,13 +154,13 @@ class Sometimes(_Condition):
 
 @dataclass(frozen=True)
 class Ratio:
-    """So many outputs of a topic come for each input of a topic, over the whole trial.
+    """The number of outputs per input, over the whole trial, is within bounds.
 
     Attributes:
         output: A selector of outputs.
-        input: A selector of inputs; where inputs are not known, of outputs.
-        low: Least number of outputs for an input.
-        high: Largest number.
+        input: A selector of inputs, or of outputs where inputs are not known.
+        low: Least number of outputs per input.
+        high: Largest number of outputs per input.
     """
 
     output: str
@@ -181,7 +181,7 @@ class Ratio:
         return (message_selector(self.output).topic, message_selector(self.input).topic)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return a violation when the ratio is outside."""
+        """Return a violation when the ratio is out of bounds."""
         inputs, outputs = self._inputs(view), len(list(selected(view, message_selector(self.output))))
         if not inputs or self.low <= outputs / inputs <= self.high:
             return []
@@ -191,7 +191,7 @@ class Ratio:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Topics of which it misses messages."""
+        """Topics whose missing messages are a violation."""
         return self.topics[:1] if self.low else ()
 
     def unseen(self, view: TrialView) -> str | None:

@@ -1,4 +1,4 @@
-"""Finds the monitors that `[[monitors]]` in riot.toml names, by entry points or in a file, and builds them."""
+"""Construction of the monitors that `[[monitors]]` in riot.toml names, from entry points or a file."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["build_monitor"]
 
 
 def build_monitor(table: Mapping[str, Any], *, where: Callable[[str], str], root: Path) -> Invariant:
-    """Build what a table of `[[monitors]]` names; the code of a file is executed.
+    """Build the monitor of a `[[monitors]]` table; if it names a file, its code is executed.
 
     Args:
-        table: As it was written; `kind` is a name, or `FILE.py[:NAME]`.
-        where: Returns the place of a key of the table, for errors; of the table for an empty one.
+        table: Table as it was written; `kind` is a name, or `FILE.py[:NAME]`.
+        where: Function that returns the location of a key of the table, for errors; of the table for an empty key.
         root: Folder that relative paths start from.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Whether what is asked is answered."""
+"""Invariant that each request is answered."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["Answered"]
 
 @dataclass(frozen=True)
 class Answered:
-    """Each request gets an answer in time; of requests before the first input, the time counts from that.
+    """Each request gets an answer in time, counted from the first input for requests before it.
 
     Attributes:
-        request: A selector, such as `255/*/COMMAND_LONG`.
+        request: A selector of requests, such as `255/*/COMMAND_LONG`.
         answer: A selector of answers, such as `1/1/COMMAND_ACK where result == 0`.
-        within: Seconds of wall time, without those in which others had the processors.
+        within: Time limit, seconds of wall time, not counting those in which the machine was busy.
         same: Fields whose values are equal in a request and its answer.
     """
 
@@ -46,11 +46,11 @@ class Answered:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Topics of which it misses messages."""
+        """Topics whose missing messages are a violation."""
         return self.topics[1:]
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return a violation at the first request without an answer; those that may still get one are left out."""
+        """Return a violation at the first request without an answer, ignoring those that may still get one."""
         answers = [
             (message.time, self._values(message, kind))
             for message, kind in selected(view, message_selector(self.answer))

@@ -1,4 +1,4 @@
-"""Copies of a nominal trial that violate a monitor: they show that it is able to fire at all."""
+"""Copies of a nominal trial that are forged to violate a monitor, to show that it is able to fire at all."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _SECOND = 10**9
 
 
 def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
-    """Return why it is not shown that a monitor is able to fire; None if it does so on a forged copy of a trial.
+    """Return why a monitor is not shown to be able to fire; None if it fires on a forged copy of a trial.
 
     Args:
-        monitor: It offers `Forges`; of others it cannot be shown.
+        monitor: Monitor that implements `Forges`; for others it cannot be shown.
         view: A nominal trial; it is not changed.
     """
     try:
@@ -42,16 +42,16 @@ def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
         if not isinstance(monitor, Forges):
             return "cannot be shown: it has no method `forge`"
         return None if monitor.judge(monitor.forge(view)) else "it is silent on a trial that is to violate it"
-    except Exception as error:  # a monitor is somebody else's and may raise anything
+    except Exception as error:  # a monitor may be third-party code and raise anything
         return f"{type(error).__name__}: {error}"
 
 
 def mute_monitors(view: TrialView, monitors: Sequence[Monitor]) -> tuple[str, ...]:
     """Return a line for each monitor that stays silent on a copy of a trial that is forged to violate it.
 
-    A monitor without `forge` cannot be tried, and one that has nothing to judge in this trial says so by itself.
+    Monitors without `forge`, and those that have nothing to judge in this trial, are skipped.
     """
-    view = replace(view, held_up=0.0)  # what is forged is as late as it is
+    view = replace(view, held_up=0.0)  # no tolerance for a busy machine in forged trials
     return tuple(
         f"{name}: {reason}"
         for name, monitor in zip(names_of(monitors), monitors, strict=True)
@@ -68,8 +68,8 @@ def with_value(
     Args:
         view: A trial.
         selector: Selects a field.
-        values: What is written, in this order, until what is then read violates.
-        violates: Whether a value does.
+        values: Values to try, in this order, until one that is read back violates.
+        violates: Function that returns whether a value violates.
 
     Raises:
         PayloadError: There is no such output, or the field can hold none of these values.
@@ -92,7 +92,7 @@ def with_value(
 
 
 def without(view: TrialView, selector: Selector, *, seconds: float = 0.0) -> TrialView:
-    """Return a copy without the selected outputs that is watched for so long at least."""
+    """Return a copy without the selected outputs that was watched for at least `seconds`."""
     dropped = {id(message) for message, _ in selected(view, selector)}
     outputs = [message for message in view.outputs if id(message) not in dropped]
     return replace(view, outputs=outputs, end=max(view.end, view.start + round(seconds * _SECOND)))

@@ -25,7 +25,7 @@ _Bound = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _OfField:
-    """What monitors of one field have in common."""
+    """Base class of monitors of one field."""
 
     field: str
 
@@ -57,7 +57,7 @@ class Range(_OfField):
     max: _Bound | None = None
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return a violation at the first value outside."""
+        """Return a violation at the first value out of bounds."""
         for value in numbers(view, field_selector(self.field)):
             if self._outside(value):
                 low, high = self._bounds
@@ -66,7 +66,7 @@ class Range(_OfField):
         return []
 
     def forge(self, view: TrialView) -> TrialView:
-        """Return a copy with a value outside."""
+        """Return a copy with a value out of bounds."""
         beyond = [bound + sign * max(1.0, abs(bound)) for bound, sign in zip(self._bounds, (-1, 1), strict=True)]
         whole = [step(value) for value in beyond if math.isfinite(value) for step in (math.floor, math.ceil)]
         return with_value(view, field_selector(self.field), [math.nan, *beyond, *whole], self._outside)
@@ -137,12 +137,12 @@ class Values(_OfField):
 
 @dataclass(frozen=True)
 class Gapless(_OfField):
-    """A sequence number grows by one from message to message, so that none is lost; it begins anew at `modulo`.
+    """A sequence number grows by one from message to message, so that none is lost; it wraps to 0 at `modulo`.
 
     Attributes:
         field: `topic:field`; a topic with wildcards is one stream.
-        modulo: The number after the last one is 0.
-        lost: So many may be missing.
+        modulo: Value at which the number wraps to 0.
+        lost: Number of messages that may be missing.
     """
 
     field: str

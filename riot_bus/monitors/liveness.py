@@ -46,10 +46,10 @@ class CrashMonitor:
 
 
 class ExitMonitor:
-    """A component ended with status 0, its main thread or another one of its threads ended; nominal trials end none."""
+    """A component exited with status 0, or one of its threads ended, which nominal trials do not cause."""
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return one violation per component that has ended, or has ended inside."""
+        """Return one violation per component that has exited or lost a thread."""
         found = []
         for component in view.components:
             signs = component.signs
@@ -63,7 +63,7 @@ class ExitMonitor:
 
 
 class HangMonitor:
-    """A component never came to rest after its last input, stands where it does not at rest, or takes no messages."""
+    """A component stayed busy after its last input, blocks where it does not at rest, or takes no messages."""
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return one violation per component that hangs."""
@@ -91,7 +91,7 @@ class HangMonitor:
 
 
 class SilenceMonitor:
-    """A component lives, but outputs of nominal trials no longer come, whatever nominal input it gets."""
+    """A component is alive, but no nominal input makes it publish some outputs of nominal trials any more."""
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return one violation per component that stays silent."""
@@ -122,10 +122,10 @@ class GrowthMonitor:
 
 
 class LimitMonitor:
-    """A component was ended, since it had more memory, files, processes or time of the processor than it may."""
+    """A component was ended for exceeding a limit of memory, files, processes or processor time."""
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return one violation per component that was ended so."""
+        """Return one violation per component that was ended for this reason."""
         return [
             _violation("limit", component, component.excess[0], component.excess[1])
             for component in view.components
@@ -134,17 +134,17 @@ class LimitMonitor:
 
 
 LIVENESS = (CrashMonitor, LimitMonitor, ExitMonitor, HangMonitor, SilenceMonitor, GrowthMonitor)
-"""In the order of their severity."""
+"""These monitors in order of severity."""
 
 
 def is_compared(violation: Violation) -> bool:
-    """Return whether a violation says no more than that nominal trials were otherwise."""
+    """Return whether a violation only states a difference from nominal trials."""
     ended = violation.monitor == "exit" and f": {_THREAD_ENDED}" in violation.signature
     return ended or violation.monitor in ("silent", "growth")
 
 
 def crashes_of(component: ComponentView) -> tuple[Crash, ...]:
-    """Return the crashes of a component; all else that is wrong with it then comes of them."""
+    """Return the crashes of a component; they explain everything else that is wrong with it."""
     if component.excess:
         return ()
     if component.status is None and not component.tracebacks:
@@ -156,7 +156,7 @@ def crashes_of(component: ComponentView) -> tuple[Crash, ...]:
 def _crashes(
     status: int | None, errors: str, root: Path, printed: str, stack: tuple[tuple[str, str], ...]
 ) -> tuple[Crash, ...]:
-    """Return what `crashes_in` does: each of these monitors asks, and what a component wrote may be long."""
+    """Return the cached result of `crashes_in`, since several monitors need it and the output may be long."""
     return crashes_in(status, errors, root, printed=printed, stack=stack)
 
 

@@ -49,13 +49,13 @@ _SHAPES = (
 class Log:
     """No component writes an error.
 
-    Of each line the first 400 characters count. So that a line cannot make `pattern` search for ever, it may hold two
-    repeats (`*`, `+`, `{m,n}`) and eight `?`, none inside a group that is repeated itself; and after 5 seconds the
-    monitor gives up, which is reported.
+    Only the first 400 characters of each line count. To bound the search, `pattern` may hold at most two repeats (`*`,
+    `+`, `{m,n}`) and eight `?`, none of them inside a group that is itself repeated. After 5 seconds the monitor gives
+    up, which is reported.
 
     Attributes:
         pattern: Regular expression for lines of stdout and stderr; None for a word such as ERROR or FATAL in capitals.
-        level: Least level that counts: of these words, and of messages of /rosout.
+        level: Lowest level that counts, for these words and for messages of /rosout.
     """
 
     pattern: Annotated[str, Field(min_length=1, max_length=200)] | None = None
@@ -91,7 +91,7 @@ class Log:
         return None if written or any(self._ros(view)) else "no component wrote anything"
 
     def forge(self, view: TrialView) -> TrialView:
-        """Return a copy with one more line; raises PayloadError if no text can be found that the pattern is for."""
+        """Return a copy with one more line; raises PayloadError if no text is found that the pattern matches."""
         line = (
             f"{self.level.upper()}: forged"
             if self.pattern is None
@@ -127,7 +127,7 @@ def normalized(line: str) -> str:
 
 
 def _check(pattern: str) -> None:
-    """Raise ConfigError for a pattern that is none, or whose search may take very long."""
+    """Raise ConfigError for an invalid pattern, or one whose search may take very long."""
     try:
         re.compile(pattern)
     except re.error as error:

@@ -1,10 +1,10 @@
 """Rules mined from nominal trials: how a unit answers its probe, whatever exceptional input came before.
 
-What a unit makes of an exceptional input may rightly be exceptional. Of that nothing is claimed, but that outputs are
-finite where all inputs are. After it each trial ends with the same nominal messages, the probe, and the answers to them
-are held against those of nominal trials. Of some fields no nominal value could be claimed: those that depend on what
-came before the probe (sums, filters, estimates), which is told by nominal trials with different histories (the whole
-log, its first half), and those that never change nominally (a count of rejected inputs, an error code).
+Exceptional inputs may rightly cause exceptional outputs. The only rule for these is that outputs are finite where all
+inputs are. After them, each trial ends with the same nominal messages, the probe, and the answers to it are compared
+with those in nominal trials. Two kinds of fields get no rule on their value: those that depend on what came before the
+probe (sums, filters, estimates), as nominal trials with different histories show (the whole log, its first half), and
+those that never change nominally (a count of rejected inputs, an error code).
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ __all__ = ["NO_RULES", "Mined", "MinedRule", "check_rules", "mine"]
 
 _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15
-"""Squares and products of larger inputs may overflow where numbers have single precision."""
+"""Squares and products of larger inputs may overflow in single precision."""
 _MOST_ELEMENTS = 1 << 16
 _MOST_KNOWN, _MOST_JUDGED = 1 << 12, 1 << 16
 _ROOM, _SAME = 3.0, 1e-6
-"""Bounds are so many times what nominal trials differ by away from them, and at least this share of the size. With six
-trials, normal noise is then more than nine standard deviations from its mean."""
+"""Bounds lie outside the nominal values by `_ROOM` times their spread, plus the share `_SAME` of their size. With six
+trials and normal noise, they are then more than nine standard deviations from the mean."""
 _SPARE = 4
-"""One output of so many may be lost or come twice on a bus."""
+"""One output in this many may be lost or come twice on a bus."""
 _UNIT_NS = (1, 10**3, 10**6, 10**9)
 _CLOCK_NS = 10**9
 _STALE_NS = 10 * 10**9
-"""A loaded machine holds an output up for a second or two, not for ten."""
+"""A loaded machine delays an output by a second or two, not by ten."""
 _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
 
 
 class _Answer(NamedTuple):
-    """Numbers of one message by path; `odd` tells those that are NaN or infinite, with `[*]` for any element.
+    """Numbers of one message by path; `odd` describes those that are NaN or infinite, with `[*]` for any element.
 
-    Of the fields of `free`, nothing is told: in them that is a regular value.
+    For the fields in `free`, NaN and infinity are regular values.
     """
 
     time: int
@@ -69,13 +69,13 @@ class MinedRule:
 
     Attributes:
         kind: `finite` (no number is NaN or infinite), `count` (of the topic's messages), `value` (of the field, message
-            by message), `counter` (the field increases), `clock` (the field is the time, but for `low` to `high`
-            nanoseconds; `unit` nanoseconds are 1 in it), `norm` (the quaternion has length 1).
-        topic: Topic name.
-        field: Path; for `finite` with `[*]` for all elements of an array; empty for `count`.
+            by message), `counter` (the field increases), `clock` (the field, in units of `unit` nanoseconds, is the
+            time of the message, plus `low` to `high` nanoseconds), `norm` (the quaternion has length 1).
+        topic: Name of the topic.
+        field: Path of the field; in `finite`, with `[*]` for all elements of an array; empty for `count`.
         low: Lower bounds.
         high: Upper bounds.
-        unit: See `clock`.
+        unit: Unit of a `clock` field, nanoseconds.
     """
 
     kind: str
@@ -108,7 +108,7 @@ class MinedRule:
         values = [value for _, value in found if value is not None]
         if self.kind == "counter":
             stuck = sum(step <= 0 for step in _steps(values))
-            return f"does not increase, {stuck} times" if stuck > 1 else ""  # once, where it begins anew
+            return f"does not increase, {stuck} times" if stuck > 1 else ""  # it may wrap around once
         if self.kind == "clock":
             lags = [value * self.unit - time for time, value in found if value is not None]
             if any(lag < self.low[0] or lag > self.high[0] for lag in lags):
@@ -119,7 +119,7 @@ class MinedRule:
         if len(found) != len(self.low):
             return ""
         for number, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
-            if value < low or value > high:  # of NaN `finite` tells
+            if value < low or value > high:  # `finite` reports NaN
                 return f"{self.field} = {value:g} in answer {number + 1}, allowed: {low:g} to {high:g}"
         return ""
 
@@ -129,11 +129,11 @@ class Mined:
     """A monitor made of mined rules.
 
     Attributes:
-        rules: What is judged.
-        trials: Nominal trials that they are learnt from.
-        alarms: Of other nominal trials, those in which some rule fired.
-        held_out: How many other trials there were.
-        dropped: Rules that fired in these, and are not judged.
+        rules: Rules to judge by.
+        trials: Number of nominal trials that the rules were learnt from.
+        alarms: Number of other nominal trials in which some rule fired.
+        held_out: Number of these other trials.
+        dropped: Rules that fired in these, and are not used.
     """
 
     rules: tuple[MinedRule, ...] = ()
@@ -143,7 +143,7 @@ class Mined:
     dropped: tuple[str, ...] = ()
 
     def judge(self, view: TrialView) -> list[Violation]:
-        """Return a violation for each rule that is broken; none of a unit that did not get through the probe."""
+        """Return a violation for each broken rule; none for a unit that did not get through the probe."""
         found: dict[str, Violation] = {}
         for rule, what in () if view.probed is None else self._broken(view):
             detail = f"{what} ({self.origin})"
@@ -157,7 +157,7 @@ class Mined:
 
     @property
     def origin(self) -> str:
-        """What the rules are from, and how often they fire for no reason."""
+        """Where the rules come from, and how often they raise false alarms."""
         low, high = exact_interval(self.alarms, self.held_out)
         return (
             f"rule mined from {self.trials} nominal trials; in {self.alarms} of {self.held_out} others a rule fired, "
@@ -165,7 +165,7 @@ class Mined:
         )
 
     def row(self) -> dict[str, Any]:
-        """Return it as `campaign.json` holds it."""
+        """Return the monitor in the form of `campaign.json`."""
         low, high = exact_interval(self.alarms, self.held_out)
         return asdict(self) | {"low": low, "high": high}
 
@@ -174,7 +174,7 @@ class Mined:
         miscounted: set[str] = set()
         for rule in sorted(self.rules, key=lambda rule: rule.kind != "count"):
             what = rule.broken(answers.get(rule.topic, []))
-            if what and (rule.topic not in miscounted or rule.kind == "finite"):  # the rest may come of the count
+            if what and (rule.topic not in miscounted or rule.kind == "finite"):  # a wrong count may cause the rest
                 yield rule, f"{what}, in answer to nominal input"
             if what and rule.kind == "count":
                 miscounted.add(rule.topic)
@@ -193,7 +193,7 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
     """Return what the answers to the probe have in common.
 
     Args:
-        histories: Nominal trials whose probe had one history before it, and those with another.
+        histories: Groups of nominal trials, each group with the same history before the probe.
     """
     groups = [[_answers(view.outputs[view.probed :], view.registry) for view in views] for views in histories]
     trials = list(chain.from_iterable(groups))
@@ -204,12 +204,12 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
 
 
 def check_rules(rules: Sequence[MinedRule], judged: Iterable[Iterable[Violation]], *, trials: int) -> Mined:
-    """Return the rules that no nominal trial breaks that they are not learnt from; the others are told as dropped.
+    """Return the rules that none of the other nominal trials breaks; the rest is listed as dropped.
 
     Args:
         rules: Mined rules.
-        judged: What each of these trials violates; only what `Mined` with these rules finds counts.
-        trials: How many the rules are learnt from.
+        judged: Violations in each of the other trials; only those that `Mined` with these rules finds count.
+        trials: Number of trials that the rules were learnt from.
     """
     fired = [{one.signature.removeprefix("mined ") for one in each if one.monitor == "mined"} for each in judged]
     wrong = set().union(*fired)
@@ -259,7 +259,7 @@ def _of_field(
     within = max(_range(place) for column in columns for place in zip(*column, strict=True))
     spread, same = max(map(_range, places)), _SAME * max(map(abs, values))
     if spread > same and (_apart(columns, within + same) or all(min(_steps(run)) > 0 for run in runs)):
-        return  # it depends on what was before, or runs with the time
+        return  # it depends on the history, or increases with time
     room = _ROOM * spread + same
     yield MinedRule(
         "value", topic, path, tuple(min(it) - room for it in places), tuple(max(it) + room for it in places)
@@ -267,7 +267,7 @@ def _of_field(
 
 
 def _apart(columns: Sequence[Sequence[Sequence[float]]], gap: float) -> bool:
-    """Return whether groups of trials differ at some message by more than trials of one group do."""
+    """Return whether groups of trials differ by more than `gap` at some message."""
     for places in zip(*(zip(*column, strict=True) for column in columns), strict=True):
         lows, highs = [min(place) for place in places], [max(place) for place in places]
         if max(lows) - min(highs) > gap:
@@ -299,7 +299,7 @@ def _numbers_of(
     }
     odd = {
         _INDEX.sub("[*]", path): f"{path} = {value!r}"
-        for path, value in reversed(numbers.items())  # the first element is told
+        for path, value in reversed(numbers.items())  # so that the first element is kept
         if not math.isfinite(value)
     }
     return numbers, odd, frozenset(_INDEX.sub("[*]", path) for path in numbers if allows_non_finite(kind, path))
@@ -323,7 +323,7 @@ def _range(values: Sequence[float]) -> float:
 
 
 def _holds_large(kind: MessageType | None, payload: bytes) -> bool:
-    """Return whether an output may rightly be infinite because of this input, or it cannot be taken apart."""
+    """Return whether this input may rightly cause infinite outputs, or cannot be decoded."""
     try:
         leaves = () if kind is None else kind.leaves(payload, elements=_MOST_ELEMENTS)
     except PayloadError:
@@ -335,7 +335,7 @@ _is_exceptional = ByPayload(_holds_large, most=_MOST_JUDGED)
 
 
 def _is_large(value: Any) -> bool:
-    """Return whether a number, or the text of one, is as large as results that are infinite may come of, or NaN."""
+    """Return whether a number, or the text of one, is NaN or large enough to cause infinite results."""
     try:
         return not abs(float(value)) <= _MOST_INPUT
     except (OverflowError, TypeError, ValueError):

@@ -41,14 +41,14 @@ _ALWAYS_HELD_UP = 0.05
 
 @dataclass(frozen=True, slots=True)
 class ResourceSample:
-    """What a component had of the machine at one moment, all its processes together.
+    """Resources used by a component at one moment, by all its processes together.
 
     Attributes:
         time: Nanoseconds since the epoch.
-        messages: So many inputs had been published by then.
-        memory: Resident bytes.
-        files: Open file descriptors.
-        threads: Threads.
+        messages: Number of inputs published by then.
+        memory: Resident memory, bytes.
+        files: Number of open file descriptors.
+        threads: Number of threads.
     """
 
     time: int
@@ -60,16 +60,16 @@ class ResourceSample:
 
 @dataclass(frozen=True, slots=True)
 class Signs:
-    """What a component's state after a trial differs in from that after nominal trials; nothing where none is known.
+    """How a component's state after a trial differs from that after nominal trials; empty where that is not known.
 
     Attributes:
-        ended: Why it has ended, or has ended inside though its process goes on; empty if it has not, or may.
-        silent: Outputs that nominal trials have, and that no nominal input brings back.
-        blocked: Functions in which threads stand that stand elsewhere at rest.
-        lost: Functions in which threads began that are no longer there.
-        grown: What it has much more of than after nominal trials: `memory`, `files`, `threads`, with how much as text.
+        ended: Why it has ended, perhaps while its process still runs; empty if it has not, or is allowed to.
+        silent: Outputs of nominal trials that no nominal input brings back.
+        blocked: Functions in which threads block that wait elsewhere at rest.
+        lost: Start functions of threads that no longer exist.
+        grown: Resources much larger than after nominal trials: `memory`, `files`, `threads`, with the size as text.
         stacks: Stacks of all threads, as text.
-        known: Whether it hangs where it was waited for to the end in an earlier trial, and was not this time.
+        known: Whether it hangs where an earlier trial waited in full, so that this one did not.
     """
 
     ended: str = ""
@@ -91,14 +91,14 @@ class ComponentView:
     Attributes:
         status: Exit status, negative for a signal, None if it still ran.
         errors: What it wrote to stderr.
-        root: Folder of its code; frames outside it are somebody else's.
+        root: Folder of its code; frames outside it belong to others.
         tracebacks: Whether a traceback in stderr of a live process counts as a crash.
         printed: What it wrote to stdout.
-        stack: File and function of each native frame on which a signal has ended it, the innermost first.
-        resources: What it had of the machine, over time.
-        signs: What its state differs in from that after nominal trials.
-        excess: What it had more of than it may, for which it was ended, and how much as text; None if nothing.
-        unread: Bytes in the middle of what it wrote that are not in `errors` and `printed`.
+        stack: File and function of each native frame at the signal that ended it, innermost first.
+        resources: Its use of resources over time.
+        signs: How its state differs from that after nominal trials.
+        excess: Resource limit for which it was ended, and the usage as text; None if it was not.
+        unread: Number of bytes in the middle of its output that are missing in `errors` and `printed`.
     """
 
     name: str
@@ -122,10 +122,10 @@ class TrialView:
         settled: False when components were still busy at the deadline.
         waited: That deadline, seconds.
         outputs: Messages of the watched outputs, in order of reception.
-        inputs: Messages that were published to the components, each with the time at which it was.
+        inputs: Messages published to the components, each with its time of publication.
         probed: Index of the first output that came after the last probe had begun; None if there was none.
         end: When watching ended, nanoseconds since the epoch.
-        held_up: Seconds from the first input on in which components, or riot, waited for a processor.
+        held_up: Seconds for which components or riot waited for a processor since the first input.
     """
 
     components: Sequence[ComponentView]
@@ -142,7 +142,7 @@ class TrialView:
 
     @property
     def late(self) -> float:
-        """Seconds by which outputs may be late since the machine was busy; 0 where it was not more than always."""
+        """Seconds by which outputs may be late because the machine was busy; 0 if it was no busier than usual."""
         return self.held_up if self.held_up * 1e9 > _ALWAYS_HELD_UP * (self.end - self.start) else 0.0
 
     @property
@@ -160,7 +160,7 @@ class Monitor(Protocol):
 
 
 class Invariant(Monitor, Protocol):
-    """A monitor of `[[monitors]]` in riot.toml; it can also judge while things go on."""
+    """A monitor of `[[monitors]]` in riot.toml; it can also judge a running system."""
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -170,7 +170,7 @@ class Invariant(Monitor, Protocol):
 
 @runtime_checkable
 class TellsUnseen(Protocol):
-    """A monitor that knows whether a trial had something for it to judge; others are taken at their topics."""
+    """A monitor that knows whether a trial had something for it to judge; for others, their topics decide."""
 
     def unseen(self, view: TrialView) -> str | None:
         """Return why there was nothing to judge, None if there was something."""
@@ -179,11 +179,11 @@ class TellsUnseen(Protocol):
 
 @runtime_checkable
 class MissesMessages(Protocol):
-    """A monitor that is violated where messages of some topics do not come: because of that, or of a misspelt topic."""
+    """A monitor that is violated when messages of some topics are missing, perhaps only since a topic is misspelt."""
 
     @property
     def missed(self) -> Sequence[str]:
-        """Topics of which it misses messages."""
+        """Topics whose missing messages are a violation."""
         ...
 
 
@@ -192,20 +192,20 @@ class Forges(Protocol):
     """A monitor that can show that it is able to fire."""
 
     def forge(self, view: TrialView) -> TrialView:
-        """Return a copy of a trial that violates it; raises PayloadError if this one cannot be made to."""
+        """Return a copy of a trial that violates the monitor; raises PayloadError if none can be made."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What all monitors say of one trial.
+    """Results of all monitors for one trial.
 
     Attributes:
-        violations: In the order of the monitors.
-        broken: A line for each monitor that failed itself, and each component of whose output not all was read.
+        violations: Violations in the order of the monitors.
+        broken: A line for each monitor that failed itself, and each component whose output was not read in full.
         unseen: A line for each monitor that had nothing to judge, with the reason.
-        baseless: Signatures of violations by monitors that miss messages of which there was none at all, with the
-            reason: the topic may be misspelt.
+        baseless: Reasons by signature, for violations by missing messages where the topics had no message at all:
+            they may be misspelt.
     """
 
     violations: tuple[Violation, ...] = ()
@@ -245,7 +245,7 @@ def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
 
 
 def names_of(monitors: Iterable[Monitor]) -> list[str]:
-    """Return what tells monitors apart; those that are called alike are numbered."""
+    """Return unique names of monitors; equal names are numbered."""
     seen: Counter[str] = Counter()
     found = []
     for monitor in monitors:
@@ -256,7 +256,7 @@ def names_of(monitors: Iterable[Monitor]) -> list[str]:
 
 
 def name_of(monitor: Monitor) -> str:
-    """Return what tells a monitor from others of its kind."""
+    """Return a name that distinguishes a monitor from others of its kind."""
     topics = getattr(monitor, "topics", ())
     where = getattr(monitor, "field", None) or getattr(monitor, "when", None) or ", ".join(topics)
     return f"{type(monitor).__name__} {where}".strip()
@@ -272,7 +272,7 @@ def why_nothing_to_judge(monitor: Monitor, view: TrialView) -> str | None:
 
 
 def why_no_message(view: TrialView, topic: str) -> str | None:
-    """Return that no output is of a topic, with the nearest topics that there were; None if one is."""
+    """Return a text that no output has a topic, with the most similar topics; None if one has."""
     keys = {message.key for message in view.outputs if message.kind == "put"}
     if any(view.registry.matches(topic, key) for key in keys):
         return None

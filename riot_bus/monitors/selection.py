@@ -1,4 +1,4 @@
-"""What monitors look at: the outputs of a trial that a selector means, and numbers in their fields."""
+"""What monitors look at: the selected outputs of a trial, and numbers in their fields."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["field_selector", "integers", "message_selector", "numbers", "selecte
 
 
 def message_selector(text: str) -> Selector:
-    """Return a selector of whole messages; raises ConfigError if it is none."""
+    """Return a selector of whole messages; raises ConfigError if the text is not one."""
     selector = parse_selector(text)
     if selector.field is not None:
         hint = "write it like '1/1/STATUSTEXT where severity <= 2'"
@@ -32,7 +32,7 @@ def message_selector(text: str) -> Selector:
 
 
 def field_selector(text: str) -> Selector:
-    """Return a selector of a field; raises ConfigError if it is none."""
+    """Return a selector of a field; raises ConfigError if the text is not one."""
     selector = parse_selector(text)
     if selector.field is None:
         raise ConfigError(f"{text!r} names no field", hint="write it like 'topic:field'")
@@ -42,10 +42,10 @@ def field_selector(text: str) -> Selector:
 def selected(
     view: TrialView, selector: Selector, messages: Sequence[Message] | None = None
 ) -> Iterator[tuple[Message, MessageType]]:
-    """Yield the selected messages of a trial with their types; of its outputs, unless others are given.
+    """Yield the selected messages with their types, from the outputs of a trial or from the given messages.
 
     Raises:
-        PayloadError: The type of one is unknown.
+        PayloadError: The type of a message is unknown.
     """
     predicate = None if selector.where is None else parse_predicate(selector.where)
     for message in view.outputs if messages is None else messages:
@@ -81,7 +81,7 @@ def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str 
     Args:
         view: A trial.
         selector: What is looked for.
-        met: Whether its condition has to be met; else it is enough that its fields are there.
+        met: Whether its condition must be met; otherwise, its fields only have to exist.
 
     Raises:
         PayloadError: The type of an output of the topic is unknown.

@@ -1,10 +1,10 @@
 """Signatures: what makes two crashes the same crash.
 
 A crash is identified by its place, not by its words, so that one defect that raises different exceptions for different
-inputs stays one finding. And the place is not a line number or a file, which change with every edit: of a Python
-traceback it is the innermost function of the component's own code and the text of the line in it. A native crash has
-its signal and the innermost native functions of the component's own files, then those of Python around them, where
-`faulthandler` tells them.
+inputs stays one finding. The place is not a file or a line number, which change with every edit. For a Python
+traceback, it is the innermost function of the component's own code and the text of its line. For a native crash, it is
+the signal and the innermost native functions of the component's own files, then the Python functions around them, where
+`faulthandler` reports them.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _SYSTEM = re.compile(
 )
 _LIBRARIES = re.compile(r"^/(usr/(?!local/)|lib\d*/|opt/ros/)|/lib(64)?/python\d|/(site|dist)-packages/")
 _STANDARD = re.compile(r"^_Z(N?K?St|NK?9__gnu_cxx)")
-"""Functions of C++'s standard library, which stand in the files of those who use them."""
+"""Functions of the C++ standard library, which are found in the files that use them."""
 _LAUNCHED = re.compile(r"^\[[^\[\]\n]{1,200}-\d+\] ", re.MULTILINE)
-"""What ROS's launch puts before each line of what it has started."""
+"""Prefix that ROS launch adds to each line of a process that it has started."""
 _DIED = re.compile(
     r"^\[ERROR\] \[(?P<name>[^\[\]\n]{1,200})-\d+\]: process has died \[pid \d+, exit code (?P<status>-?\d+)",
     re.MULTILINE,
@@ -70,7 +70,7 @@ class SourceFrame(NamedTuple):
 
 
 def frames_in(text: str) -> list[SourceFrame]:
-    """Return the frames of Python stacks in a text, in its order: tracebacks end with the innermost one."""
+    """Return the frames of Python stacks in the order of a text; tracebacks end with the innermost one."""
     return [SourceFrame(each["file"], int(each["line"]), each["function"]) for each in _FRAME.finditer(text)]
 
 
@@ -78,7 +78,7 @@ def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
     """Return the last Python traceback of a crash with this signature; empty if there is none.
 
     Args:
-        signature: Ends with the place of the crash; tracebacks of other places are of what the component got over.
+        signature: Text that ends with the place of the crash; the component recovered from errors at other places.
         errors: Its stderr.
         printed: Its stdout.
         root: Folder of its code.
@@ -88,7 +88,7 @@ def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
 
 
 def fatal_thread(errors: str) -> str:
-    """Return the stack that `faulthandler` has written of the thread in which a signal came; empty if it has not."""
+    """Return the stack that `faulthandler` wrote for the thread that received a signal; empty if there is none."""
     fatal = _FATAL.search(errors)
     return errors[fatal.end() :].partition(_CURRENT)[2].partition("\n\n")[0] if fatal else ""
 
@@ -116,11 +116,11 @@ def crashes_in(
         errors: Its stderr.
         root: Folder of its code.
         printed: Its stdout, where some programs write their tracebacks.
-        stack: File and function of each native frame on which a signal has ended it, the innermost first; a function
-            without a name is told by `+` and its offset in the file.
+        stack: File and function of each native frame at the signal that ended it, innermost first; a function without
+            a name is written as `+` and its offset in the file.
 
     Returns:
-        Nothing when neither the status nor what it wrote speaks of a crash.
+        The crashes; none if neither the status nor the output indicates one.
     """
     died = [match for text in (printed, errors) for match in _DIED.finditer(text)][:_MOST]
     printed, errors = (_LAUNCHED.sub("", text) for text in (printed, errors))
@@ -128,8 +128,8 @@ def crashes_in(
     latest = dict.fromkeys(reversed(known))
     python = _one_of_each(Crash(_place(each, root), _detail(each, root)) for each in latest)
     if status == 0:
-        python, died = [], []  # what it wrote did not keep it from a good end
-    # A Python process with native threads may abort while it ends of an exception: the exception is the crash.
+        python, died = [], []  # despite what it wrote, it ended well
+    # A Python process with native threads may abort while an exception ends it: the exception is the crash.
     last = known[-1] if known else ""
     ending = bool(last) and len(errors.rpartition(last)[2].splitlines()) <= _AFTERWORDS
     reports = _sanitizer_reports(errors)
@@ -186,7 +186,7 @@ def _is_own(file: str, root: Path) -> bool:
 
 
 def _told(status: int) -> str:
-    """Return how an exit status is called, which is negative for a signal."""
+    """Return the name of an exit status, which is negative for a signal."""
     if status >= 0:
         return f"exit status {status}"
     return signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
@@ -205,7 +205,7 @@ def _native(status: int, errors: str, root: Path, stack: Sequence[tuple[str, str
 
 
 def _native_functions(stack: Sequence[tuple[str, str]], *, own: bool) -> list[str]:
-    """Return the functions of the component's own files; without any, unless only `own` are wanted, those of others."""
+    """Return the functions of the component's own files; if there are none and `own` is False, those of others."""
     system = [frame for frame in stack if not _SYSTEM.search(frame[0])]
     mine = [frame for frame in system if not _LIBRARIES.search(frame[0])]
     frames = mine or ([] if own else system or stack)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Stl"]
 
 _MOST_CHANGES = 10_000  # of all signals: rtamt's time grows with their number times that of operators
-_MOST = sys.float_info.max  # infinite signals would differ by NaN
+_MOST = sys.float_info.max  # the difference of infinite signals would be NaN
 _MOST_AHEAD = 86_400
 _MOST_TRIED = 256
 _NUMBER = re.compile(r"(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
@@ -44,12 +44,12 @@ _Samples = list[list[float]]
 class Stl:
     """A formula of signal temporal logic holds; a signal keeps its value until the next message.
 
-    It is judged from when every signal has a value. An outermost `always` is judged up to the last time at which all
-    that it looks ahead to was still watched; any other formula once, at the beginning.
+    Judging begins when every signal has a value. An outermost `always` is judged up to the last time whose whole
+    look-ahead was watched; any other formula only once, at the beginning.
 
     Attributes:
-        formula: As rtamt takes it; times are seconds: `always ((speed > 0.5) implies (eventually[0:2] (ack >= 1)))`.
-        signals: `topic:field` of each signal of the formula, of outputs; where no output is of it, of inputs.
+        formula: Formula for rtamt, times in seconds: `always ((speed > 0.5) implies (eventually[0:2] (ack >= 1)))`.
+        signals: `topic:field` of each signal of the formula, of outputs, or of inputs if no output has the topic.
     """
 
     formula: Annotated[str, Field(max_length=1000)]
@@ -113,7 +113,7 @@ class Stl:
         return late if late is not None and self._first_false(samples, end) is not None else None
 
     def forge(self, view: TrialView) -> TrialView:
-        """Return a copy in which each signal of outputs keeps one value, and of inputs, too, where that does not do."""
+        """Return a copy in which each output signal is constant, and each input signal too if that is not enough."""
         samples, end = self._samples(view)
         own = [name for name, text in self.signals.items() if _is_output(view, text)]
         numbers = [float(each) for each in _NUMBER.findall(self.formula)]
@@ -189,13 +189,13 @@ class Stl:
         return f"watched for {max(0.0, end - start):.3f} s with values of all signals, it looks {ahead:g} s ahead"
 
     def _why_late(self, view: TrialView) -> str | None:
-        """Return why times tell nothing, where the formula has bounds; None if they do, or it has none."""
+        """Return why times are unreliable; None if they are reliable, or the formula has no time bounds."""
         if not view.late or not _is_bounded(_Parsed(self).node):
             return None
         return f"it did not hold, but the machine was busy: outputs may be {view.late:.3f} s late"
 
     def _why_vacuous(self, samples: Mapping[str, _Samples], end: float) -> str | None:
-        """Return which antecedent keeps an implication from ever being violated; None if each of them lets it."""
+        """Return which antecedent never held, so that its implication could not be violated; None if all did."""
         for number in range(len(_Parsed(self).implications)):
             parsed = _Parsed(self)
             antecedent, ahead = parsed.implications[number]
@@ -215,14 +215,14 @@ class Stl:
     def _judged(
         self, samples: Mapping[str, _Samples], end: float, parsed: _Parsed, node: Any, ahead: float | None
     ) -> tuple[float, _Samples]:
-        """Return when judging begins, and the robustness of a node at the times from then on at which it is judged.
+        """Return when judging begins, and the robustness of a node at all judged times, counted from then.
 
         Args:
-            samples: Those of all signals.
-            end: Until when they may be judged.
+            samples: Samples of all signals.
+            end: Time until which they may be judged.
             parsed: The formula.
-            node: A node of it.
-            ahead: How long before the end judging ends; None to judge at the beginning alone.
+            node: A node of the formula.
+            ahead: Seconds before the end at which judging stops; None to judge only at the beginning.
         """
         start = max(each[0][0] for each in samples.values())
         moved = {
@@ -237,12 +237,12 @@ class Stl:
 
 
 class _Parsed:
-    """A formula as rtamt has it; made anew for each use, as rtamt keeps what it evaluates.
+    """A formula parsed by rtamt; to be created for each use, since rtamt keeps the state of an evaluation.
 
     Attributes:
-        node: What has to hold: of an outermost `always`, what has to hold always.
-        ahead: How long before the end it has to for the last time; None if at the beginning alone.
-        implications: The antecedents of implications that have to hold as such, and when, as `ahead` says it.
+        node: Node that has to hold; for an outermost `always`, its operand.
+        ahead: Seconds before the end at which it has to hold for the last time; None if only at the beginning.
+        implications: Antecedents of the implications that all have to hold, each with its own `ahead`.
     """
 
     def __init__(self, monitor: Stl) -> None:
@@ -274,7 +274,7 @@ class _Parsed:
         self.implications = list(_implications(self.node, self.ahead))
 
     def robustness(self, node: Any, samples: Mapping[str, _Samples]) -> _Samples:
-        """Return the robustness of a node over time; only once."""
+        """Return the robustness of a node over time; can be called only once."""
         self._spec.ast.specs[:] = [node]
         try:
             found: _Samples = self._spec.evaluate(*([name, each] for name, each in samples.items()))
@@ -284,7 +284,7 @@ class _Parsed:
 
 
 def _ahead(node: Any) -> float:
-    """Return how many seconds a node looks ahead; raises ConfigError where that has no end."""
+    """Return how many seconds a node looks ahead; raises ConfigError for wrong or unsupported bounds."""
     inner = max(map(_ahead, node.children), default=0.0)
     kind = type(node).__name__
     if kind in _FUTURE and inner:
@@ -305,7 +305,7 @@ def _is_bounded(node: Any) -> bool:
 
 
 def _implications(node: Any, ahead: float | None) -> Iterator[tuple[Any, float | None]]:
-    """Yield the antecedents of implications all of which have to hold for a node to hold, and when."""
+    """Yield the antecedents of the implications that all have to hold for a node to hold, each with its `ahead`."""
     kind = type(node).__name__
     if kind == "Implies":
         yield node.children[0], ahead

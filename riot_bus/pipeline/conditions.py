@@ -1,4 +1,4 @@
-"""When an interceptor is asked: which messages, on which way, during which time, and how often."""
+"""Conditions for calling an interceptor: for which messages, on which route, in which period, and how often."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class When:
     Attributes:
         select: Selectors, of which one must match; None for every message.
         source: Segment that the message comes from.
-        target: Segment that the message goes to; if it goes to several, the others get it as it was.
+        target: Segment that the message goes to; if it goes to several, the others get it unchanged.
         start: Earliest time, seconds since the first message that the pipeline saw.
         end: Latest time (exclusive), seconds.
-        first: First number of the message within its topic.
-        last: Last number (inclusive).
+        first: Number of the first message within its topic.
+        last: Number of the last message (inclusive).
         where: Predicate on the message's fields; a message without them is left alone.
         probability: Share of the messages, chosen by seed, content and number of the message in its topic.
         seed: Seed of that choice, and of `Event.draw`.
@@ -81,7 +81,7 @@ class When:
         return tuple((each.topic, each.where) for each in parsed)
 
     def for_key(self, key: str, registry: TypeRegistry) -> Callable[[Event], bool] | None:
-        """Return what decides about the messages of one key; None if none of them is meant."""
+        """Return a function that decides about the messages of one key; None if none of them is selected."""
         predicates = [parse_predicate(self.where)] if self.where is not None else []
         selectors = self.selectors()
         choices: list[Predicate] = []
@@ -118,7 +118,7 @@ class When:
 
 
 def always(event: Event) -> bool:
-    """Return that a message is meant: what decides when there are no conditions."""
+    """Return True: the decision when there are no conditions."""
     return True
 
 
@@ -126,13 +126,13 @@ def _holds(predicate: Predicate, event: Event) -> bool:
     """Return whether a message meets a predicate; one that lacks its fields does not."""
     try:
         return predicate(event.read)
-    except (PayloadError, TypeError):  # such as bytes, that have no order with text
+    except (PayloadError, TypeError):  # such as bytes, which cannot be ordered with text
         return False
 
 
 @dataclass(frozen=True, slots=True)
 class Selective:
-    """An interceptor that is asked only under conditions."""
+    """An interceptor that is called only under conditions."""
 
     interceptor: object
     when: When

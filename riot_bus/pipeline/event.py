@@ -47,7 +47,7 @@ class Change:
 
 
 class Arrival(Protocol):
-    """A message that has come in and is not yet taken apart, because most messages pass as they are."""
+    """A received message that is not decoded yet, because most messages pass unchanged."""
 
     @property
     def key(self) -> str:
@@ -56,12 +56,12 @@ class Arrival(Protocol):
 
     @property
     def time(self) -> int:
-        """When it came, nanoseconds since the Unix epoch."""
+        """Time of its arrival, nanoseconds since the Unix epoch."""
         ...
 
     @property
     def segment(self) -> str:
-        """Where it came from."""
+        """Segment that it came from."""
         ...
 
     def payload(self) -> bytes:
@@ -69,7 +69,7 @@ class Arrival(Protocol):
         ...
 
     def message(self) -> Message:
-        """Return the whole of it; the same object each time."""
+        """Return the whole message; the same object each time."""
         ...
 
 
@@ -80,17 +80,17 @@ class Event:
         topic: Its topic's name.
         index: Number of earlier messages of this topic.
         seconds: Time since the first message that the pipeline saw.
-        segment: Where it came from; empty outside of a bus.
+        segment: Segment that it came from; empty outside of a bus.
         targets: Segments that it goes to; empty outside of a bus.
         dropped: Whether it will not be delivered.
-        delay_ns: How much later it will be delivered.
-        copies: How many more times it will be delivered.
-        added: Further messages to deliver, and how much later, in nanoseconds.
-        changes: What interceptors did so far.
+        delay_ns: Delay of its delivery, nanoseconds.
+        copies: Number of additional deliveries.
+        added: Further messages to deliver, each with its delay in nanoseconds.
+        changes: Changes by interceptors so far.
         touched: Whether the message itself was changed.
     """
 
-    # Most messages pass untouched: what few events need has its default in the class, and lists are made on demand.
+    # Most messages pass untouched: rarely needed attributes have defaults in the class, and lists are made on demand.
     _message: Message | None
     _payload: bytes | None = None
     _digest = b""
@@ -195,14 +195,14 @@ class Event:
         return read_field(self._known_type(), self.payload, path)
 
     def set(self, path: str, value: Scalar) -> None:
-        """Set a field: in place if it fits, else the message is built anew around it; `len(path)` sets a length."""
+        """Set a field, in place if it fits, else by rebuilding the message; `len(path)` sets a length."""
         kind, payload = self._known_type(), self.payload
         if not self.provenance:
             self.patched(kind.rebuild(payload, {path: value}), Change(self.interceptor, "set", path))
             return
         before = kind.read(payload, path)
         payload = kind.rebuild(payload, {path: value})
-        # integers wrap and floats narrow: note what is there now
+        # integers wrap and floats narrow: record the resulting value
         self.patched(payload, Change(self.interceptor, "set", path, before, kind.read(payload, path)))
 
     def read_elements(self, path: str) -> Elements:
@@ -210,7 +210,7 @@ class Event:
         return read_elements(self._known_type(), self.payload, path)
 
     def set_elements(self, path: str, wanted: Elements) -> None:
-        """Set the numbers of such an array; raises PayloadError when it has more or fewer of them."""
+        """Set the numbers of such an array; raises PayloadError if their count differs."""
         kind, payload, before = self._known_type(), self.payload, self.read_elements(path)
         if len(wanted) != len(before):
             raise PayloadError(f"{len(before)} elements are not set to {len(wanted)}", where=path)
@@ -225,7 +225,7 @@ class Event:
         self.patched(_checked(payload, bytes, "a payload"), Change(self.interceptor, "replace"))
 
     def patched(self, payload: bytes, change: Change) -> None:
-        """Take a payload that somebody patched, and note what the change was."""
+        """Take over a patched payload, and record the change."""
         if self._message is None:
             self._payload = payload
         else:
@@ -239,7 +239,7 @@ class Event:
         self._note(Change(self.interceptor, "drop"))
 
     def delay(self, seconds: float) -> None:
-        """Deliver the message later; raises ValueError for what is no time."""
+        """Deliver the message later; raises ValueError for NaN."""
         self.delay_ns += round(seconds * 1e9)
         self._note(Change(self.interceptor, "delay", after=seconds))
 
@@ -263,7 +263,7 @@ class Event:
         """Return a number in [0, 1): the same for the same seed, content and number of the message in its topic.
 
         Args:
-            salt: Gives further numbers for the same message.
+            salt: Text that selects another number for the same message.
         """
         return int.from_bytes(self._dice(salt)[:8], "big") / 2**64
 
@@ -272,7 +272,7 @@ class Event:
         return random.Random(self._dice(salt))  # noqa: S311
 
     def branch(self, target: str) -> Event:
-        """Split off what goes to one segment, so that it can have a fate of its own."""
+        """Split off the delivery to one segment, so that it can be changed separately."""
         branch = Event(
             self._original,
             self.topic,
@@ -336,7 +336,7 @@ class Event:
 
 
 def check(event: Event) -> None:
-    """Raise if an interceptor set an attribute of an event to what it cannot be."""
+    """Raise an error if an interceptor set an attribute of an event to an invalid value."""
     if event.delay_ns.__class__ is not int or event.copies.__class__ is not int:
         raise TypeError(f"delay_ns = {event.delay_ns!r} and copies = {event.copies!r} have to be whole numbers")
     if event.copies > _MOST_COPIES:
@@ -356,7 +356,7 @@ def _checked(value: ValueT, kind: type, what: str) -> ValueT:
 
 
 def _publishable(message: Message, key: str) -> Message:
-    """Return a message that can be published on this key or another; if it cannot, whoever made it shall be named."""
+    """Return the message if it can be published; raise at once if not, so that the code at fault is named."""
     if not isinstance(message, Message):
         raise TypeError(f"{message!r} is not a message")
     if message.key != key and (not isinstance(message.key, str) or _NO_KEY.search(message.key)):

@@ -22,7 +22,7 @@ class EmissionQueue:
         return len(self._heap)
 
     def push(self, *emissions: Emission) -> None:
-        """Take in emissions, such as `*result.emissions`."""
+        """Add emissions, such as `*result.emissions`."""
         for emission in emissions:
             heappush(self._heap, (emission.due, self._order, emission))
             self._order += 1

@@ -1,7 +1,7 @@
 """Run messages through interceptors, sans-I/O: one message in, messages with due times out.
 
-The same pipeline runs on the live bus, over a log and in property tests. It keeps no clock: time is the message's.
-A `Pipeline` is not thread-safe; whoever feeds it, feeds it from one thread at a time.
+The same pipeline runs on the live bus, over a log and in property tests. It has no clock: time is the message's time.
+A `Pipeline` is not thread-safe; feed it from one thread at a time.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ __all__ = [
 ]
 
 OTHER_TOPICS = "(other topics)"
-"""What topics are counted as for which there is no room any more."""
+"""Name under which all topics beyond `MOST_TOPICS` are counted."""
 
 MOST_TOPICS = 1 << 16
-"""How many topics are counted one by one, so that somebody who invents keys cannot take the memory."""
+"""Number of topics that are counted separately, so that invented keys cannot exhaust the memory."""
 
 _CACHED_KEYS = 1 << 14
 
@@ -66,7 +66,7 @@ class Emission:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of one message: a dropped one has no emission of its own, yet its changes say why."""
+    """Result for one message; a dropped one has no emission of its own, but its changes say why."""
 
     original: Message
     emissions: tuple[Emission, ...]
@@ -78,7 +78,7 @@ class Result:
 class Counts:
     """What happened to one topic's messages: `delivered == seen - dropped + copies + added`.
 
-    A message that has different fates on its way to different segments counts as a copy for each further fate.
+    A message that is handled differently for different segments counts as a copy for each further variant.
     """
 
     seen: int = 0
@@ -92,10 +92,10 @@ class Counts:
 
 @dataclass(slots=True)
 class Route:
-    """What concerns the messages of one key: topic, counts, the interceptors that want them, and their type.
+    """Properties of the messages of one key: topic, counts, the interceptors that want them, and their type.
 
     Attributes:
-        first: How many had been seen when `Pipeline.restart` was called last.
+        first: Number of messages seen at the last call of `Pipeline.restart`.
     """
 
     topic: str
@@ -106,18 +106,18 @@ class Route:
 
 
 class Pipeline:
-    """Interceptors in a row.
+    """A sequence of interceptors.
 
     An interceptor has `message(event)` and may have `name`, `topics` (selectors or key expressions that it wants,
     default all), `load(registry)` (called here; may raise ConfigError), `start()` (before the first message), `stop()`
-    (by `close`), `joined(component)` and `left(component)`. One that raises is isolated: the message goes on as it was
-    before that interceptor, and the error is counted in `errors`. Messages that an interceptor adds are delivered as
-    they are.
+    (by `close`), `joined(component)` and `left(component)`. One that raises is isolated: the message continues as it
+    was before that interceptor, and the error is counted in `errors`. Messages that an interceptor adds are delivered
+    unchanged.
 
     Args:
-        interceptors: Carried out in this order, under conditions if they are `Selective`; a dropped message does not
-            reach the later ones.
-        registry: Names topics and knows their types.
+        interceptors: Interceptors in the order of calls, under conditions if they are `Selective`; a dropped message
+            does not reach the later ones.
+        registry: Names and types of topics.
         start: Time zero of `Event.seconds`; default is the first message's time.
         provenance: Whether changes say which value was replaced by which; costs two more reads per change.
 
@@ -137,7 +137,7 @@ class Pipeline:
         self.counts: dict[str, Counts] = {}
         self.provenance = provenance
         self.current: list[Stage] = []
-        """The interceptor that is being asked at this moment, if any; another list for each question."""
+        """The interceptor that is being called, if any; a new list for each call."""
         self._registry = registry
         self._origin = start
         self._before: dict[str, int] = {}
@@ -148,12 +148,12 @@ class Pipeline:
         self.replace(interceptors)
 
     def replace(self, interceptors: Sequence[object]) -> None:
-        """Go on with other interceptors; those that stay are neither stopped nor started again.
+        """Continue with other interceptors; those that stay are neither stopped nor started again.
 
         Raises:
             ConfigError: As for the constructor; then nothing has changed.
-            AbandonedError: `abandon` was called meanwhile: the next message starts the others, and `close` stops what
-                was taken out.
+            AbandonedError: `abandon` was called meanwhile: the next message starts the others, and `close` stops the
+                removed ones.
         """
         stages = stages_of(interceptors)
         before = {id(stage.interceptor): stage for stage in self.stages}
@@ -182,7 +182,7 @@ class Pipeline:
         return self.result(event, route)
 
     def passes(self, message: Message) -> bool:
-        """Count a message as delivered if no interceptor wants its key; return whether that is so, else feed it."""
+        """Count a message as delivered and return True if no interceptor wants its key; if False, it must be fed."""
         route = self._routes.get(message.key) or self.route(message.key)
         if route.stages:
             return False
@@ -204,14 +204,14 @@ class Pipeline:
         segment: str = "",
         targets: tuple[str, ...] = (),
     ) -> Event:
-        """Run one message; `result` says what follows from the event.
+        """Run one message; `result` evaluates the event.
 
         Args:
-            route: Of the message's key.
+            route: Route of the message's key.
             time: The message's time.
-            message: The message, or
-            arrival: what makes one when somebody wants to look.
-            segment: Where it comes from.
+            message: The message, unless `arrival` is given.
+            arrival: Undecoded message, which is decoded only on demand.
+            segment: Segment that it comes from.
             targets: Segments that it goes to.
 
         Raises:
@@ -265,7 +265,7 @@ class Pipeline:
                         raise TypeError("where a message goes cannot be set; conditions of the interceptor can say it")
             except BaseException as error:  # `exit()` or a cancelled task ends an interceptor, not the router
                 if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
-                    raise  # somebody pressed Ctrl-C while a log is worked on
+                    raise  # Ctrl-C while a log is processed
                 failure = error
             self._come_back(token, stage)
             if failure is not None:
@@ -307,16 +307,16 @@ class Pipeline:
         return emissions
 
     def rewriter(self, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
-        """Return what all interceptors together make of payloads, if that is all that they do with messages of a key.
+        """Return one function for all interceptors, if they only rewrite the payloads of messages of a key.
 
-        An interceptor can say so with a method `rewriter(kind, key, payload)`, which gets the message type (or None)
-        and a payload as an example, and returns a pure function or None. For such messages there is no need of
-        events; whoever calls the function says so with `rewrote`. Where the function raises PayloadError, the message
-        has to be fed instead.
+        An interceptor declares this with a method `rewriter(kind, key, payload)`, which gets the message type (or
+        None) and a payload as an example, and returns a pure function or None. Such messages need no events; the
+        caller of the function reports them with `rewrote`. Where the function raises PayloadError, the message has to
+        be fed instead.
 
         Args:
             key: Key of the messages.
-            payload: One of their payloads.
+            payload: Example of their payloads.
         """
         if self.provenance or not self._running:
             return None
@@ -381,17 +381,17 @@ class Pipeline:
             self._failed(stage, failure)
 
     def abandon(self, asked: list[Stage], reason: str, place: str) -> bool:
-        """Give up the interceptor that is being asked: it is bypassed from now on, and its message is taken from it.
+        """Give up on the interceptor that is being called: it is bypassed from now on and loses its message.
 
-        Whoever waits for it in `run` gets `AbandonedError` when it comes back, and may feed the message again.
+        The caller that waits for it in `run` gets `AbandonedError` when it returns, and may feed the message again.
 
         Args:
-            asked: What `current` was when the waiting began.
-            reason: Why.
+            asked: Value of `current` when the waiting began.
+            reason: Reason for giving up.
             place: Where it hangs, as `file:line`.
 
         Returns:
-            Whether it was still being asked; if not, nothing was done.
+            Whether it was still being called; if not, nothing was done.
         """
         try:
             stage = asked.pop()
@@ -402,7 +402,7 @@ class Pipeline:
         return True
 
     def route(self, key: str) -> Route:
-        """Return what concerns the messages of a key."""
+        """Return the route of the messages of a key."""
         route = self._routes.get(key)
         if route is None:
             topic = self._registry.topic(key)
@@ -416,11 +416,11 @@ class Pipeline:
         return route
 
     def forget(self) -> None:
-        """Look up again what concerns the messages of each key: a type has become known."""
+        """Discard all routes, because a type has become known."""
         self._routes.clear()
 
     def restart(self) -> None:
-        """Let time and numbers of messages begin at the next one; what was counted so far stays."""
+        """Restart the time and the message numbers at the next message; counts are kept."""
         self._origin = None
         self._before = {topic: counts.seen for topic, counts in self.counts.items()}
         self._routes.clear()

@@ -1,4 +1,4 @@
-"""One interceptor in its place in a pipeline: its name, its conditions, and what became of it."""
+"""One interceptor as a stage of a pipeline: its name, its conditions, and its errors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Stage:
         self.expressions = None if topics is None else tuple(parse_selector(text).topic for text in topics)
 
     def for_key(self, key: str, registry: TypeRegistry) -> Callable[[Event], bool] | None:
-        """Return what decides about the messages of one key; None if none of them is meant."""
+        """Return a function that decides about the messages of one key; None if none of them is selected."""
         if self.expressions is not None and not any(registry.matches(text, key) for text in self.expressions):
             return None
         return self.when.for_key(key, registry)
@@ -94,6 +94,6 @@ class Stage:
 
 
 def stages_of(interceptors: Sequence[object]) -> tuple[Stage, ...]:
-    """Return a stage for each interceptor; raises ConfigError for an object that is none."""
+    """Return a stage for each interceptor; raises ConfigError for an object that is not an interceptor."""
     taken: Counter[str] = Counter()
     return tuple(Stage(each, taken) for each in interceptors)

@@ -1,4 +1,4 @@
-"""What keys on a terminal do to a player."""
+"""Control of a player by keys on a terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LOWEST, _HIGHEST = 0.01, 1000.0
 
 
 def press(service: PlayService, key: str) -> None:
-    """Do what a key means, if anything.
+    """Perform the action of a key, if it has one.
 
     Args:
         service: The playback that is controlled.
@@ -44,5 +44,5 @@ def press(service: PlayService, key: str) -> None:
 
 def _accelerate(service: PlayService, factor: float) -> None:
     rate = service.status()["rate"]
-    if rate:  # as fast as possible stays that
+    if rate:  # 0, as fast as possible, stays 0
         service.set_rate(round(min(_HIGHEST, max(_LOWEST, rate * factor)), 3))

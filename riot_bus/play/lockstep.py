@@ -1,11 +1,11 @@
 """Lock-step: the next message goes out when the last one has had its effect.
 
-What a component does inside cannot be seen from here, so "settled" is told by what it publishes:
+The inside of a component cannot be seen from here, so what it publishes tells whether it has settled:
 
-* `Quiet`: nothing has come on the watched keys for a while, counted from the message or from what came last.
+* `Quiet`: nothing has come on the watched keys for a while, counted from the message or from the latest arrival.
 * `Acknowledged`: something has come on a key since the message went out.
 
-After a deadline the player goes on all the same, and counts it.
+After a deadline, the player continues all the same, and counts this case.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _LOOK_S = 0.1
 
 
 class Settling(Protocol):
-    """Waits until those who listen have settled.
+    """A way to wait until the subscribers have settled.
 
     Attributes:
-        unsettled: How often they had not within the deadline.
+        unsettled: Number of times that they did not settle within the deadline.
     """
 
     unsettled: int
 
     def sent(self) -> None:
-        """Take note that a message is about to go out."""
+        """Note that a message is about to be published."""
         ...
 
     def wait(self, given_up: Callable[[], bool]) -> bool:
@@ -44,7 +44,7 @@ class Settling(Protocol):
         ...
 
     def close(self) -> None:
-        """Watch no more."""
+        """Stop watching."""
         ...
 
 
@@ -77,7 +77,7 @@ class _Watch:
             self._bell.notify_all()
 
     def _wait(self, settled: Callable[[float], float], given_up: Callable[[], bool]) -> bool:
-        """Wait until `settled(now)` is 0 or less; else it says after how many seconds to look again."""
+        """Wait until `settled(now)` is at most 0; larger values are the seconds until the next check."""
         deadline = time.monotonic() + self._timeout
         with self._bell:
             while (left := settled(now := time.monotonic())) > 0:

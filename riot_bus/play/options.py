@@ -1,4 +1,4 @@
-"""What somebody wants to be played, as plain values: from a command line, or sent to an agent."""
+"""Options of a playback as plain values: from a command line, or sent to an agent."""
 
 from __future__ import annotations
 
@@ -27,34 +27,34 @@ class PlayOptions:
         logs: MCAP files, or folders that hold the files of one recording; merged by time.
         endpoint: The router to publish to.
         config: Further Zenoh configuration of the client.
-        name: Under which it is controlled.
+        name: Name under which it is controlled.
         rate: Speed; 0 is as fast as possible.
-        loop: Begin again at the end.
+        loop: Whether to start again at the end.
         delay: Seconds before each pass.
         start_offset: Seconds of the logs that are left out at the beginning.
         duration: Seconds of the logs to play.
         until: Where to end: seconds from the beginning, or a point in time.
-        align: Let all logs begin at the same time, whenever they were recorded.
-        topics: Names or key expressions of what is played; empty for all.
-        exclude: Of what is not.
-        remap: `OLD:=NEW`.
-        paused: Begin paused.
-        hold: Stay when all is played, so that late joiners get what is latched.
-        clock: Hertz at which to publish `/clock`; 0 for not.
+        align: Whether all logs begin at the same time, whenever they were recorded.
+        topics: Names or key expressions of the topics to play; empty for all.
+        exclude: Names or key expressions of the topics not to play.
+        remap: New names of topics, `OLD:=NEW`.
+        paused: Whether to begin paused.
+        hold: Whether to stay after the end, so that late joiners get latched messages.
+        clock: Frequency of `/clock`, hertz; 0 not to publish it.
         wait: Longest time in seconds to wait for subscribers of all topics.
         lockstep: Keys that must be quiet before the next message.
         ack: A key on which each message is acknowledged before the next one.
-        quiet: For how many seconds they must be quiet.
+        quiet: Seconds for which these keys must be quiet.
         settle_timeout: Seconds after which the next message comes anyway.
-        inject: An injection plan.
-        interceptors: As of `riot router --interceptor`.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
-        limits: Of what is read of each log; None for the usual ones.
-        types: `TOPIC=TYPE`.
+        inject: File of an injection plan.
+        interceptors: Interceptors, as for `riot router --interceptor`.
+        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
+        limits: Limits for reading each log; None for the usual ones.
+        types: Types of topics, `TOPIC=TYPE`.
         definitions: Files that define message types.
-        seed: Of everything that is random.
+        seed: Seed of everything that is random.
         domain: ROS domain to publish in.
-        latched: `TOPIC` or `TOPIC=DEPTH` to be latched whatever was recorded.
+        latched: Topics to latch whatever was recorded, `TOPIC` or `TOPIC=DEPTH`.
         control: Whether it can be controlled while it plays.
     """
 

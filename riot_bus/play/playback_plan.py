@@ -1,4 +1,4 @@
-"""From what is wanted to what a player plays: logs, topics, time line and interceptors; nothing is published yet."""
+"""Preparation of a playback from its options: logs, topics, time line, interceptors; nothing is published yet."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ __all__ = ["PlaybackPlan"]
 
 
 class PlaybackPlan:
-    """What is played.
+    """Logs, topics and interceptors of a playback.
 
     Args:
-        options: What is wanted; files are opened and checked at once.
+        options: Options of the playback; files are opened and checked at once.
 
     Attributes:
         cast: Topics and how to publish them.
-        source: Messages, as interceptors leave them.
-        origin: Beginning of the logs, nanoseconds; what is left out at the beginning comes after it.
+        source: Messages after the interceptors.
+        origin: Beginning of the logs, nanoseconds, before any start offset.
         pipeline: The interceptors; None if there are none.
-        warnings: Sentences on what is odd.
+        warnings: Warnings, each one sentence.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.
@@ -73,7 +73,7 @@ class PlaybackPlan:
             self._stack = stack.pop_all()
 
     def finish(self) -> None:
-        """Read no more; then `losses` is final."""
+        """Stop reading; `losses` is final from then on."""
         self._ahead.close()
 
     def close(self) -> None:
@@ -81,7 +81,7 @@ class PlaybackPlan:
         self._stack.close()
 
     def name(self, key: str) -> str:
-        """Return what people call a key that is played."""
+        """Return the topic name of a key that is played."""
         return self.cast.names.get(key) or self.registry.topic(key)
 
     def losses(self) -> dict[str, str]:

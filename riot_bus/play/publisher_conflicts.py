@@ -1,4 +1,4 @@
-"""Who publishes already what shall be played: subscribers would get both."""
+"""Detection of others that already publish the topics to play: subscribers would get both."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _LISTEN_S = 1.0
 
 
 class PublisherConflicts:
-    """Finds other publishers: by their liveliness tokens, and for a second by what they publish.
+    """Search for other publishers, by their liveliness tokens and, for one second, by their messages.
 
     Args:
-        session: Of the player; its own tokens and messages do not count.
-        keys: What shall be played.
-        registry: Understands tokens.
-        found: Called once for each key with a publisher, with the key and who that is.
+        session: Session of the player, whose own tokens and messages do not count.
+        keys: Keys that are to be played.
+        registry: Registry that can parse tokens.
+        found: Function called once for each key with a publisher, with the key and the publisher's name.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class PublisherConflicts:
         self._timer.start()
 
     def close(self) -> None:
-        """Listen no more; safe to call twice, from any thread."""
+        """Stop listening; safe to call twice, from any thread."""
         self._timer.cancel()
         with self._lock:
             subscribers, self._subscribers = self._subscribers, []

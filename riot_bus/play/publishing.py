@@ -1,4 +1,4 @@
-"""Publishers of what is played: recorded QoS, latching, tokens, attachments; and what was lost."""
+"""Publishers of the played messages: recorded QoS, latching, tokens, attachments; and what was lost."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _MOST_KEYS = 4096  # that interceptors may invent
 
 
 class Publishing:
-    """Publishes messages into one session, by one thread at a time.
+    """Publication of messages into one session, by one thread at a time.
 
-    Zenoh's timestamps and source information are always fresh: subscribers drop what does not increase.
+    Zenoh's timestamps and source information are always new, since subscribers drop messages where they do not grow.
 
     Args:
         session: Session that is published into.
-        offers: How, by key; other keys are published as they are.
-        block: A slow subscriber holds up the player, whatever was recorded: nothing may be dropped.
+        offers: Publisher settings by key; other keys are published as they are.
+        block: Whether a slow subscriber holds up the player, whatever was recorded, so that nothing is dropped.
 
     Attributes:
-        lost: Messages by key that could not be published, or for which there was no link.
+        lost: Number of messages by key that could not be published, or for which there was no link.
         problems: The first error for each key.
     """
 
@@ -77,14 +77,14 @@ class Publishing:
                 self.problems.setdefault(message.key, "there was no link to the router")
 
     def unmatched(self) -> list[str]:
-        """Return the keys that nobody subscribes to."""
+        """Return the keys that have no subscriber."""
         return [key for key, outlet in self._outlets.items() if not outlet.matched()]
 
     def flush(self, timeout: float) -> bool:
         """Wait until the router has all that was published; return False if it does not say so in time."""
         from riot_bus.zenoh import api as zenoh
 
-        # A question goes the same way, behind everything that was published before.
+        # A query takes the same route, behind everything that was published before.
         question = self._session.get(
             f"@riot/{self._zid}/flush",
             priority=zenoh.Priority.BACKGROUND,
@@ -97,7 +97,7 @@ class Publishing:
         return time.monotonic() - began < timeout
 
     def close(self) -> None:
-        """Take everything away again."""
+        """Undeclare all publishers and tokens."""
         release(self._links, *self._tokens.values())
         self._tokens.clear()
         for outlet in self._outlets.values():
@@ -127,7 +127,7 @@ class _Outlet:
         self._sequence = 0
         self._by_qos: dict[Qos, Any] = {}
         self._encodings: dict[str, Any] = {}
-        # Also tells what advanced publishers do not: whether somebody subscribes.
+        # Unlike advanced publishers, it also tells whether there is a subscriber.
         self._usual: Any = session.declare_publisher(
             offer.key, allowed_destination=zenoh.Locality.REMOTE, **self._settings(_USUAL)
         )
@@ -192,7 +192,7 @@ class _Outlet:
 
 
 class _Links:
-    """Whether there is a link, and how often one broke: what is put without one is lost silently."""
+    """Whether there is a link, and how often one broke: messages published without a link are silently lost."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self.broken = 0

@@ -41,14 +41,14 @@ def run_play(
     console: AbstractContextManager[Console] | None = None,
     as_json: bool = False,
 ) -> bool:
-    """Play, then say what became of it.
+    """Play, then report the result.
 
     Args:
         options: Logs, and how they are played.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        console: Shows progress and takes keys while it plays; None if there is no terminal.
-        as_json: Say it as lines of JSON.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        console: Terminal that shows progress and takes keys during playback; None if there is no terminal.
+        as_json: Whether to print lines of JSON.
 
     Returns:
         False if a signal has ended it.
@@ -115,7 +115,7 @@ def _end(
 
 @contextmanager
 def _punctual() -> Iterator[None]:
-    """Let threads take turns more often than each 5 ms, and keep what is loaded out of garbage collections."""
+    """Switch threads more often than every 5 ms, and exclude existing objects from garbage collection."""
     former = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
     gc.freeze()

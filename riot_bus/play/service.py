@@ -1,4 +1,4 @@
-"""Plays logs into a network: start, steer, look, stop; for the command line and for agents alike."""
+"""Playback of logs into a network: start, control, observe, stop; for the command line and for agents."""
 
 from __future__ import annotations
 
@@ -57,18 +57,18 @@ _LARGEST = 1e12
 
 @dataclass(frozen=True, slots=True)
 class PlayResult:
-    """What became of a play.
+    """Result of a playback.
 
     Attributes:
-        published: Messages.
-        seconds: Time that it took.
-        passes: How often the logs were begun.
-        stopped: Whether it ended before the end.
+        published: Number of published messages.
+        seconds: Duration of the playback.
+        passes: Number of times that the logs were begun.
+        stopped: Whether it was stopped before the end.
         lateness: Seconds that messages were late: `p50`, `p99` and `max`.
-        lost: Messages by topic that could not be published.
+        lost: Number of messages by topic that could not be published.
         problems: The first error by topic, and other failures.
         unread: What could not be read, by log.
-        unsettled: Messages in lock-step after which nobody settled in time.
+        unsettled: Number of messages in lock-step after which subscribers did not settle in time.
     """
 
     published: int = 0
@@ -87,11 +87,11 @@ class PlayResult:
 
 
 class PlayService:
-    """Plays logs; a context manager that starts it and, at the end, stops it.
+    """Playback of logs; as a context manager, it starts on entry and stops on exit.
 
     Args:
         options: Logs, and how they are played.
-        warn: Told in a line what is odd.
+        warn: Function that receives each warning as one line.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.
@@ -139,7 +139,7 @@ class PlayService:
     # -- life ---------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Connect and begin; returns at once, while subscribers are waited for.
+        """Connect and begin; return without waiting for subscribers.
 
         Raises:
             EnvironmentFaultError: No router answers at the endpoint.
@@ -180,11 +180,11 @@ class PlayService:
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Stop time."""
+        """Pause the playback."""
         self.player.pause()
 
     def resume(self) -> None:
-        """Let time go on."""
+        """Resume the playback."""
         self.player.resume()
 
     def step(self, count: int = 1) -> None:
@@ -192,11 +192,11 @@ class PlayService:
         self.player.step(count)
 
     def seek(self, seconds: float) -> None:
-        """Go on from so many seconds after the logs' beginning."""
+        """Continue from a position, in seconds after the beginning of the logs."""
         self.player.seek(self.programme.origin + int(seconds * 1e9))
 
     def set_rate(self, rate: float) -> None:
-        """Go on at another speed; raises ConfigError if it is none."""
+        """Continue at another speed; raises ConfigError if it is invalid."""
         self.player.set_rate(rate)
 
     def stop(self) -> None:
@@ -209,7 +209,7 @@ class PlayService:
     # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return where it is, as JSON values; times in seconds from the logs' beginning."""
+        """Return the state as JSON values; times are in seconds from the beginning of the logs."""
         status, origin = self.player.status(), self.programme.origin
         state = "waiting" if self._waiting and status.state == "ready" else status.state
         return {
@@ -230,7 +230,7 @@ class PlayService:
         }
 
     def result(self) -> PlayResult:
-        """Return what has become of it so far."""
+        """Return the result so far."""
         status, publishing, name = self.player.status(), self._publishing, self.programme.name
         problems = {name(key): text for key, text in publishing.problems.items()}
         if publishing.broken:
@@ -304,7 +304,7 @@ class PlayService:
             self._warn(f"after {self.options.wait:g} s nobody subscribes to {self._names(unmatched)}")
 
     def _warn_of_leavers(self) -> None:
-        """A router disconnects a subscriber that holds up others for too long; what comes later is lost to it."""
+        """Warn of lost subscribers: a router disconnects one that holds up others for too long."""
         gone = set(self._publishing.unmatched()) - self._unmatched
         if gone and not self._stopped:
             self._warn(f"at the end nobody subscribes any more to {self._names(gone)}")
@@ -338,7 +338,7 @@ class PlayService:
 
 
 def _free_name(session: zenoh.Session, name: str) -> str:
-    """Return the name, with a number behind it if another player has it."""
+    """Return the name, with a number appended if another player has it."""
     taken = set()
     for reply in session.get(f"{OWN_CHUNK}/*/play/status", timeout=_ASK_S):
         if reply.ok is not None:

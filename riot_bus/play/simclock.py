@@ -1,4 +1,4 @@
-"""`/clock`: the player's time, for those who follow it instead of the machine's."""
+"""`/clock`: the player's time, for nodes that follow it instead of the machine's time."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Ticker:
 
     Args:
         clock: Type, key and QoS of the messages.
-        publish: Publishes a message.
-        position: Returns the log's time.
-        hertz: Messages a second.
+        publish: Function that publishes a message.
+        position: Function that returns the log's time.
+        hertz: Number of messages per second.
     """
 
     def __init__(
@@ -44,8 +44,8 @@ class Ticker:
         self._thread.start()
 
     def before(self, time: int) -> None:
-        """Tell the time of a message that is about to be published, unless it was told lately."""
-        with self._lock:  # what is being told on the other thread has to be out before the message
+        """Publish the time of a message that is about to be published, unless this was done recently."""
+        with self._lock:  # a time that the other thread publishes has to be out before the message
             if not 0 <= time - self._told < self._period:
                 self._tell(time)
 
@@ -62,7 +62,7 @@ class Ticker:
     def _run(self) -> None:
         due = monotonic()
         while True:
-            due = max(due + self._period_s, monotonic())  # what was missed is not made up for
+            due = max(due + self._period_s, monotonic())  # missed messages are not made up for
             if self._ending.wait(due - monotonic()):
                 return
             with self._lock:

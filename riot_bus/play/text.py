@@ -1,4 +1,4 @@
-"""A play as lines for people; pure."""
+"""Human-readable lines about a playback; pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIGNS = {"waiting": "…", "ready": "…", "playing": "▶", "paused": "⏸", "
 
 
 def speed(rate: float) -> str:
-    """Return how people write a rate."""
+    """Return a rate as human-readable text."""
     return f"{rate:g}x" if rate else "as fast as possible"
 
 
@@ -44,7 +44,7 @@ def _where(status: Mapping[str, Any]) -> str:
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return what a player answers to any command."""
+    """Return the lines that show a player's answer to any command."""
     return [
         escape_control_chars(f"player {status['name']}, process {status['pid']}: {', '.join(status['logs'])}"),
         escape_control_chars(_where(status)),

@@ -26,14 +26,14 @@ _ROS_SCHEMAS = ("ros2msg", "ros2idl")
 
 @dataclass(slots=True)
 class TopicSelection:
-    """What is played.
+    """The topics to play.
 
     Attributes:
-        keys: For each log, the key to play by the recorded key.
-        offers: How to publish, by the key to play.
-        names: What people call these keys.
-        topics: What was recorded, by the key to play, for its type.
-        clock: How to tell the time, if that is wanted.
+        keys: For each log, a mapping from recorded keys to keys to play.
+        offers: Publisher settings, by the key to play.
+        names: Topic names, by the key to play.
+        topics: Recorded topics, by the key to play, for their types.
+        clock: How to publish the time, if that is wanted.
     """
 
     keys: list[dict[str, str]] = field(default_factory=list)
@@ -48,8 +48,8 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
 
     Args:
         logs: The topics of each log.
-        options: What is wanted.
-        adapters: Asked in this order how to publish.
+        options: Options of the playback.
+        adapters: Adapters that are asked in this order how to publish.
 
     Raises:
         ConfigError: Something is wanted that the logs do not hold, or that cannot be published.
@@ -77,7 +77,7 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
         keys: dict[str, str] = {}
         for topic in log:
             if found.clock is not None and found.clock.name == (renamed(topic, remaps) or topic.name):
-                continue  # ours takes its place
+                continue  # the player's own clock replaces it
             offer = _offer(topic, renamed(topic, remaps), options.domain, offering)
             depth = next((depth for text, depth in latched.items() if means(text, topic)), None)
             offer = offer if depth is None else replace(offer, depth=depth)

@@ -1,4 +1,4 @@
-"""Messages that never came, by the numbers that their publishers give them."""
+"""Detection of missing messages by the numbers that their publishers give them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class _Run:
 
 
 class Gaps:
-    """Follows the numbers of publishers; what comes late is no longer missing.
+    """Tracking of publishers' numbers; a message that comes late is no longer missing.
 
     Attributes:
         untold: Whether there are more publishers than can be followed.
@@ -30,11 +30,11 @@ class Gaps:
         self._runs: dict[Hashable, _Run] = {}
 
     def see(self, publisher: Hashable, number: int) -> int:
-        """Take a message in; return how many more are missing than before (less than 0 if it came late).
+        """Register a message, and return how many more are missing than before (less than 0 if it came late).
 
         Args:
-            publisher: Who has numbered it.
-            number: Its number; the first one that is seen begins, and a much smaller one begins anew.
+            publisher: Publisher that has numbered it.
+            number: Its number; the first one starts the sequence, and a much smaller one restarts it.
         """
         run = self._runs.get(publisher)
         if run is None:
@@ -57,6 +57,6 @@ class Gaps:
         if run.missing is not None and number in run.missing:
             run.missing.discard(number)
             return -1
-        if step < -_MOST_REMEMBERED or number <= 1:  # it has begun anew, or its numbers have run out
+        if step < -_MOST_REMEMBERED or number <= 1:  # it has restarted, or its numbers wrapped around
             run.last, run.missing = number, None
         return 0

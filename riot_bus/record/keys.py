@@ -1,4 +1,4 @@
-"""What keys on a terminal do to a recorder."""
+"""Control of a recorder by keys on a terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def keys_help(*, ring: bool) -> str:
 
 
 def press(service: CaptureService, key: str) -> None:
-    """Do what a key means, if anything."""
+    """Perform the action of a key, if it has one."""
     match key:
         case " ":
             (service.resume if service.paused else service.pause)()

@@ -1,4 +1,4 @@
-"""What late joiners of advanced publishers get: a recorder is one, so its log has latched topics from the beginning."""
+"""Fetching of what late joiners get from advanced publishers, so that a log has latched topics from the beginning."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _TOKENS = "**/@adv/pub/**"
 
 
 class LatchedCaches:
-    """Asks the cache of each publisher that announces one, once.
+    """Queries of the publishers' caches, one for each publisher that announces a cache.
 
     Args:
-        session: Session that asks.
-        wanted: Whether a key is recorded.
-        take: Called with the samples of one publisher, the oldest first.
+        session: Session that sends the queries.
+        wanted: Function that returns whether a key is recorded.
+        take: Function called with the key and the samples of one publisher, oldest first.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LatchedCaches:
         self._subscriber = session.liveliness().declare_subscriber(_TOKENS, self._token, history=True)
 
     def close(self) -> None:
-        """Ask no more; safe to call twice."""
+        """Stop querying; safe to call twice."""
         if not self._closed:
             self._closed = True
             release(self._subscriber)

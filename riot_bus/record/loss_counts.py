@@ -1,4 +1,4 @@
-"""Counting what is recorded and what is not, by topic and reason."""
+"""Counts of recorded and unrecorded messages, by topic and reason."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["LossCounts", "summed"]
 
 
 class LossCounts:
-    """The figures of one file; not thread-safe.
+    """The counts of one file; not thread-safe.
 
     Attributes:
-        recorded: Messages by topic that were written, those included that were lost afterwards.
-        lost: Messages by reason and topic that are not in the file.
-        unwritten: Of the lost ones, those that `recorded` includes.
-        left_out: Messages by reason and topic that nobody wanted.
+        recorded: Number of written messages by topic, including those that were lost afterwards.
+        lost: Number of messages, by reason and topic, that are not in the file.
+        unwritten: Number of lost messages, by topic, that `recorded` includes.
+        left_out: Number of unwanted messages, by reason and topic.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class LossCounts:
             self.unwritten.add(topic, number)
 
     def account(self) -> Account:
-        """Return all figures."""
+        """Return all counts."""
         recorded = {topic: number - self.unwritten.get(topic, 0) for topic, number in self.recorded.copy().items()}
         return Account(
             {topic: number for topic, number in recorded.items() if number},

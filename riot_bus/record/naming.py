@@ -1,4 +1,4 @@
-"""What the files of a recording are called; none is ever overwritten unless that is asked for."""
+"""Names for the files of a recording; no file is overwritten unless that is requested."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What somebody wants to be recorded, as plain values: from a command line, or sent to an agent."""
+"""Options of a recording as plain values: from a command line, or sent to an agent."""
 
 from __future__ import annotations
 
@@ -31,38 +31,37 @@ class CaptureOptions:
     Attributes:
         endpoint: The router or peer to connect to.
         config: Further Zenoh configuration of the session.
-        name: Under which it is controlled.
-        keys: Names or key expressions of what is recorded.
-        exclude: Of what is not.
-        output: The file; None for one with the present time in the folder. With `bag` the folder of the bag.
-        folder: Where files may be written that are asked for from afar; None for that of `output`, else the working
-            folder.
+        name: Name under which it is controlled.
+        keys: Names or key expressions of the topics to record.
+        exclude: Names or key expressions of the topics not to record.
+        output: Path of the file, or of the folder of the bag; None for a name with the present time in `folder`.
+        folder: Folder for files that are requested remotely; None for the folder of `output`, else the working folder.
         overwrite: Whether the first file may replace an existing one.
-        bag: Write a ROS 2 bag: a folder with `metadata.yaml`, ROS topics alone.
+        bag: Whether to write a ROS 2 bag: a folder with `metadata.yaml`, only for ROS topics.
         profile: MCAP profile; None for `ros2` if there are ROS nodes.
         compression: `zstd`, `lz4` or `none`.
         chunk_bytes: Size of a chunk before compression.
-        chunk_seconds: Age at which it ends: what a crash costs at most.
-        durable: Make sure as often that what is written survives the machine.
-        queue_bytes: How much may wait for the disk, in memory.
+        chunk_seconds: Age at which a chunk ends, which limits the loss in a crash.
+        durable: Whether to force data to the disk as often, so that it survives a crash of the machine.
+        queue_bytes: Bytes that may wait in memory for the disk.
         split_bytes: Size at which another file is begun; 0 for never.
         split_seconds: Age at which another file is begun; 0 for never.
-        max_files: The oldest files of this recording are deleted when there are more; 0 for all are kept.
-        ring_seconds: Keep so much in memory and write it only when told; 0 for writing all.
-        ring_bytes: Room for that in memory, compressed.
+        max_files: Number of files of this recording beyond which the oldest are deleted; 0 to keep all.
+        ring_seconds: Seconds of messages to keep in memory and to write only on request; 0 to write all messages.
+        ring_bytes: Memory for these messages, in bytes, compressed.
         dump_on: Selectors with predicates; a message that meets one writes the ring.
-        monitors: When one of these is violated, the ring is written as well.
-        dump_after: Seconds to wait then, so that what follows is in the file as well.
-        paused: Begin paused.
-        throttle: `TOPIC=HZ`: at most so many messages per second.
+        monitors: Monitors that, when violated, write the ring as well.
+        dump_after: Seconds to wait before that, so that what follows is in the file as well.
+        paused: Whether to begin paused.
+        throttle: Limits on messages per second, `TOPIC=HZ`.
         duration: Seconds after which it ends; 0 for never.
-        latched: Fetch what advanced publishers keep for late joiners, such as latched ROS topics.
-        graph: Write down who talks to whom.
-        types: `TOPIC=TYPE`.
+        latched: Whether to fetch what advanced publishers keep for late joiners, such as latched ROS topics.
+        graph: Whether to record who communicates with whom.
+        types: Types of topics, `TOPIC=TYPE`.
         definitions: Files that define message types.
-        seed: Written into the log.
-        robot: Name of the robot, likewise.
-        notes: Other things to write into the log, likewise.
+        seed: Seed to write into the log.
+        robot: Name of the robot to write into the log.
+        notes: Other entries to write into the log.
         control: Whether it can be controlled while it records.
     """
 

@@ -1,4 +1,4 @@
-"""Where a recording goes of which only the last seconds are wanted, and only when somebody says so."""
+"""Destination of a recording that keeps only the last seconds, and writes them only on request."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ __all__ = ["RingSink"]
 
 
 class RingSink:
-    """Keeps messages in memory; the other half of `Tape`, with the same arguments.
+    """Sink that keeps messages in memory; with the arguments of `RotatingSink`, but `notes` instead of `began`.
 
     Args:
-        notes: Returns what else is to be written at the beginning of each file.
+        notes: Function that returns further records for the beginning of each file.
 
     Attributes:
-        lock: Held by who appends.
-        generation: Grows when tracks that were handed out are void.
-        writer: Encodes messages for the ring.
-        book: Figures since the beginning; what the ring has forgotten counts as recorded.
+        lock: Lock that a caller holds while it appends.
+        generation: Number that grows when tracks that were handed out become invalid.
+        writer: Writer that encodes messages for the ring.
+        book: Counts since the beginning; messages that the ring has dropped count as recorded.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class RingSink:
         self._registry, self._naming, self._metadata, self._profile = registry, naming, metadata, profile
         self._warn, self._notes, self._most = warn, notes, options.max_files
         self._ring = Ring(options.ring_seconds, most_bytes=options.ring_bytes, compression=options.compression)
-        # Chunks are forgotten as a whole, so they must be short against the ring.
+        # Chunks are dropped as a whole, so they must be short compared with the ring.
         age = min(options.chunk_seconds, options.ring_seconds / 10)
         self.writer = LogWriter(
             "ring",
@@ -85,7 +85,7 @@ class RingSink:
         return Path(self._files[-1].path) if self._files else None
 
     def append(self, rows: Sequence[Row], *, patient: bool) -> None:
-        """Keep messages; what is lost is counted."""
+        """Keep messages; lost ones are counted."""
         try:
             self.writer.append(rows, patient=patient)
         except LostMessagesError as error:
@@ -108,21 +108,21 @@ class RingSink:
             self._failed(error)
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
-        """Refuse."""
+        """Raise ConfigError: there is no file to split."""
         raise ConfigError("there is no file to be split", where="record/split", hint="write the ring: dump")
 
     def dump(self, text: str | None = None) -> Path:
-        """Write what is kept to a file; recording goes on meanwhile.
+        """Write the ring to a file; recording continues meanwhile.
 
         Args:
-            text: Path as somebody wrote it; None for the name whose turn it is.
+            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or nothing is kept.
             EnvironmentFaultError: The disk is full or has failed.
         """
         with self._dumping:
-            with suppress(LostMessagesError):  # which says what became of messages before
+            with suppress(LostMessagesError):  # it concerns earlier messages
                 self.writer.flush()
             content = self._ring.content()
             if not content.messages:
@@ -155,12 +155,12 @@ class RingSink:
             return path
 
     def close(self) -> None:
-        """Forget what nobody wanted."""
+        """Close the ring, and discard what it holds."""
         with suppress(LostMessagesError):
             self.writer.close()
 
     def account(self) -> Account:
-        """Return the figures since the beginning."""
+        """Return the counts since the beginning."""
         with self.lock:
             return self.book.account()
 
@@ -169,7 +169,7 @@ class RingSink:
         return list(self._files)
 
     def status(self) -> dict[str, Any]:
-        """Return what there is to say, as JSON values."""
+        """Return the state as JSON values."""
         content = self._ring.content()
         return {
             "file": str(self.path or ""),

@@ -1,4 +1,4 @@
-"""Where a recording goes: one file after another, each with its own figures; a broken disk is said and tried again."""
+"""Destination of a recording: successive files, each with its own counts; disk failures are reported and retried."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FileResult:
 
 
 class _OpenFile:
-    """A file in the making."""
+    """A file that is being written."""
 
     def __init__(self, path: Path, writer: LogWriter) -> None:
         self.path, self.writer, self.book = path, writer, LossCounts()
@@ -62,21 +62,21 @@ class _OpenFile:
 
 
 class RotatingSink:
-    """Writes to files; thread-safe as far as `lock` is held where it is said.
+    """Sink that writes to files; thread-safe if `lock` is held where this is required.
 
     Args:
         options: Limits of files and chunks.
-        registry: Names topics and knows their types.
-        naming: Names the files.
-        metadata: Returns what goes into each file.
-        details: Returns more metadata of a key's channel.
+        registry: Names and types of topics.
+        naming: Names for the files.
+        metadata: Function that returns the metadata of each file.
+        details: Function that returns more metadata of a key's channel.
         profile: MCAP profile.
-        warn: Told in a line what goes wrong.
-        began: Called, without lock, when another file has begun.
+        warn: Function that receives each warning as one line.
+        began: Function called, without the lock, when another file has begun.
 
     Attributes:
-        lock: Held by who appends, from asking for tracks to appending.
-        generation: Grows with each file, and when a type becomes known; tracks that were handed out before are void.
+        lock: Lock that a caller holds from asking for tracks to appending.
+        generation: Number that grows with each file, and when a type becomes known; earlier tracks are then invalid.
     """
 
     def __init__(
@@ -110,16 +110,16 @@ class RotatingSink:
 
     @property
     def writer(self) -> LogWriter:
-        """The present file."""
+        """Writer of the present file."""
         return self._reel.writer
 
     @property
     def book(self) -> LossCounts:
-        """Its figures."""
+        """Counts of the present file."""
         return self._reel.book
 
     def append(self, rows: Sequence[Row], *, patient: bool) -> None:
-        """Write messages; what is lost is counted."""
+        """Write messages; lost ones are counted."""
         reel = self._reel
         try:
             reel.writer.append(rows, patient=patient)
@@ -130,7 +130,7 @@ class RotatingSink:
 
     @property
     def path(self) -> Path:
-        """The present file."""
+        """Path of the present file."""
         return self._reel.path
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
@@ -145,7 +145,7 @@ class RotatingSink:
             self.generation += 1
 
     def tick(self) -> None:
-        """End chunks by age, begin other files, say what goes wrong; call it several times a second."""
+        """End chunks by age, begin other files, report problems; call this several times a second."""
         reel = self._reel
         self._guard(reel, reel.writer.tick)
         self._note_account(reel)
@@ -160,10 +160,10 @@ class RotatingSink:
                 self._alarm(f"no other file can be begun: {error}")
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
-        """Go on in another file; each message is in one of both. Return the former and the new path.
+        """Continue in another file, and return the former and the new path; each message is in one of the two.
 
         Args:
-            text: Path as somebody wrote it; None for the name whose turn it is.
+            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or cannot be written.
@@ -200,7 +200,7 @@ class RotatingSink:
         return self._reel.writer.problem
 
     def account(self) -> Account:
-        """Return the figures of all files."""
+        """Return the counts of all files."""
         return summed([each.account for each in self.files()])
 
     def files(self) -> list[FileResult]:
@@ -211,7 +211,7 @@ class RotatingSink:
             ]
 
     def status(self) -> dict[str, Any]:
-        """Return what there is to say of the present file, as JSON values."""
+        """Return the state of the present file as JSON values."""
         reel = self._reel
         return {
             "file": str(reel.path),
@@ -278,7 +278,7 @@ class RotatingSink:
             self._warn(f"metadata.yaml cannot be written: {error.strerror}")
 
     def _note_account(self, reel: _OpenFile) -> None:
-        """Write losses down as they happen, so that a crash does not take them along."""
+        """Write losses to the file as they happen, so that they survive a crash."""
         now = time.monotonic()
         if now - reel.noted_at < _NOTE_S:
             return
@@ -309,7 +309,7 @@ class RotatingSink:
             self._tried = -_AGAIN_S  # files may not be larger here: another one will do
 
     def _look(self) -> None:
-        """Say whether it still goes wrong, and try another file where that may help."""
+        """Report whether the problem persists, and try another file where that may help."""
         reel, now = self._reel, time.monotonic()
         slow = reel.writer.waiting > _SLOW * self._options.queue_bytes
         if slow and not self._slow:
@@ -331,7 +331,7 @@ class RotatingSink:
                 self._alarm(f"another file cannot be begun either: {error}")
 
     def _alarm(self, line: str) -> None:
-        """Say it at once, and again every few seconds."""
+        """Warn at once, and then at most every few seconds."""
         now = time.monotonic()
         if now - self._said >= _REPEAT_S:
             self._said, self._alarmed = now, True

@@ -30,7 +30,7 @@ __all__ = ["run_capture"]
 
 _INTERRUPTED = 130
 _WRITE_S = 300.0
-"""How long what waits in memory may take to the disk; 256 MiB (--queue-size) at 1 MB/s, a slow SD card."""
+"""Longest time to write what waits in memory: 256 MiB (--queue-size) at 1 MB/s, a slow SD card."""
 
 
 def run_capture(
@@ -41,16 +41,16 @@ def run_capture(
     console: AbstractContextManager[Console] | None = None,
     as_json: bool = False,
 ) -> None:
-    """Record until SIGINT, SIGTERM, the end of its duration or a command, then say what became of it.
+    """Record until SIGINT, SIGTERM, the end of its duration or a command, then report the result.
 
     SIGUSR1 writes the ring, or begins another file. A second SIGINT or SIGTERM ends the process at once.
 
     Args:
         options: What to record.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        console: Shows progress and takes keys while it records; None if there is no terminal.
-        as_json: Say it as lines of JSON.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        console: Terminal that shows progress and takes keys while recording; None if there is no terminal.
+        as_json: Whether to print lines of JSON.
 
     Raises:
         ConfigError: An option is wrong, or the file cannot be written.
@@ -103,7 +103,7 @@ def _end(result: CaptureResult, say: Callable[[str], None], *, as_json: bool) ->
 
 
 def _leave() -> None:
-    """End the process, but not by an exception: whatever hangs, such as a disk, would be waited for."""
+    """End the process, but not by an exception, which would wait for whatever hangs, such as a disk."""
     sys.stderr.write("riot: ended at once; the file is readable up to its last chunk\n")
     sys.stderr.flush()
     os._exit(_INTERRUPTED)

@@ -1,4 +1,4 @@
-"""Which keys are recorded, and what is known of them."""
+"""Selection of the keys that are recorded, and the rules for each of them."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _MOST_NAMED = 100
 
 
 class RecordingSelection:
-    """Says what is recorded; thread-safe.
+    """Selection of what is recorded; thread-safe.
 
     Args:
         options: `keys`, `exclude`, `bag` and `throttle`.
-        registry: Names topics and knows their types.
-        trigger: Wants to see some messages.
-        warn: Told in a line what is odd.
+        registry: Names and types of topics.
+        trigger: Trigger that needs to see some messages.
+        warn: Function that receives each warning as one line.
 
     Attributes:
         expressions: Canonical key expressions to subscribe to; none includes another.
 
     Raises:
-        ConfigError: A key expression is none.
+        ConfigError: A key expression is invalid.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class RecordingSelection:
         self._unheard = dict.fromkeys(named if len(named) <= _MOST_NAMED else ())
 
     def learnt(self, key: str) -> None:
-        """Say that the type of a key has become known, if the contrary was said."""
+        """Report that the type of a key has become known, if it was reported as unknown."""
         topic = self._registry.topic(key)
         if topic in self._strange:
             self._strange.discard(topic)
@@ -63,11 +63,11 @@ class RecordingSelection:
             )
 
     def silent(self) -> list[str]:
-        """Return the names and key expressions on which nothing has come; none of more than a hundred."""
+        """Return the names and key expressions without any message; empty if more than a hundred were given."""
         return list(self._unheard)
 
     def rules(self, key: str) -> KeyRules | None:
-        """Return what holds for a key on which something has come, None if it is not recorded."""
+        """Return the rules for a key on which a message has come, None if it is not recorded."""
         registry = self._registry
         for each in tuple(self._unheard):
             if registry.matches(each, key):

@@ -1,4 +1,4 @@
-"""Records a network: start, steer, look, stop; for the command line and for agents alike."""
+"""Recording of a network: start, control, observe, stop; for the command line and for agents."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ UNDER = "record/**"
 
 @dataclass(frozen=True, slots=True)
 class CaptureResult:
-    """What became of a recording; true if nothing is lost.
+    """Result of a recording; true if nothing is lost and there are no problems.
 
     Attributes:
-        files: In the order of writing.
+        files: Files in the order of writing.
         account: Messages by topic: recorded, lost by reason, left out by reason.
-        seconds: Time that it took.
+        seconds: Duration of the recording.
         problems: What went wrong, in a line each.
-        silent: What was asked for by name and never came.
+        silent: Requested names and key expressions on which no message came.
     """
 
     files: Sequence[FileResult] = ()
@@ -93,13 +93,13 @@ class CaptureResult:
 
 
 class CaptureService:
-    """Records what its options say; a context manager that starts it and, at the end, stops it.
+    """Recording of a network; as a context manager, it starts on entry and stops on exit.
 
     Its operations may be called by several threads.
 
     Args:
         options: What to record.
-        warn: Told in a line what is odd or goes wrong; called on other threads too.
+        warn: Function that receives each warning as one line; called on other threads too.
 
     Raises:
         ConfigError: An option is not usable.
@@ -139,7 +139,7 @@ class CaptureService:
     # -- life ---------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Connect and begin; returns when what is published from now on is recorded.
+        """Connect and begin; once this returns, everything that is published is recorded.
 
         Raises:
             ConfigError: The file exists already or cannot be written.
@@ -190,14 +190,14 @@ class CaptureService:
         self._paused = True
 
     def resume(self) -> None:
-        """Go on recording."""
+        """Resume recording."""
         self._paused = False
 
     def split(self, path: str | None = None) -> tuple[Path, Path]:
-        """Go on in another file; return the former and the new path.
+        """Continue in another file; return the former and the new path.
 
         Args:
-            path: Relative to the folder; None for the name whose turn it is.
+            path: Path relative to the folder; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or there is nothing to split.
@@ -205,10 +205,10 @@ class CaptureService:
         return self._running().split(path)
 
     def dump(self, path: str | None = None) -> Path:
-        """Write what the ring holds to a file; recording goes on meanwhile.
+        """Write the ring to a file; recording continues meanwhile.
 
         Args:
-            path: Relative to the folder; None for the name whose turn it is.
+            path: Path relative to the folder; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or there is no ring.
@@ -236,7 +236,7 @@ class CaptureService:
         return self._paused
 
     def status(self) -> dict[str, Any]:
-        """Return what is going on, as JSON values."""
+        """Return the state as JSON values."""
         tape = self._tape
         found: dict[str, Any] = {"file": "", "bytes": 0, "waiting_bytes": 0, "problem": ""}
         account = Account()
@@ -260,7 +260,7 @@ class CaptureService:
         }
 
     def result(self) -> CaptureResult:
-        """Return what has become of it so far."""
+        """Return the result so far."""
         tape = self._tape
         problems = list(self._problems)
         if tape is None:
@@ -402,7 +402,7 @@ class CaptureService:
         self._running().close()
 
     def _look_at_link(self) -> None:
-        """Say when there is no connection: what is published meanwhile is not recorded, and nobody can count it."""
+        """Report a lost connection: messages published meanwhile can be neither recorded nor counted."""
         now = time.monotonic()
         if now - self._looked < _LINK_S:
             return
@@ -440,7 +440,7 @@ class CaptureService:
             self._note_graph()
 
     def _note_whole(self) -> None:
-        """Tell another file the whole graph."""
+        """Write the whole graph to a new file."""
         with self._noting:
             self._noted = None
             self._note_graph()
@@ -461,14 +461,14 @@ class CaptureService:
 
 
 def _await_routes(session: zenoh.Session) -> None:
-    """Return when the router has taken our subscriptions in, since it does what comes over a link in its order."""
-    with suppress(Exception):  # whoever is at the other end
+    """Wait until the router knows our subscriptions, since it processes what comes over a link in order."""
+    with suppress(Exception):  # whatever is at the other end
         for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_ASK_S):
             pass
 
 
 def _free_name(session: zenoh.Session, name: str) -> str:
-    """Return the name, with a number behind it if another recorder has it."""
+    """Return the name, with a number appended if another recorder has it."""
     taken = set()
     for reply in session.get(f"{OWN_CHUNK}/*/record/status", timeout=_ASK_S):
         if reply.ok is not None:

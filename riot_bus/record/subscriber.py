@@ -1,7 +1,7 @@
-"""The thread that takes the messages of one key expression from Zenoh to the tape.
+"""The thread that takes the messages of one key expression from Zenoh to the sink.
 
-As in the router's lanes, messages are fetched in batches, since a full channel of Zenoh's wakes its sender for each
-single message that is taken out; and what is the same for all messages of a key is found out once.
+As in the router's lanes, messages are fetched in batches, since a full Zenoh channel wakes its sender for each single
+message that is taken out. What all messages of a key have in common is determined once.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ _TAKE = attrgetter(
 
 
 class KeyRules:
-    """What holds for the messages of one key.
+    """Rules for the messages of one key.
 
     Attributes:
-        topic: What people call it.
-        stamp: Reads attachments; None if they say nothing.
-        least_ns: Least time between two messages that are recorded; 0 for all.
-        trigger: Told of each message; None if nobody wants to know.
+        topic: Name of the topic.
+        stamp: Function that reads attachments; None if they say nothing.
+        least_ns: Least time between two recorded messages, nanoseconds; 0 to record all.
+        trigger: Function that gets each message; None if there is none.
     """
 
     __slots__ = ("due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
@@ -74,12 +74,12 @@ class KeyRules:
     ) -> None:
         self.topic, self.stamp, self.least_ns, self.trigger = topic, stamp, least_ns, trigger
         self.due = 0
-        self.first: Any = None  # Zenoh's stamp of the first message that came by itself
-        self.fetched: set[str] | None = None  # stamps of those that were fetched from a cache
+        self.first: Any = None  # Zenoh timestamp of the first message that was not fetched
+        self.fetched: set[str] | None = None  # timestamps of messages that were fetched from a cache
 
 
 class _KeyRoute:
-    """A key as one sample after another has it: ready-made comparisons, and the key's track in the present file."""
+    """Cached data of one key: settings to compare samples with, and the key's track in the present file."""
 
     __slots__ = ("congestion", "constants", "encoding", "express", "key", "number", "patient", "priority", "rules")
 
@@ -93,17 +93,17 @@ class _KeyRoute:
 
 
 class RecordingSubscriber:
-    """Receives and records; one per key expression.
+    """Subscriber that records; one per key expression.
 
     Args:
         session: Session that receives.
         expression: Key expression of what is recorded.
-        tape: The tape that is written to.
-        gaps: Follows the numbers of publishers.
-        owner: Says which of several overlapping expressions a key belongs to.
-        rules: Returns what holds for a key, None if it is not recorded.
-        paused: Whether nothing is recorded at present.
-        sequence: Numbers messages that have no number.
+        tape: Sink that is written to.
+        gaps: Tracking of publishers' numbers.
+        owner: Function that returns which of several overlapping expressions a key belongs to.
+        rules: Function that returns the rules for a key, None if it is not recorded.
+        paused: Function that returns whether recording is paused.
+        sequence: Numbers for messages that have none.
     """
 
     def __init__(
@@ -138,13 +138,13 @@ class RecordingSubscriber:
         return {key: set(zids) for key, zids in list(self._senders.items())}
 
     def close(self) -> None:
-        """Receive no more, and record what has come in; safe to call twice."""
+        """Stop receiving, and record what has come in; safe to call twice."""
         self._batches.close()
         if self._thread is not threading.current_thread():
             self._thread.join()
 
     def put(self, samples: list[Any]) -> None:
-        """Record samples from the cache of a publisher, as far as they did not come by themselves."""
+        """Record those samples from the cache of a publisher that were not received directly."""
         with self._tape.lock:
             new = []
             for sample in samples:
@@ -188,7 +188,7 @@ class RecordingSubscriber:
         self._note_sender(samples[0])
 
     def _one_by_one(self, samples: list[Any]) -> tuple[list[Row], bool]:
-        """Take apart what can be."""
+        """Return the rows of the samples that can be read, and count the others."""
         found: list[Row] = []
         for sample in samples:
             try:

@@ -1,4 +1,4 @@
-"""A recording as lines for people; pure. What came from the network is shown without obeying it."""
+"""Human-readable lines about a recording; pure. Control characters from the network are escaped."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def progress_line(status: Mapping[str, Any]) -> str:
 
 
 def answer_lines(answer: Mapping[str, Any]) -> list[str]:
-    """Return what a recorder answers to a command."""
+    """Return the lines that show a recorder's answer to a command."""
     if "dumped" in answer:
         return [escape_control_chars(f"wrote {answer['dumped']}")]
     if "former" in answer:
@@ -81,7 +81,7 @@ def result_lines(result: CaptureResult) -> list[str]:
 
 
 def account_lines(account: Account) -> list[str]:
-    """Return a table of what is lost and left out, by topic; nothing if that is nothing."""
+    """Return a table of lost and left-out messages by topic; empty if there are none."""
     columns = {
         **{reason: topics for reason, topics in sorted(account.lost.items()) if any(topics.values())},
         **{f"({reason})": topics for reason, topics in sorted(account.left_out.items()) if any(topics.values())},

@@ -1,4 +1,4 @@
-"""Conditions on messages, and monitors, upon which a ring is written."""
+"""Conditions on messages, and monitors, that cause a ring to be written."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Trigger:
 
     Args:
         conditions: Selectors with predicates, such as `/scan where range_max > 10`.
-        registry: Knows topics and types.
-        monitors: Asked at each message of their topics, and whenever `take` is called.
-        clock: Tells the time, nanoseconds since the Unix epoch.
+        registry: Names and types of topics.
+        monitors: Monitors, asked at each message of their topics and whenever `take` is called.
+        clock: Function that returns the time, nanoseconds since the Unix epoch.
 
     Attributes:
-        fired: When it fired, as of `time.monotonic`, and has not been taken since; None if it has not.
-        reason: The condition.
-        unread: Messages whose fields could not be read.
+        fired: Value of `time.monotonic` when it fired; None if it has not fired since it was taken last.
+        reason: Condition or violation for which it fired.
+        unread: Number of times that the fields of a message could not be read.
 
     Raises:
         ConfigError: A monitor judges whole trials only (`whole_trial`).
@@ -70,7 +70,7 @@ class Trigger:
         self._seen = [clock()] * len(self._monitors)  # when the last message of each came
 
     def for_key(self, key: str) -> Callable[[bytes, str], None] | None:
-        """Return what is to be told of the messages of a key, None if no condition is about them."""
+        """Return a function to call with each message of a key, None if no condition or monitor concerns it."""
         mine = [(text, each) for text, topic, each in self._conditions if self._registry.matches(topic, key)]
         matches = self._registry.matches
         watching = [n for n, each in enumerate(self._monitors) if any(matches(topic, key) for topic in each.topics)]
@@ -118,7 +118,7 @@ class Trigger:
             self.fired, self.reason = time.monotonic(), reason
 
     def take(self, after: float) -> str | None:
-        """Return why it fired, if that was so many seconds ago, and let it fire again; else None."""
+        """Return why it fired, if that was at least `after` seconds ago, and let it fire again; else None."""
         for number in range(len(self._monitors)):
             self._judge(number, None)
         if self.fired is None or time.monotonic() - self.fired < after:

@@ -15,11 +15,11 @@ __all__ = ["WatchedNetwork"]
 
 
 class WatchedNetwork:
-    """Implements `riot_bus.graph.observe.WatchedBus`.
+    """Implementation of `riot_bus.graph.observe.WatchedBus` for one client.
 
     Args:
-        session: The client.
-        intakes: Returns what is received.
+        session: Session of the client.
+        intakes: Function that returns the subscribers.
     """
 
     def __init__(self, session: zenoh.Session, intakes: Callable[[], Sequence[RecordingSubscriber]]) -> None:
@@ -28,32 +28,32 @@ class WatchedNetwork:
 
     @property
     def sessions(self) -> Mapping[str, zenoh.Session]:
-        """The only one."""
+        """The only session."""
         return {"": self._session}
 
     @property
     def ids(self) -> Collection[str]:
-        """Its id."""
+        """Id of the only session."""
         return {self._zid}
 
     @property
     def ids_ever(self) -> Collection[str]:
-        """No others."""
+        """No further ids."""
         return ()
 
     @property
     def intercepted(self) -> Collection[str]:
-        """Nothing."""
+        """Nothing: a client intercepts no keys."""
         return ()
 
     @property
     def bridged(self) -> Collection[BridgedLink]:
-        """None."""
+        """No bridged links."""
         return ()
 
     @property
     def services(self) -> Collection[str]:
-        """None."""
+        """No services."""
         return ()
 
     def flows(self) -> Mapping[tuple[str, str], int]:

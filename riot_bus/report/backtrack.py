@@ -1,4 +1,4 @@
-"""The way back from a field to the outside, as text and in Graphviz's language."""
+"""The paths from a field back to external fields, as text and as a Graphviz graph."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NAMES = 8
 
 
 def lines(record: BacktrackRecord) -> Iterator[str]:
-    """Yield it for people, line by line."""
+    """Yield the record as human-readable lines."""
     looked_at = counted(record.looked_at, "message", mark=",")
     of = f" of {record.messages:,}" if record.looked_at != record.messages else ""
     yield f"{', '.join(map(clean, record.targets))}: {looked_at}{of} in {counted(len(record.logs), 'log')}"
@@ -77,7 +77,7 @@ def _marks(node: dict[str, Any], record: BacktrackRecord, step: StepRecord | Non
 
 
 def said_of(step: StepRecord, record: BacktrackRecord) -> list[str]:
-    """Return what the logs say of a step back, in one sentence or a few."""
+    """Return the evidence in the logs for a step back, in one sentence or a few."""
     found = [one for one in step.evidence if one.found]
     if found:
         rest = [f"and {counted(len(found) - _FOUND, 'further pair')} of fields"] if len(found) > _FOUND else []
@@ -181,9 +181,9 @@ def _path(name: str) -> str:
 
 
 def dot(record: BacktrackRecord) -> str:
-    """Return it in Graphviz's language: topics are ellipses, external ones boxes.
+    """Return the record as a Graphviz graph: topics are ellipses, external ones boxes.
 
-    Steps with evidence are solid, others dotted; inferred ones are dashed; the label says how much.
+    Steps with evidence are solid, others dotted, inferred ones dashed; labels give components and strength.
     """
     topics = list(
         dict.fromkeys([*_roots(record), *(end for step in record.steps for end in (step.source, step.target) if end)])

@@ -1,4 +1,4 @@
-"""The way back from a field to the outside as a picture: the outside on the left, what is asked for on the right."""
+"""Picture of the paths from a field back to external topics, which are on the left; the targets are on the right."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def check_picture(path: Path) -> None:
     """Refuse a picture that could not be drawn, before anything is read.
 
     Raises:
-        ConfigError: Its suffix is of no kind that is drawn.
+        ConfigError: Its suffix is not supported.
         MissingExtraError: matplotlib is not installed.
     """
     if path.suffix.lower() not in _FORMATS:
@@ -45,8 +45,8 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
     """Write a picture.
 
     Args:
-        record: What was found.
-        path: File, of a kind that `check_picture` accepts.
+        record: Record of what was found.
+        path: File to write, of a kind that `check_picture` accepts.
     """
     import matplotlib
     from matplotlib.figure import Figure
@@ -74,12 +74,12 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
         axes.text(-0.45, -0.75, legend, fontsize=7, color=_SOFT, va="bottom")
         kind = path.suffix.lower().removeprefix(".")
         draw = partial(figure.savefig, format=kind, metadata=_NO_DATES.get(kind))
-        draw(io.BytesIO())  # arrows end at boxes as they were drawn before, and how large these are shows when they are
+        draw(io.BytesIO())  # a first pass sets the sizes of the boxes, at which arrows end
         draw(path)
 
 
 def _places(record: BacktrackRecord) -> dict[str, tuple[float, float]]:
-    """Return where each topic stands: external ones on the left, others by their steps to what is asked for."""
+    """Return the position of each topic: external ones on the left, others by their steps to the targets."""
     depth: dict[str, int] = {}
     waiting: list[tuple[dict[str, Any], int]] = [(tree, 0) for tree in record.trees]
     for node, far in waiting:  # grows: near ones first

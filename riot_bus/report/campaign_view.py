@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["CampaignView", "Standing", "is_output_folder", "level_of", "load_campaign", "view_of_one"]
 
 Standing = Literal["", "new", "known", "came back"]
-"""What a baseline says of a finding: nothing, as there is none; or that it was said to be fixed, and fails again."""
+"""Status of a finding in a baseline: empty without a baseline; `came back` if it was fixed and fails again."""
 
 _FINDINGS = "findings"
 _GRAVE = ("catastrophic", "restart", "abort")
@@ -28,20 +28,20 @@ _GRAVE = ("catastrophic", "restart", "abort")
 
 @dataclass(frozen=True, slots=True)
 class CampaignView:
-    """A campaign as far as it has come.
+    """A campaign in its present state.
 
     Attributes:
-        folder: Its output folder, as the user gave it; of one finding alone, that finding's.
-        campaign: Its record; None before it has ended, and of one finding alone.
+        folder: Its output folder, as the user gave it; for a single finding, that finding's folder.
+        campaign: Its record; None before it has ended, and for a single finding.
         findings: All findings of the folder, the worst first.
-        broken: What is there and cannot be used, with the reason.
+        broken: Records that cannot be used, with the reason.
         unit: Unit under test; empty if that is not known.
-        fingerprint: Of the code and riot.toml under test; empty if that is not known.
+        fingerprint: Fingerprint of the code and riot.toml under test; empty if that is not known.
         problem: Why the work ended early; empty if it did not.
-        alone: Whether this is one finding, whatever else its campaign has come to.
+        alone: Whether this is a single finding, without the rest of its campaign.
         known: The baseline by fingerprint; None if there is none, so that every finding counts.
-        remarks: What else was learnt, such as which known findings no longer fail.
-        excused: Whether what ended the work early is no failure of the code, nor of those who run it.
+        remarks: Further remarks, such as which known findings no longer fail.
+        excused: Whether the work ended early by a fault of the environment that does not count as a failure.
     """
 
     folder: Path
@@ -75,11 +75,11 @@ class CampaignView:
         return not self.fingerprint or one.finding.fingerprint in ("", self.fingerprint)
 
     def entry(self, one: FindingView) -> KnownFinding | None:
-        """Return what the baseline has of a finding."""
+        """Return the entry of a finding in the baseline."""
         return None if self.known is None else self.known.get(fingerprint_of(one.finding))
 
     def standing(self, one: FindingView) -> Standing:
-        """Return what the baseline says of a finding."""
+        """Return the status of a finding in the baseline."""
         if self.known is None:
             return ""
         entry = self.entry(one)
@@ -91,7 +91,7 @@ class CampaignView:
         return tuple(one for one in self.current if self.standing(one) != "known")
 
     def told(self, one: FindingView) -> str:
-        """Return what the baseline says of a finding, in a few words; what people wrote stands in it."""
+        """Return the status of a finding in a few words; it may contain text that users wrote."""
         entry, standing = self.entry(one), self.standing(one)
         return standing if entry is None else f"{standing}: {entry.told}"
 
@@ -103,7 +103,7 @@ class CampaignView:
 
     @property
     def verdict(self) -> str:
-        """What the campaign has come to, in a line; texts in it come from others."""
+        """Result of the campaign in a line; it may contain untrusted text."""
         current, campaign = self.current, self.campaign
         if campaign is None:
             found = self._counted(current) + (f" of {self.unit}" if self.unit else "")
@@ -136,13 +136,13 @@ class CampaignView:
 def load_campaign(
     folder: Path, *, finished: bool = True, unit: str = "", fingerprint: str = "", problem: str = ""
 ) -> CampaignView:
-    """Read what there is of a campaign; what cannot be used is told in the view.
+    """Read what exists of a campaign; the view lists what cannot be used.
 
     Args:
         folder: Its output folder.
-        finished: Whether `campaign.json` is of this campaign, if it is there, not of one before it.
-        unit: Unit under test, before it is in a record.
-        fingerprint: Of what is tested, likewise.
+        finished: Whether `campaign.json`, if it exists, is of this campaign and not of an earlier one.
+        unit: Unit under test, used until a record names it.
+        fingerprint: Fingerprint of what is tested, used until a record names it.
         problem: Why the work has ended early; empty if it has not.
     """
     broken: dict[str, str] = {}
@@ -168,7 +168,7 @@ def load_campaign(
 
 
 def view_of_one(view: FindingView) -> CampaignView:
-    """Return one finding as formats of campaigns take it."""
+    """Return a campaign view of a single finding."""
     return CampaignView(view.directory, None, (view,), unit=view.finding.unit, alone=True)
 
 
@@ -178,5 +178,5 @@ def is_output_folder(path: Path) -> bool:
 
 
 def level_of(finding: FindingRecord) -> Literal["error", "warning"]:
-    """Return how grave a finding is in the words of programs that know two: by its place on the CRASH scale."""
+    """Return the level of a finding, for programs that know two levels, from its place on the CRASH scale."""
     return "error" if finding.severity in _GRAVE else "warning"

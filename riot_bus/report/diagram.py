@@ -1,4 +1,4 @@
-"""The chain as a picture: where each box stands and what it says; the template draws it."""
+"""The chain as a diagram: the text and the state of each box; the template draws it."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _MOST_TOPICS, _MOST_FIELDS = 200, 100
 
 
 def write_diff_page(found: LogDifference, path: Path) -> Path:
-    """Write the page: topics that differ, with their fields and where in the log that is, then all others.
+    """Write the page: topics that differ, with the fields and places in the log, then all other topics.
 
     Raises:
         MissingExtraError: jinja2 is not installed.
@@ -48,7 +48,7 @@ def write_diff_page(found: LogDifference, path: Path) -> Path:
 
 
 def _bars(shares: Sequence[float]) -> str:
-    """Return shares along a log as the data of an SVG path; what is more than nothing is seen."""
+    """Return shares along a log as the data of an SVG path; any share above 0 is visible."""
     step = _WIDTH / max(1, len(shares))
     tall = [(number * step, max(2.0, share * _HEIGHT)) for number, share in enumerate(shares) if share > 0.0]
     return "".join(f"M{x:.1f} {_HEIGHT:g}v-{height:.1f}h{step:.1f}v{height:.1f}z" for x, height in tall)

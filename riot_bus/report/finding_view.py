@@ -38,11 +38,11 @@ _VERBS = {
 }
 _NAMED = 3
 _CHANCE = 0.05
-"""Chance at most that replays fail so much more often than runs with nominal inputs if both have one rate."""
+"""Largest probability, if the rates are equal, that replays fail this much more often than nominal runs."""
 _VARIED = re.compile(r" ?\[((end of )?part \d|point \d|amplitude|period|one message|place of the message)\]\Z")
-"""What stands behind a field's name where it varies in time; alone, it is no field."""
+"""Suffix of a field's name where it varies in time; the suffix alone is not a field."""
 EVIDENCE = "evidence"
-"""Folder of a finding with what a failing trial has left."""
+"""Folder of a finding with the files that a failing trial has left."""
 _TOLD = (FindingRecord, MinimalRecord, FieldsRecord, RuleRecord, PermeabilityRecord, ActivationRecord)
 
 
@@ -61,10 +61,10 @@ class FindingView:
     Attributes:
         directory: The finding's directory, as the user gave it.
         finding: Record of the failure.
-        steps: Every step of the chain with its record, and those of other packages that have finished; only the test of
-            what was found in runs of the whole system, as the others need the unit's own input.
+        steps: Every step of the chain with its record, and finished steps of other packages; for a finding in runs of
+            the whole system, only the test, as the others need the unit's own input.
         broken: Files that exist but cannot be used, with the reason; they count as missing.
-        backtrack: What nominal logs alone say of the way from the outside (`riot backchain`); None if it was not asked.
+        backtrack: Paths from external fields, from nominal logs alone (`riot backchain`); None if they were not asked.
     """
 
     directory: Path
@@ -108,7 +108,7 @@ class FindingView:
 
     @property
     def next_step(self) -> str | None:
-        """The first step that has not finished, and that there is something for."""
+        """The first unfinished step that has the external fields it needs."""
         outside = self.finding.external
         return next(
             (step.name for step, record in self.steps if record is None and (outside or not step.whole_system)), None
@@ -118,7 +118,7 @@ class FindingView:
     def severity(self) -> Severity:
         """The paper's triage (RIOT III): an activation counts only when replays have confirmed it.
 
-        What was found in runs of the whole system is none of it: nothing was looked for in the unit alone.
+        Findings in runs of the whole system are outside of this triage, since the unit alone was not tested.
         """
         if self.finding.whole_system:
             return "whole system"
@@ -128,7 +128,7 @@ class FindingView:
 
     @property
     def activated(self) -> bool:
-        """Whether replays of what was found failed, and for certain more often than runs with nominal inputs."""
+        """Whether replays of what was found failed, and significantly more often than runs with nominal inputs."""
         one = self.activation
         if one is None or not one.found or not one.replays_failed:
             return False
@@ -137,7 +137,7 @@ class FindingView:
 
     @property
     def externals(self) -> tuple[str, ...]:
-        """The external fields of what was found and those that limit its region; else those that reach the unit."""
+        """The external fields of the activation and those that bound its region; else those that reach the unit."""
         activation = self.activation
         names = [_VARIED.sub("", name) for name in (activation.found if activation else None) or ()]
         if activation and activation.region:

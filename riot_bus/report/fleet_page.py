@@ -18,7 +18,7 @@ __all__ = ["write_fleet_page"]
 
 _WIDTH, _HEIGHT = 240.0, 36.0
 _HIGHEST = math.asinh(30.0)
-"""Upper end of a picture: beyond thirty spreads it makes no difference how many."""
+"""Upper end of a plot: all distances beyond thirty spreads are drawn alike."""
 
 
 def write_fleet_page(scan: FleetScan, path: Path) -> Path:
@@ -43,7 +43,7 @@ def write_fleet_page(scan: FleetScan, path: Path) -> Path:
 
 
 def _place(distance: float) -> float:
-    """Return where a distance stands in a picture, from the top; what meets the rule stands at the bottom."""
+    """Return the position of a distance in a plot, from the top; what meets the rule is at the bottom."""
     return _HEIGHT * (1 - min(1.0, math.asinh(max(0.0, distance)) / _HIGHEST)) * 0.9 + 0.05 * _HEIGHT
 
 

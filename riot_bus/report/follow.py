@@ -1,4 +1,4 @@
-"""Reports that are kept up to date while work goes on, so that a kill leaves what was known until then."""
+"""Reports that are kept up to date during the work, so that a killed process leaves what was known until then."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 __all__ = ["AskedReport", "ReportFollower", "asked_report", "reports_of"]
 
 _EXPLAINING = {step.name for step in STEPS[1:]}
-"""Steps that take the findings of a campaign that has ended."""
+"""Steps that use the findings of a campaign that has ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class AskedReport:
-    """A report that somebody wants of a campaign.
+    """A requested report of a campaign.
 
     Attributes:
         path: File that it is written to; None for stdout.
@@ -48,10 +48,10 @@ class AskedReport:
 
 
 def asked_report(text: str, *, out: Path) -> AskedReport:
-    """Return what `NAME` or `NAME=FILE` asks for.
+    """Return the report that `NAME` or `NAME=FILE` requests.
 
     Args:
-        text: Name of the format, and the file; without one, where the format's own file stands in the output folder.
+        text: Name of the format, and the file; without a file, the format's own file name in the output folder.
         out: The output folder.
 
     Raises:
@@ -72,14 +72,14 @@ def asked_report(text: str, *, out: Path) -> AskedReport:
 
 
 def reports_of(texts: Sequence[str], folders: Mapping[str, Path]) -> dict[str, list[str]]:
-    """Return what is asked of each of several units, with the unit's name where a file has `{unit}`.
+    """Return the requests for each of several units, with `{unit}` replaced by the name of its folder.
 
     Args:
-        texts: As of `asked_report`.
+        texts: Requests, as for `asked_report`.
         folders: Output folders of the units.
 
     Raises:
-        ConfigError: As of `asked_report`, or several units would write to one file.
+        ConfigError: As for `asked_report`, or several units would write to one file.
     """
     found = {}
     for unit, folder in folders.items():
@@ -94,16 +94,16 @@ def reports_of(texts: Sequence[str], folders: Mapping[str, Path]) -> dict[str, l
 
 
 class ReportFollower:
-    """Listens to events and writes reports of a campaign anew when there is more to report; a context manager.
+    """Event listener that rewrites reports of a campaign when there is more to report; a context manager.
 
-    What has no file is printed once, at the end. However the work ends, the reports say how.
+    Reports without a file are printed once, at the end. However the work ends, the reports say how.
 
     Args:
-        asked: The reports.
+        asked: Requested reports.
         out: The campaign's output folder.
-        say: Prints.
+        say: Function that prints.
         known: The baseline, if findings that it knows do not count.
-        lenient: Whether surroundings that fail are no error.
+        lenient: Whether faults of the environment are no error.
     """
 
     def __init__(
@@ -138,11 +138,11 @@ class ReportFollower:
             self._end()
         else:
             self._excused = self._lenient and isinstance(error, EnvironmentFaultError)
-            with suppress(ConfigError):  # why the work has ended is told, not this
+            with suppress(ConfigError):  # the reason for the end is reported instead
                 self._end(_told(error))
 
     def __call__(self, event: RunEvent) -> None:
-        """Write what an event has brought."""
+        """Update the reports after an event."""
         match event:
             case CampaignStarted():
                 self._unit, self._fingerprint, self._finished = event.unit, event.fingerprint, False
@@ -169,13 +169,13 @@ class ReportFollower:
         view = self._view(problem)
         for each in self._asked:
             if each.path is not None:
-                with suppress(OSError):  # then it cannot be written, which is told
+                with suppress(OSError):  # then writing fails, which is reported
                     each.path.parent.mkdir(parents=True, exist_ok=True)
                 write_file(each.made.render_campaign(view), each.path)
         return view
 
     def _view(self, problem: str) -> CampaignView:
-        """Return what is known; nothing before it is known what is tested: the folder may hold an older campaign."""
+        """Return what is known; nothing until the tested code is known: the folder may hold an older campaign."""
         told = self._finished or self._fingerprint
         if not self._asked or not told:
             view = CampaignView(self._out, None, (), problem=problem)

@@ -1,4 +1,4 @@
-"""How values, rates and untrusted texts are written, for the page and the console alike."""
+"""Formatting of values, rates and untrusted texts, for the page and the console alike."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def clean(text: str, *, limit: int = 200, lines: bool = False) -> str:
     Args:
         text: Text from a log, a signature or a payload.
         limit: Longest result; the middle is left out.
-        lines: Keep line ends and tabs instead of writing them as escapes.
+        lines: Whether to keep line ends and tabs instead of escaping them.
     """
     if len(text) > limit:
         head = (limit * 2) // 3
@@ -57,7 +57,7 @@ def number(what: float) -> str:
 
 
 def share(rate: float) -> str:
-    """Return a rate in percent that never rounds to a certainty it is not."""
+    """Return a rate in percent; only exact values are written as 0 % or 100 %."""
     percent = 100 * rate
     if not math.isfinite(percent) or percent in (0.0, 100.0):
         return f"{percent:.0f} %"
@@ -77,7 +77,7 @@ def plural(count: int, noun: str) -> str:
 
 
 def seconds(duration: float) -> str:
-    """Return a duration as people say it."""
+    """Return a duration as human-readable text."""
     if not math.isfinite(duration):
         return "?"
     if duration < 60:

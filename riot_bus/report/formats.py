@@ -1,6 +1,6 @@
-"""Forms in which a finding, or a whole campaign, is reported: what one is, and how it is written to a file.
+"""Report formats for a finding or a whole campaign: their interfaces, and how a report is written to a file.
 
-Forms of others are found by the entry points `riot_bus.reports`; `riot_bus.testing.reports` tests them.
+Formats of other packages are found by the entry points `riot_bus.reports`; `riot_bus.testing.reports` tests them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = [
 
 @runtime_checkable
 class ReportFormat(Protocol):
-    """Makes a report of one finding; a class without arguments.
+    """A format for reports of one finding; a class without arguments.
 
     Attributes:
         file: Name of the file in the finding's folder that it is written to; empty for stdout.
@@ -51,7 +51,7 @@ class ReportFormat(Protocol):
 
 @runtime_checkable
 class CampaignFormat(Protocol):
-    """Makes a report of all that a campaign has found; it may be a `ReportFormat`, too.
+    """A format for reports of all that a campaign has found; it may be a `ReportFormat`, too.
 
     Attributes:
         file: Name of the file in the output folder that it is written to; empty for stdout.
@@ -73,13 +73,13 @@ class SummaryFormat(Protocol):
     """A format that also adds to a file which an environment variable names, once the work has ended.
 
     Attributes:
-        summary_variable: The variable.
+        summary_variable: Name of the variable.
     """
 
     summary_variable: str
 
     def render_summary(self, view: CampaignView) -> str:
-        """Return what is added."""
+        """Return the text to add."""
         ...
 
 
@@ -111,12 +111,12 @@ def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) 
     """Return a view in which the findings that a baseline knows do not count.
 
     Args:
-        made: The format that it is for.
-        view: What is reported.
+        made: Format of the report.
+        view: Finding or campaign that is reported.
         path: File of the baseline.
 
     Raises:
-        ConfigError: There is no such file, it is unusable, or the format does not tell what is known.
+        ConfigError: There is no such file, it is unusable, or the format does not show which findings are known.
     """
     if not isinstance(made, CampaignFormat):
         hint = "take one of those that report a campaign, such as junit, sarif or markdown"
@@ -145,7 +145,7 @@ def append_summary(made: object, view: FindingView | CampaignView) -> None:
 
 
 def write_file(content: str | bytes, path: Path) -> Path:
-    """Write a report in one move, so that a reader never sees half of it; return its path.
+    """Write a report atomically, so that a reader never sees half of it; return its path.
 
     Raises:
         ConfigError: It cannot be written there.

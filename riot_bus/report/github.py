@@ -1,6 +1,6 @@
 """A campaign as annotations of GitHub Actions, and as Markdown for the summary of the job.
 
-An annotation is a line of output that the runner takes as a command; what comes from others cannot begin one.
+An annotation is a line of output that the runner takes as a command; untrusted text cannot begin one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["GithubReport"]
 
 _MOST = 10
-"""Annotations of a kind that GitHub shows for one step."""
+"""Number of annotations of a kind that GitHub shows for one step."""
 _LONGEST_TITLE, _LONGEST = 200, 2000
 
 
@@ -38,7 +38,7 @@ class GithubReport:
     summary_variable = "GITHUB_STEP_SUMMARY"
 
     def render_campaign(self, view: CampaignView) -> str:
-        """Return a command in a line for each finding that counts, the worst first, and one for what it has come to."""
+        """Return a command line for each finding that counts, up to a limit, worst first, and one for the result."""
         return "".join(f"{line}\n" for line in _commands(view))
 
     def render_summary(self, view: CampaignView) -> str:

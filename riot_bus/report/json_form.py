@@ -17,7 +17,7 @@ class JsonReport:
     file = ""
 
     def render(self, view: FindingView) -> str:
-        """Return the records by step, null for those that are missing, and what follows from them."""
+        """Return the records by step, null for missing ones, with severity, verdict and next step."""
         document = {
             "version": 1,
             "folder": str(view.directory),

@@ -1,7 +1,7 @@
 """A campaign as JUnit's XML, in the dialect xunit2 that Jenkins, GitLab, colcon and others read.
 
-A suite per unit, whose cases keep their names from run to run: the nominal log, the campaign, and each finding by its
-signature. In xunit2 only a suite may have `file` and properties, so that is where riot.toml and the figures stand.
+Each unit is a suite, whose cases keep their names from run to run: the nominal log, the campaign, and each finding by
+its signature. In xunit2 only a suite may have `file` and properties, so it holds riot.toml and the figures.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class JunitReport:
     file = "riot.xunit.xml"
 
     def render_campaign(self, view: CampaignView) -> str:
-        """Return the document; texts of others stay text, and what XML cannot hold is written as an escape."""
+        """Return the document; untrusted texts stay text, and what XML cannot hold is escaped."""
         units = dict.fromkeys([*([view.unit] if not view.alone else []), *(one.finding.unit for one in view.findings)])
         suites = [_suite(view, unit) for unit in units]
         root = ElementTree.Element("testsuites", {"name": "riot", **_totals(suites)})
@@ -62,7 +62,7 @@ def _suite(view: CampaignView, unit: str) -> ElementTree.Element:
 
 
 def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: str) -> float:
-    """Add the cases of what was tested, whatever was found; return the seconds that it took."""
+    """Add the cases of the nominal log and the campaign; return the seconds that the campaign took."""
     campaign = view.campaign
     nominal = ElementTree.SubElement(suite, "testcase", classname=classname, name="nominal log")
     case = ElementTree.SubElement(suite, "testcase", classname=classname, name="campaign")
@@ -96,7 +96,7 @@ def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: s
 
 
 def _nominal_doubts(campaign: CampaignRecord) -> list[str]:
-    """Return what trials of the nominal log have shown that is no finding: alarms, and what did not come again."""
+    """Return what trials of the nominal log have shown besides findings: alarms, and unconfirmed failures."""
     alarms = [f"not told: {each}" for each in campaign.untold if each.endswith(" show the same")]
     own = [each.signature for each in campaign.unconfirmed if not each.injections and not each.history]
     return [*alarms, *(f"failed in a trial of the nominal log, not confirmed: {each}" for each in own)]
@@ -161,7 +161,7 @@ def _lines(lines: Iterable[str]) -> str:
 
 
 def _counts(cases: Iterable[ElementTree.Element]) -> dict[str, str]:
-    """Return how many cases there are, and of how many which end is told."""
+    """Return the number of cases, and how many of them failed, had an error or were skipped."""
     cases = list(cases)
     ends = {"failures": "failure", "errors": "error", "skipped": "skipped"}
     found = {name: sum(case.find(tag) is not None for case in cases) for name, tag in ends.items()}

@@ -1,7 +1,7 @@
-"""Where a finding is shown in a repository: at the line of its code that fails, else where riot.toml names the unit.
+"""Place of a finding in a repository: the line of code that fails, else the line where riot.toml names the unit.
 
-What a failing trial has printed says where: tracebacks and stacks of Python, reports of sanitizers, and native stacks
-as debuggers write them. Lines say where a finding is, never which one it is.
+It is taken from what a failing trial has printed: Python tracebacks and stacks, sanitizer reports, and native stacks as
+debuggers write them. Lines say where a finding is, never which one it is.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class SourcePlace:
 
 
 def find_place(view: FindingView) -> SourcePlace:
-    """Return where a finding is shown: the innermost line of the user's code that failed, else where the unit stands.
+    """Return the place of a finding: the innermost line of the user's code that failed, else that of the unit.
 
     Args:
         view: The finding; what a failing trial has left is read from its folder.
@@ -111,12 +111,12 @@ def unit_place(finding: FindingRecord) -> SourcePlace:
 
 
 def _real(path: str) -> Path:
-    """Return a path without links, since pages of a repository know none; of a file that is gone, as far as it goes."""
+    """Return a path with links resolved, as pages of a repository need; for a missing file, as far as possible."""
     return Path(os.path.realpath(path.replace("\0", "").encode(errors="replace")).decode(errors="replace"))
 
 
 def _root_of(system: Path) -> Path:
-    """Return what paths are told from: the repository of riot.toml, else the working folder, if it holds that."""
+    """Return the root for paths: riot.toml's repository, else the working folder if above it, else its own folder."""
     for folder in system.parents:
         if os.path.exists(folder / ".git"):
             return folder
@@ -129,7 +129,7 @@ def _place(path: Path, root: Path, line: int) -> SourcePlace:
 
 
 def _is_own(file: str, path: Path, root: Path) -> bool:
-    """Return whether a file of a stack is the user's; one with a relative path has to be there."""
+    """Return whether a file of a stack is the user's; one with a relative path has to exist."""
     own = path.is_relative_to(root) and not _OTHERS.intersection(path.parts)
     return own and (os.path.isabs(file) or os.path.isfile(path))
 

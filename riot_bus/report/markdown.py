@@ -1,6 +1,6 @@
-"""A finding, or a campaign, as Markdown for issues, comments and summaries of jobs: the twin of the page.
+"""A finding, or a campaign, as Markdown for issues, comments and summaries of jobs: the counterpart of the page.
 
-What comes from others stands in code, where it is neither markup nor a link, and calls nobody.
+Untrusted text is written as code, where it is neither markup nor a link, and mentions nobody.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["LONGEST", "MarkdownReport", "bounded", "cell", "code"]
 
 LONGEST = 65_536
-"""Characters that GitHub takes as a comment."""
+"""Largest number of characters in a comment on GitHub."""
 _PLAIN = re.compile(r"(?!.*www\.)[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+-]*", re.IGNORECASE)
 _ENTITY = re.compile(r"[!-/:-@\[-`{-~]")
 _LONGEST_CELL = 300
@@ -51,8 +51,8 @@ def bounded(parts: list[str], *, where: str, longest: int = LONGEST) -> str:
 
     Args:
         parts: Parts of a document, each with its line ends.
-        where: Command that tells all.
-        longest: Characters at most.
+        where: Command that shows everything.
+        longest: Largest number of characters.
     """
     room, kept = longest - len(_left_out(len(parts), where)), list[str]()
     if sum(map(len, parts)) <= longest:
@@ -120,7 +120,7 @@ def _listed(title: str, lines: Iterable[str]) -> Iterator[str]:
 
 
 def _inline(text: str) -> str:
-    """Return a sentence of ours as it is, one with anything in it that may be markup or a name as code."""
+    """Return plain text as it is, and text with anything that may be markup or a name as code."""
     return escape(text, quote=False) if _PLAIN.fullmatch(text) else code(text)
 
 
@@ -134,7 +134,7 @@ def code(text: str) -> str:
 
 
 def cell(text: str) -> str:
-    """Return a text for a table, where a bar ends a cell even in code, so that such a text is written as HTML."""
+    """Return a text for a cell of a table; a text with a bar, which ends a cell even in code, is written as HTML."""
     text = clean(text, limit=_LONGEST_CELL)
     if "|" in text:
         return f"<code>{_ENTITY.sub(lambda found: f'&#{ord(found[0])};', text)}</code>"

@@ -151,7 +151,7 @@ def _no_field(fields: FieldsRecord | None) -> str:
 
 
 def _follows(node: dict[str, Any]) -> str:
-    """Return what of a topic on the way follows which external field; nothing where that was not looked at."""
+    """Return which field of a topic on a path follows which external field; empty where that was not tested."""
     edge = node.get("follows")
     if not isinstance(edge, dict):
         return ""
@@ -177,7 +177,7 @@ def _trees(view: FindingView) -> list[dict[str, Any]]:
 
 
 def _paths(view: FindingView) -> list[str]:
-    """Return the ways on the bus from the unit's topics outwards, as indented lines."""
+    """Return the paths on the bus from the unit's topics outwards, as indented lines."""
     lines: list[str] = []
     roots = view.permeability.tree if view.permeability else []
     waiting: list[tuple[Any, int]] = [(node, 0) for node in reversed(roots)]

@@ -149,7 +149,7 @@ def _real(entry: Any) -> float | None:
 
 
 def _window(sides: Sequence[Pair]) -> Pair:
-    """Return the interval that shows the region, and the nominal values when they are not out of all proportion."""
+    """Return the interval that shows the region, and the nominal values unless they are too far away."""
     low, high = sides[0]
     width = max(high - low, abs(high) * 0.05, 1e-9)
     for side in sides[1:]:
@@ -199,7 +199,7 @@ def draw(
         dots: Trials, drawn in this order.
         labels: Names of the two fields.
         ident: Prefix of ids, distinct in the page.
-        title: What a screen reader says.
+        title: Text for screen readers.
         boxes: Shaded parts of the plane.
         window: Limits of both axes; without it, all dots and boxes are inside.
         linear: Half widths of the linear parts of symlog axes; without it, the axes are linear.

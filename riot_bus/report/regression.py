@@ -1,4 +1,4 @@
-"""The pytest file of a finding: it fails as long as the unit does, and passes once that is mended."""
+"""The pytest file of a finding: it fails as long as the unit does, and passes once the unit is fixed."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
 
 
 def file_stem(finding: FindingRecord) -> str:
-    """Return the finding's id as files and functions can have it."""
+    """Return the finding's id in a form for the names of files and functions."""
     return re.sub(r"[^A-Za-z0-9]+", "_", finding.id)[:100].strip("_") or "finding"
 
 

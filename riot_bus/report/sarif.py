@@ -1,6 +1,6 @@
 """A campaign as SARIF 2.1.0, which GitHub, GitLab, Azure DevOps and editors show beside the code.
 
-A result is known again by its rule and by its fingerprint, which is the finding's signature: lines of code may shift.
+Results of several runs are matched by rule and fingerprint, the finding's signature, since lines of code may shift.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 _ROOT = "%SRCROOT%"
 _LONGEST = 900
 _MOST = 5000
-"""Results; GitHub shows no more of one upload."""
+"""Largest number of results; GitHub shows no more of one upload."""
 
 
 class SarifReport:
@@ -109,14 +109,14 @@ def _result(one: FindingView, rules: list[str]) -> dict[str, Any]:
                 }
             }
         ],
-        # GitHub knows results by the second alone, and else takes a hash of the line, which several findings may share.
+        # GitHub matches results by the second only, else by a hash of the line, which several findings may share.
         "partialFingerprints": {"riotSignature/v1": digest, "primaryLocationLineHash": f"{digest[:16]}:1"},
         "properties": properties,
     }
 
 
 def _standing(view: CampaignView, one: FindingView) -> dict[str, Any]:
-    """Return what the baseline says of a finding; nothing if there is none."""
+    """Return the status of a finding in the baseline; empty if there is no baseline."""
     standing = view.standing(one)
     if standing != "known":
         return {"baselineState": "new"} if standing else {}

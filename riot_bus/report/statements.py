@@ -1,4 +1,4 @@
-"""Every statement of a report with what it rests on, and what was not tried."""
+"""Every statement of a report with its evidence, and what was not tried."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PARTS = {
     "other orders of neighbours": ("order",),
     "longer times between messages": ("gap",),
 }
-"""What besides values is asked of a log, and its kinds in the record."""
+"""Properties of a log besides values that are tested, and their kinds in the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +165,9 @@ def other_fields(fields: FieldsRecord) -> Statement | None:
 
 
 def _unknown_parts(view: FindingView, fields: FieldsRecord, *, orders: bool) -> list[str]:
-    """Return what besides values was not asked, or not decided by trials.
+    """Return which properties besides values were not tested, or not decided by trials.
 
-    Where some was asked, the log has no keys and orders but those in the record.
+    Where some were tested, the log has no keys and orders other than those in the record.
     """
     known = fields.structure_known
     several = view.minimal is None or len(view.minimal.kept) > 1
@@ -185,7 +185,7 @@ def _names(topics: Iterable[str]) -> str:
 
 
 def _numbers(numbers: Sequence[int]) -> str:
-    """Return positions in a log, for people."""
+    """Return positions in a log as human-readable text."""
     return ("message number " if len(numbers) == 1 else "messages number ") + _names(map(str, numbers))
 
 
@@ -196,7 +196,7 @@ def _proportion(what: ProportionRecord, kind: str = "fresh trial") -> tuple[str,
 
 
 def _but(rule: RuleRecord) -> str:
-    """Return what the share of trials in which a rule says what is so leaves out, of a failure that comes sometimes."""
+    """Return which trials the share of right predictions leaves out for a failure that occurs only sometimes."""
     failed, held = rule.held
     return (
         f" (of {plural(held, 'trial')} in which it holds, {failed} failed: passing ones are left out)" if held else ""
@@ -308,7 +308,7 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
 
     Args:
         view: The finding.
-        open_questions: What the caller knows to be open.
+        open_questions: Questions that the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
     gaps += [f"The step `{step.name}` has no result yet." for step, record in view.steps if record is None]

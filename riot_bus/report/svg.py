@@ -1,4 +1,4 @@
-"""Matplotlib's SVG made fit to stand inside a page: no styles, no metadata, colours of the page.
+"""Conversion of Matplotlib's SVG for use inside a page: no styles, no metadata, colours of the page.
 
 Style attributes become presentation attributes, which a content security policy without inline styles lets through.
 """
@@ -19,7 +19,7 @@ COLOURS = {
     "#0a0a06": "var(--paper)",
     "#0a0a07": "var(--nominal)",
 }
-"""Colours to draw with, and what the page replaces them by in light and dark."""
+"""Colours to draw with, and the variables of the page, light or dark, that replace them."""
 
 _HREF = "{http://www.w3.org/1999/xlink}href"
 _SIZE = re.compile(r"([\d.]+)px")
@@ -47,9 +47,9 @@ def embed(source: str, *, ident: str, label: str) -> str:
     """Return the SVG as an element for a page.
 
     Args:
-        source: What matplotlib wrote.
+        source: SVG that matplotlib wrote.
         ident: Prefix of its ids, distinct in the page.
-        label: What a screen reader says.
+        label: Text for screen readers.
     """
     old = ElementTree.fromstring(source)  # noqa: S314 - written by matplotlib a moment ago
     new = _copy(old, ident=ident)

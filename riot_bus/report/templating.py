@@ -1,4 +1,4 @@
-"""What makes pages of templates."""
+"""The environment that renders pages from templates."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LONGEST = 20_000
 
 
 def page_environment() -> Environment:
-    """Return what makes pages of templates: one style, texts of others escaped and cut, no network.
+    """Return the environment for templates: one style, untrusted texts escaped and cut, no network.
 
     Raises:
         MissingExtraError: jinja2 is not installed.

@@ -1,4 +1,4 @@
-"""A Zenoh sample on its way through the pipeline, taken apart only if somebody looks."""
+"""A Zenoh sample on its way through the pipeline, converted only on demand."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["SampleArrival"]
 
 
 class SampleArrival:
-    """A sample that has come in.
+    """A sample that was received.
 
     Args:
-        sample: The sample as it came in.
-        key: Its key.
-        time: When it came, nanoseconds since the Unix epoch.
-        segment: Where it came from.
-        convert: Makes a message of sample and time.
+        sample: The sample as received.
+        key: Key of the sample.
+        time: Time of reception, in nanoseconds since the Unix epoch.
+        segment: Segment that it came from.
+        convert: Function that makes a message of sample and time.
     """
 
     __slots__ = ("_convert", "_message", "_payload", "_sample", "key", "segment", "time")

@@ -1,4 +1,4 @@
-"""Who gets what this process publishes on a segment: components, and bridges in the same process."""
+"""The subscribers of what this process publishes on a segment: components, and bridges in the same process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Audience", "Inner", "Take"]
 
 Take = Callable[[list[tuple[bytes, bytes | None]]], None]
-"""Takes messages, each with its attachment, in their order."""
+"""Function that takes payloads with their attachments, in order."""
 
 
 class Inner(NamedTuple):
@@ -34,16 +34,16 @@ class Inner(NamedTuple):
 
 
 class Audience:
-    """Publishes on one key to the components of a segment, as long as there are any that listen.
+    """Publishes on one key to the components of a segment, as long as any of them subscribes.
 
     Args:
-        session: The segment's own.
-        key: Without wildcards.
+        session: The segment's own session.
+        key: Key without wildcards.
         qos: Delivery settings.
         encoding: Zenoh's encoding string, empty for its default.
-        changed: Called on a thread of Zenoh's when `listens` may have changed.
-        everybody: Publish always, and for this process, too.
-        took: Told how many seconds each publication took.
+        changed: Function called on a thread of Zenoh's when the result of `listens` may have changed.
+        everybody: Whether to publish always, and to this process, too.
+        took: Function called with the duration of each publication, in seconds.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Audience:
         self._put = self._publisher.put
         self._changed, self._everybody, self._took = changed, everybody, took
         self._listens, self._stale = everybody, not everybody
-        handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # else each has a thread
+        handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # indirect: a thread for each handler
         self._listener = self._publisher.declare_matching_listener(handler)
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
@@ -85,11 +85,11 @@ class Audience:
                     self._took(time.monotonic() - began)
 
     def listens(self) -> bool:
-        """Return whether anybody does."""
+        """Return whether there is a subscriber."""
         return bool(self._publisher.matching_status.matching)
 
     def close(self) -> None:
-        """Publish no more."""
+        """Stop publishing and release the publisher."""
         release(self._listener, self._publisher)
 
     def _note(self, status: object) -> None:

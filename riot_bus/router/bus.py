@@ -1,4 +1,4 @@
-"""The bus: isolated segments, a junction between them, and lanes in place of what the junction cuts."""
+"""The bus: isolated segments, a junction that routes between them, and lanes for the keys that the junction cuts."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _QUIET_POLLS = 3
 
 
 class BusPublisher:
-    """A publisher that was declared ahead; publishes on a segment as a component there would."""
+    """A publisher that was declared in advance; publishes on a segment as a component there would."""
 
     def __init__(self, bus: Bus, segment: str, key: str, qos: Qos) -> None:
         self._bus, self._segment, self._key, self._qos = bus, segment, key, qos
@@ -73,17 +73,17 @@ class Bus:
     Several may live in one process.
 
     Args:
-        segments: A network that is open already and will be closed with the bus; or by name, each segment's settings,
-            or just the endpoints to listen on; none means a free port of this machine.
-        intercept: Key expressions that go through the pipeline instead of the junction.
-        services: Key expressions of services whose requests and replies do so too.
+        segments: A network that is already open and is closed with the bus; or by name, each segment's settings, or
+            just the endpoints to listen on, where no endpoint means a free port of this machine.
+        intercept: Key expressions whose messages go through the pipeline instead of the junction.
+        services: Key expressions of services whose requests and replies go through the pipeline, too.
         pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
-        registry: Names topics in counts.
-        recorder: Records intercepted messages and `record`. Closed by its owner, after the bus.
-        record: Key expressions that are recorded as they pass, although they are not intercepted.
+        registry: Registry that gives the names of topics in counts.
+        recorder: Recorder of intercepted messages and of `record`. Closed by its owner, after the bus.
+        record: Key expressions that are recorded without being intercepted.
         wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
         budget_s: How long an interceptor may take for one message before it is bypassed.
-        config: Further Zenoh configuration of every segment; a network has its own.
+        config: Further Zenoh configuration of every segment, ignored if `segments` is a network.
         timeout: Seconds within which everything must be up.
     """
 
@@ -121,7 +121,7 @@ class Bus:
         self._recorders: list[Recorder] = [recorder] if recorder is not None else []
         self._changing = threading.RLock()
         self.gate = PipelineExecutor(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
-        """The way to the interceptors, also for those who want to change them."""
+        """The access to the interceptors, to run or to change them."""
         self._crossing = DeliveryQueue(
             self.gate,
             self._outlets,
@@ -177,12 +177,12 @@ class Bus:
         return self
 
     def _start_threads(self) -> None:
-        """Start what sees to the pipeline: a single segment on which nothing is intercepted does without."""
+        """Start the threads of the pipeline, which a single segment without interception does not need."""
         self.gate.start()
         self._crossing.start()
 
     def close(self) -> None:
-        """Let pass what is under way, then close everything; safe to call twice."""
+        """Forward the messages in transit, then close everything; safe to call twice."""
         self._stack.close()
 
     def __enter__(self) -> Self:
@@ -241,14 +241,14 @@ class Bus:
         return list(self._selected)
 
     def set_intercept(self, keyexprs: Sequence[str], *, services: Sequence[str] | None = None) -> None:
-        """Cut other keys from now on, while components stay connected.
+        """Intercept other keys from now on, while components stay connected.
 
-        Of keys that were and stay intercepted nothing is lost. Of others, messages may be lost for about 100 ms while
-        routes change; no message crosses both ways. Calls that are under way may end without a reply then.
+        No messages of keys that were and stay intercepted are lost. Messages of other keys may be lost for about
+        100 ms while routes change; no message crosses on both ways. Pending calls may end without a reply then.
 
         Args:
             keyexprs: All key expressions that are intercepted from now on.
-            services: All key expressions of services that are; None for the present ones.
+            services: All key expressions of services that are intercepted from now on; None for the present ones.
         """
         with self._changing:
             self._start_threads()
@@ -256,11 +256,11 @@ class Bus:
             self._intercept(canonical(keyexprs), selected, again=True)
 
     def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
-        """Record with another recorder from now on, or with none; the former one is its owner's to close.
+        """Record with another recorder from now on, or with none; the owner of the former one closes it.
 
         Args:
-            recorder: Records intercepted messages and `record`.
-            record: Key expressions that are recorded although they are not intercepted.
+            recorder: Recorder of intercepted messages and of `record`.
+            record: Key expressions that are recorded without being intercepted.
         """
         with self._changing:
             self._recorder = self._crossing.recorder = recorder
@@ -272,7 +272,7 @@ class Bus:
             self._observe()
 
     def set_interceptors(self, interceptors: Sequence[object]) -> None:
-        """Go on with other interceptors; those that stay are not started again.
+        """Replace the interceptors; those that stay are not started again.
 
         Raises:
             ConfigError: One of them is not usable; then nothing has changed.
@@ -284,12 +284,12 @@ class Bus:
             self._forget()
 
     def restart(self) -> None:
-        """Let time and numbers of intercepted messages begin at the next one."""
+        """Restart the time and the numbers of intercepted messages at the next message."""
         self.gate.change(Pipeline.restart)
         self._forget()
 
     def renew(self) -> None:
-        """Look up again what is known of keys: the type of one has become known."""
+        """Look up the properties of keys again, since the type of a key has become known."""
         self.gate.change(Pipeline.forget)
         self._forget()
 
@@ -301,7 +301,7 @@ class Bus:
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
     def _intercept(self, expressions: list[str], services: list[str], *, again: bool) -> None:
-        """Cut these; lanes stay as long as they may have messages, since another lane would begin with a gap."""
+        """Cut these; lanes stay as long as they may have messages, since a new lane would start with a gap."""
         if self._junction is not None:
             self._junction.settle()  # while everything still crosses
         kept = [text for text in self._lanes if any(intersects(each, text) for each in expressions)]
@@ -338,7 +338,7 @@ class Bus:
             self._watch_advanced(expressions, self._advanced.watched, within=False, again=again)
 
     def _watch_advanced(self, expressions: list[str], former: list[str], *, within: bool, again: bool) -> None:
-        """Look after other expressions; `within`: as far as both junctions, the former and the next, cut them."""
+        """Watch these expressions; `within` limits it to those that both the former and the next junction cut."""
         assert self._advanced is not None
         for text in expressions:
             if text not in former and (not within or any(includes(each, text) for each in former)):
@@ -357,7 +357,7 @@ class Bus:
             way.forget()
 
     def _observe(self) -> None:
-        release(*self._taps)  # those of a former junction have ended already, which does no harm
+        release(*self._taps)  # harmless for the taps of a former junction, which have already ended
         self._taps = []
         if self._recorder is None:
             return
@@ -371,7 +371,7 @@ class Bus:
         self._taps = [
             Tap(session, expression, take=self._observation(expression), convert=converter)
             for expression in self._record.expressions
-            # What is intercepted is recorded on its way; a tap of it would pass for a receiver in each segment.
+            # Lanes record what is intercepted; a tap on it would look like a subscriber in each segment.
             if not any(includes(each, expression) for each in self._claims.expressions)
         ]
 
@@ -399,7 +399,7 @@ class Bus:
             raise ConfigError(f"no segment {name!r}", hint=hint) from None
 
     def endpoint(self, segment: str) -> str:
-        """Return where components of a segment connect."""
+        """Return the endpoint to which components of a segment connect."""
         return self.segment(segment).endpoints[0]
 
     def put(self, segment: str, message: Message) -> None:
@@ -410,7 +410,7 @@ class Bus:
 
         Args:
             segment: Name of the segment.
-            message: Its time, sequence and segment are given anew.
+            message: Message whose time, sequence and segment are replaced.
         """
         self.segment(segment)
         if self._claims.owner(message.key) is not None:
@@ -418,10 +418,10 @@ class Bus:
         self._outlets[segment].publish(message)
 
     def deliver(self, segment: str, message: Message) -> bool:
-        """Publish to the components of one segment alone, past the pipeline, if one has subscribed to it; see `put`.
+        """Publish to the components of one segment only, bypassing the pipeline, if one has subscribed; see `put`.
 
         Returns:
-            Whether one has. That is exact for intercepted keys; see `wait_subscribed`.
+            Whether a component has subscribed. That is exact for intercepted keys; see `wait_subscribed`.
         """
         probe = self._probes.get((segment, message.key))
         if probe is None:
@@ -437,12 +437,12 @@ class Bus:
         return heard
 
     def publisher(self, segment: str, key: str, *, qos: Qos | None = None) -> BusPublisher:
-        """Declare a publisher ahead of a fast play.
+        """Declare a publisher in advance, before a fast playback.
 
         Args:
             segment: Name of the segment.
             key: Key without wildcards.
-            qos: Delivery settings of everything that is published through it.
+            qos: Delivery settings of all messages of the publisher.
         """
         self.segment(segment)
         qos = qos or Qos()
@@ -450,10 +450,10 @@ class Bus:
         return BusPublisher(self, segment, key, qos)
 
     def ramp(self, segment: str) -> LocalIngress:
-        """Return a way to the other segments for a bridge in this process; it ends with the bus.
+        """Return a ramp to the other segments for a bridge in this process; it is closed with the bus.
 
         Args:
-            segment: Name of the segment from which messages come.
+            segment: Name of the segment that the messages come from.
         """
         self.segment(segment)
         ramp = LocalIngress(
@@ -470,19 +470,19 @@ class Bus:
         """Include the links of a bridge in this process in graphs of this bus.
 
         Args:
-            links: Returns the present links; called on any thread.
+            links: Function that returns the present links; called on any thread.
         """
         self._bridged = links
 
     def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
-        """Let ramps of other segments call a bridge in this process that listens to a segment, without a detour.
+        """Let ramps of other segments directly call a bridge in this process that listens to a segment.
 
         Args:
             segment: Name of the segment.
-            inner: The bridge; it has subscribed, too, for all that comes by other ways.
+            inner: The bridge; it also subscribes, to get the messages that come on other ways.
 
         Returns:
-            What ends it.
+            A function that ends the direct calls.
         """
         crossing = self._crossing
         with self._changing:
@@ -490,7 +490,7 @@ class Bus:
             self._forget()
 
         def end() -> None:
-            wait_until(lambda: all(ramp.idle() for ramp in self._ramps), _HEARD_S)  # who ends hears what was put before
+            wait_until(lambda: all(ramp.idle() for ramp in self._ramps), _HEARD_S)  # it still gets what was put before
             with self._changing:
                 crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
                 self._forget()
@@ -500,16 +500,16 @@ class Bus:
     def subscribe(
         self, segment: str, keyexpr: str, callback: Callable[[Message], None], *, own: bool = True
     ) -> Subscription:
-        """Observe what is on a segment.
+        """Observe the messages on a segment.
 
         Args:
             segment: Name of the segment.
-            keyexpr: Key expression.
-            callback: Called on one thread for all observers; if it is too slow, messages are counted as lost.
-            own: Whether what we publish there is observed, too.
+            keyexpr: Key expression of the messages.
+            callback: Function called on one thread for all observers; if too slow, messages are counted as lost.
+            own: Whether to observe also what this process publishes there.
 
         Returns:
-            Something with `undeclare()`.
+            An object with `undeclare()`, which ends the observation.
         """
         session, convert = self.segment(segment).session, self._converters[segment]
         (text,) = canonical([keyexpr])
@@ -527,13 +527,13 @@ class Bus:
         return session.declare_subscriber(text, take, allowed_origin=locality.ANY if own else locality.REMOTE)
 
     def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
-        """Answer calls that components of a segment make to a service with what was recorded, until the bus closes.
+        """Answer service calls of a segment's components with recorded replies until the bus closes.
 
         Args:
             segment: Name of the segment.
             key: Key of the service.
-            service: What was recorded of it.
-            tokens: Liveliness tokens by which its callers know that it is there; those already declared are kept.
+            service: The recorded service.
+            tokens: Liveliness tokens by which callers find the service; those already declared are kept.
         """
         session = self.segment(segment).session
         serve_recorded(session, key, service)
@@ -551,23 +551,23 @@ class Bus:
     ) -> list[str]:
         """Wait until components of a segment have subscribed to all key expressions.
 
-        What counts is that somebody outside of the segment's own session would receive the key. That is exact for
-        intercepted keys, whose subscriptions the junction keeps apart, unless somebody elsewhere (a recorder of
-        `**`, say) subscribes to more than is cut; of other keys, subscribers in other segments count too.
+        A key counts as subscribed if somebody outside of the segment's own session would receive it. That is exact for
+        intercepted keys, whose subscriptions the junction keeps apart, unless a subscriber elsewhere (such as a
+        recorder of `**`) subscribes to more than is cut; for other keys, subscribers in other segments count, too.
 
         Args:
             segment: Name of the segment.
             keyexprs: Keys or key expressions; a subscription that intersects one satisfies it.
-            timeout: Seconds.
-            alive: Returns False when waiting has become pointless, because a component died.
+            timeout: Longest time to wait, in seconds.
+            alive: Function that returns False when waiting is pointless, because a component died.
 
         Returns:
-            What nobody has subscribed to; empty when all went well.
+            The key expressions without subscribers; empty on success.
         """
         session = self.segment(segment).session
         zenoh = library_of(session)
-        # Not by the admin space, which tells it exactly: a query there while somebody declares something can block
-        # the whole router for ever (zenoh 1.10.2 locks its tables twice).
+        # The admin space would give an exact answer, but a query there during a declaration can block the whole
+        # router for ever (zenoh 1.10.2 locks its tables twice).
         waiting: dict[str, Any] = {}
         listeners: dict[str, Any] = {}
         changed = threading.Event()
@@ -590,10 +590,10 @@ class Bus:
             release(*listeners.values(), *waiting.values())
 
     def drain(self, timeout: float) -> bool:
-        """Wait until all messages received so far are through and published, delayed ones included.
+        """Wait until all messages received so far are processed and published, delayed ones included.
 
         Args:
-            timeout: Seconds.
+            timeout: Longest time to wait, in seconds.
 
         Returns:
             Whether that happened in time.
@@ -611,11 +611,11 @@ class Bus:
         return wait_until(drained, timeout)
 
     def give_up_delayed(self) -> None:
-        """Deliver no more what interceptors have delayed until now; it is counted as lost."""
+        """Discard the messages that interceptors have delayed so far, and count them as lost."""
         self._crossing.give_up()
 
     def idle(self) -> bool:
-        """Return whether nothing that was received waits for anything here; more may be on its way."""
+        """Return whether no received message is still waiting here; more may be on their way."""
         return (
             all(way.idle() for way in (*self._present_ways(), *self._taps))
             and not self._crossing.held()
@@ -638,7 +638,7 @@ class Bus:
         return self._network.junction.ids if self._network.junction is not None else set()
 
     def counts(self) -> dict[str, TopicCounts]:
-        """Return what happened so far to intercepted messages, and how many of all messages were recorded, by topic."""
+        """Return, by topic, the counts of intercepted messages so far, and of all messages recorded."""
         undelivered: Counter[str] = Counter()
         for topics in self._crossing.losses().values():
             undelivered.update(topics)
@@ -654,7 +654,7 @@ class Bus:
         )
 
     def flows(self) -> dict[tuple[str, str], int]:
-        """Return how many intercepted messages came so far, by key and the segment that they came from."""
+        """Return the number of intercepted messages received so far, by key and source segment."""
         total: Counter[tuple[str, str]] = Counter()
         for way in self._all_ways():
             for key, number in way.flows().items():
@@ -662,9 +662,9 @@ class Bus:
         return dict(total)
 
     def senders(self) -> dict[tuple[str, str], set[str]]:
-        """Return ids of components whose stamps intercepted messages carried, by key and segment.
+        """Return the ids of the components that timestamped intercepted messages, by key and segment.
 
-        A component stamps its messages only if its configuration says so (`timestamping/enabled`).
+        A component timestamps its messages only if its configuration says so (`timestamping/enabled`).
         """
         found: dict[tuple[str, str], set[str]] = {}
         for lane in self._all_lanes():
@@ -673,7 +673,7 @@ class Bus:
         return found
 
     def _fence(self, segment: str) -> Callable[[], bool]:
-        """Return what tells whether lanes have taken all that had come in from a segment until now; ask twice."""
+        """Return a function that tells if lanes took all messages of a segment received until now; call it twice."""
         fences = [lane.fence() for lane in self._all_lanes() if lane.segment == segment]
         return lambda: all(fence() for fence in fences)
 
@@ -713,7 +713,7 @@ class Bus:
 
     @property
     def losses(self) -> Losses:
-        """What was lost so far against everybody's will."""
+        """The unintended losses so far."""
         parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
         parts["no room"] = self._shed()
         parts["observer too slow"] = +self._slow.copy()

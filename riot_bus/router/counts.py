@@ -1,4 +1,4 @@
-"""What a bus counts: per topic what came, what went and why the difference, and what was lost."""
+"""The counts of a bus: messages received and forwarded per topic, the reasons for the difference, and losses."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["BoundedCounts", "Losses", "TopicCounts", "count"]
 
 
 class BoundedCounts(Counter[str]):
-    """Counts by topic or key, in bounded memory: for those that come too late there is one common count."""
+    """Counts by topic or key in bounded memory: once there are too many topics, new ones share one count."""
 
     def add(self, topic: str, number: int = 1) -> None:
-        """Count."""
+        """Add to the count of a topic."""
         if topic not in self and len(self) >= MOST_TOPICS:
             topic = OTHER_TOPICS
         self[topic] += number
@@ -33,14 +33,14 @@ class TopicCounts:
 
     Attributes:
         received: Messages that came from a segment.
-        changed: Of these, how many interceptors changed.
+        changed: Received messages that interceptors changed.
         added: Messages that interceptors added, copies included.
         forwarded: Messages that were published for the other segments.
         dropped: Messages that interceptors dropped.
         lost: Messages that were dropped for other reasons; `Losses` has the reasons.
         held: Messages that wait until they are due.
-        recorded: Messages that were recorded, also those that were only observed.
-        unrecorded: Messages that should have been recorded and were not.
+        recorded: Messages that were recorded, including those that were only observed.
+        unrecorded: Messages that should have been recorded but were not.
     """
 
     received: int = 0
@@ -56,7 +56,7 @@ class TopicCounts:
 
 @dataclass(frozen=True, slots=True)
 class Losses:
-    """What was lost against everybody's will; false when nothing was.
+    """Unintended losses; false when there are none.
 
     Attributes:
         messages: Messages that were not delivered, by topic.
@@ -84,16 +84,16 @@ def count(
     recorded: Mapping[str, int],
     unrecorded: Mapping[str, int],
 ) -> dict[str, TopicCounts]:
-    """Return counts by topic, all arguments being by topic.
+    """Return counts by topic; all arguments are by topic, too.
 
     Args:
         looked_at: What the pipeline decided about the messages that it saw.
-        passed: Messages that passed without a look.
+        passed: Messages forwarded without inspection by the pipeline.
         shed: Messages that there was no room for.
-        undelivered: Messages that could not be published, of those that had passed or been looked at.
+        undelivered: Messages, passed or inspected, that could not be published.
         held: Messages that wait until they are due.
         recorded: Messages that were recorded.
-        unrecorded: Messages that should have been.
+        unrecorded: Messages that should have been recorded but were not.
     """
     table: dict[str, TopicCounts] = {}
 

@@ -1,4 +1,4 @@
-"""What happens to intercepted messages between the segment that they come from and those that they go to."""
+"""The path of intercepted messages from their source segment through the pipeline to the target segments."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ _IDLE_S = 3600.0
 
 
 class DeliveryQueue:
-    """Takes messages through the gate and publishes what comes out, when it is due.
+    """Runs messages through the pipeline and publishes the results when they are due.
 
-    What is due at once is published by the thread that brought the message, so a slow receiver holds up those who send
-    to it, as in a plain router; what is due later is published by a thread of its own.
+    The thread that brought a message publishes what is due at once, so a slow receiver holds up its senders, as in a
+    plain router; a separate thread publishes what is due later.
 
     Args:
-        gate: To the pipeline.
+        gate: Executor of the pipeline.
         outlets: Where to publish, by segment.
-        targets: By segment, where its messages go to.
-        owned: Says whether a key is intercepted.
+        targets: Target segments of messages, by source segment.
+        owned: Function that returns whether a key is intercepted.
         sequence: Numbers for messages that interceptors add.
-        topic: Names the topic of a key.
+        topic: Function that returns the topic of a key.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class DeliveryQueue:
         self.targets = targets
         self.recorder: Recorder | None = None
         self.advanced: PublisherProxies | None = None
-        """Stands in for advanced publishers; None if there is nobody to stand in for."""
+        """The proxies of advanced publishers; None if there are no proxies."""
         self.inner: dict[str, tuple[Inner, ...]] = {}
         """Bridges in this process, by segment."""
         self.observed: set[str] = set()
@@ -79,7 +79,7 @@ class DeliveryQueue:
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
 
     def start(self) -> None:
-        """Start the thread for delayed messages, unless that was done."""
+        """Start the thread for delayed messages, unless it was started."""
         if self._thread.ident is None:
             self._thread.start()
 
@@ -93,7 +93,7 @@ class DeliveryQueue:
             self._thread.join()
 
     def give_up(self) -> None:
-        """Count what is still held as lost, and deliver it no more."""
+        """Discard the messages that are still held, and count them as lost."""
         with self._condition:
             left = self._waiting.pop_due()
         for emission in left:
@@ -101,7 +101,7 @@ class DeliveryQueue:
             self._unhold(emission)
 
     def held(self) -> Counter[str]:
-        """Return how many messages wait, by topic: until they are due, or for a history that has to go before them."""
+        """Return, by topic, how many messages wait until they are due, or for a history that has to go first."""
         with self._condition:
             held = +self._held
         if self.advanced is not None:
@@ -113,12 +113,12 @@ class DeliveryQueue:
         """Take a whole message through the pipeline and deliver it.
 
         Args:
-            message: One of our own, or of an advanced publisher.
-            holder: Told when its thread is stuck; see `PipelineExecutor.feed`.
+            message: Message of this process or of an advanced publisher.
+            holder: Worker that is notified if its thread gets stuck; see `PipelineExecutor.feed`.
         """
         result = self.result(message, holder)
         if holder is not None:
-            holder.flush()  # what came before goes out before
+            holder.flush()  # keeps the order of messages
         self.deliver(result)
 
     def take(self, sample: zenoh.Sample, segment: str, holder: PipelineWorker) -> None:
@@ -132,12 +132,12 @@ class DeliveryQueue:
                 self.advanced.through(message)
 
     def replay(self, message: Message, holder: PipelineWorker) -> Result:
-        """Take a message of a history through the pipeline; it shall be stored, not heard.
+        """Take a message of a history through the pipeline, to be stored rather than published.
 
-        What interceptors make of it for other keys is published, since nobody stores those.
+        Messages that interceptors add on other keys are published, since nobody stores those.
 
         Returns:
-            What remains to be stored.
+            The result that remains to be stored.
         """
         result = self.result(message, holder)
         for emission in result.emissions:
@@ -155,12 +155,12 @@ class DeliveryQueue:
                 self.recorder.delivered(emission.message, emission.changes)
 
     def result(self, message: Message, holder: PipelineWorker | None, targets: tuple[str, ...] | None = None) -> Result:
-        """Take a whole message through the pipeline, and leave to the caller what is to be done then.
+        """Take a whole message through the pipeline, without delivering the result.
 
         Args:
-            message: The message that came in.
-            holder: Told when its thread is stuck; see `PipelineExecutor.feed`.
-            targets: Segments that it goes to; by default all others.
+            message: The received message.
+            holder: Worker that is notified if its thread gets stuck; see `PipelineExecutor.feed`.
+            targets: Target segments; by default all others.
         """
         event, result = self.gate.feed(
             message.key,
@@ -176,18 +176,17 @@ class DeliveryQueue:
         return result
 
     def feed(self, key: str, arrival: Arrival, holder: PipelineWorker) -> bytes | bool | None:
-        """Run an arrived message through the pipeline, and deliver the result unless it can simply be passed on.
+        """Run a received message through the pipeline, and deliver the result unless it can simply be passed on.
 
         Returns:
-            True to pass the message on as it came, a payload to pass it on with this one, None if nothing is left to
-            do.
+            True to pass the message on unchanged, a payload to pass it on with that payload, None if it was delivered.
         """
         segment = arrival.segment
         event, result = self.gate.feed(
             key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], holder=holder
         )
         if result is not None:
-            holder.flush()  # what came before goes out before
+            holder.flush()  # keeps the order of messages
             self.deliver(result)
             return None
         payload = event.new_payload if event.touched else True  # before anybody looks at the whole message
@@ -218,12 +217,12 @@ class DeliveryQueue:
             self._lost.setdefault(reason, BoundedCounts()).add(self._topic(key))
 
     def losses(self) -> dict[str, Counter[str]]:
-        """Return how many messages were not delivered against everybody's will, by reason and topic."""
+        """Return how many messages were unintentionally not delivered, by reason and topic."""
         with self._lost_lock:
             return {reason: Counter(topics) for reason, topics in self._lost.items()}
 
     def targets_of(self, emission: Emission) -> tuple[str, ...]:
-        """Return the segments where a message shall be published."""
+        """Return the segments in which to publish a message."""
         message, targets = emission.message, emission.targets
         if targets is None:
             source = (emission.original or message).segment
@@ -263,7 +262,7 @@ class DeliveryQueue:
         with self._condition:
             self._held[topic] -= 1
             if not self._held[topic]:
-                del self._held[topic]  # else somebody who invents keys takes the memory
+                del self._held[topic]  # else ever new keys would exhaust the memory
 
     def _run(self) -> None:
         while True:
@@ -281,5 +280,5 @@ class DeliveryQueue:
 
 
 def _counted_key(emission: Emission) -> str:
-    """Return the key under which the pipeline has counted an emission, whatever its message is called by now."""
+    """Return the key under which the pipeline has counted an emission, even if its message has another key by now."""
     return (emission.original or emission.message).key

@@ -1,8 +1,8 @@
 """A lane: the thread that takes the messages of one intercepted key expression from one segment to the others.
 
 This is the hot path of the router: most of its work is reading a sample's attributes and one `put`. Two rules keep it
-fast: nothing is taken apart that passes as it is, and messages are fetched in batches, since a full channel of Zenoh's
-wakes its sender for each single message that is taken out.
+fast: messages that pass unchanged are not decoded, and messages are fetched in batches, since a full channel of
+Zenoh's wakes its sender for each single message that is taken out.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _MOST_SENDERS = 64
 
 
 class _KeyRoute:
-    """How the messages of one key and QoS pass: ready-made calls, and a count of what passed without a look."""
+    """How messages of one key and QoS are forwarded: ready-made calls, and counts of messages."""
 
     __slots__ = (
         "advanced",
@@ -82,10 +82,10 @@ class _KeyRoute:
         self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
         self.outlets = outlets
         self.few = 0
-        self.direct: Callable[..., None] | None = None  # does all that `put` does, once there is such a call
+        self.direct: Callable[..., None] | None = None  # replaces `put` if one publisher is enough
         self.looked_at = looked_at
         self.advanced = False  # whether the key has advanced publishers
-        self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
+        self.rewrite: Callable[[bytes], bytes] | None = None  # all that interceptors do, if that is a function
         self.passed = self.seen = self.rewritten = 0
         self.senders: set[str] = set()
 
@@ -104,18 +104,18 @@ class _KeyRoute:
 
 
 class Forwarder:
-    """Receives on one segment and forwards to the others, through the pipeline where it wants to see messages.
+    """Receives on one segment and forwards to the others, through the pipeline if it inspects the messages.
 
-    Order is kept within a lane. A receiver that is slow for `BLOCK` messages holds the lane up, and in the end the
-    senders, as in a plain router. Droppable messages for which there is no room are dropped and counted.
+    Order is kept within a lane. A slow receiver of `BLOCK` messages holds up the lane and finally the senders, as in
+    a plain router. Droppable messages for which there is no room are dropped and counted.
 
     Args:
         segment: Name of the segment.
         session: The segment's own session.
-        expression: What is intercepted.
-        crossing: What happens to the messages.
-        convert: Makes messages of samples.
-        owner: Says which of several overlapping expressions a key belongs to.
+        expression: Key expression that is intercepted.
+        crossing: Queue that takes messages through the pipeline and delivers them.
+        convert: Converter of samples to messages.
+        owner: Function that returns which of several overlapping expressions a key belongs to.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class Forwarder:
         self._thread = self._spawn()
 
     def passed(self) -> Counter[str]:
-        """Return how many messages per key were forwarded without a look at them."""
+        """Return how many messages per key were forwarded without inspection."""
         counts = Counter(self._passed)
         for way in self._all_ways():
             if way.passed:
@@ -171,14 +171,14 @@ class Forwarder:
         return counts
 
     def flows(self) -> Counter[str]:
-        """Return how many messages per key came."""
+        """Return how many messages per key were received."""
         counts = self.passed() + self._seen.copy() + self.shed.copy()  # they may grow meanwhile
         for way in self._all_ways():
             counts[way.key] += way.seen
         return counts
 
     def senders(self) -> dict[str, set[str]]:
-        """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
+        """Return the ids in the timestamps of messages, by key; this is a sample of the messages."""
         found = {key: set(zids) for key, zids in self._senders.items()}
         for way in self._all_ways():
             if way.senders:
@@ -186,7 +186,7 @@ class Forwarder:
         return found
 
     def forget(self) -> None:
-        """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
+        """Forget what is cached about keys, since interceptors, recorder or claims have changed."""
         former, self._ways, self._by_qos = self._by_qos, {}, {}
         self._former.append(former)
 
@@ -194,7 +194,7 @@ class Forwarder:
         return [way for ways in [*self._former, self._by_qos] for way in list(ways.values())]
 
     def _fold(self) -> None:
-        """Add the counts of ways that were forgotten, when nobody takes one any more."""
+        """Add up the counts of forgotten routes, when none of them is in use any more."""
         while self._former:
             for way in self._former.popleft().values():
                 self._passed.add(way.key, way.passed)
@@ -203,28 +203,28 @@ class Forwarder:
                     self._senders.setdefault(way.key, set()).update(way.senders)
 
     def close(self) -> None:
-        """Forward what has come in, then end; safe to call twice."""
+        """Forward the messages received so far, then end; safe to call twice."""
         release(self._subscriber)
         if self._thread is not threading.current_thread():
-            while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
+            while self._thread.is_alive():  # in turns, since a stuck thread is replaced
                 self._thread.join(_TURN_S)
             self.forget()
-            self._fold()  # and with it the publishers; a retired lane is kept for its counts
+            self._fold()  # also frees the publishers; a retired lane is kept for its counts
 
     def idle(self) -> bool:
-        """Return whether nothing is under way."""
+        """Return whether no message is in process."""
         return self.waiting or not self._thread.is_alive()
 
     def fence(self) -> Callable[[], bool]:
-        """Return what tells, now or later, whether all that had come in until this call was taken.
+        """Return a function that tells whether all messages that came in before this call are processed.
 
-        An idle lane may have one message in its hand that it has not noted yet: ask twice.
+        An idle lane may have fetched one message that is not counted yet: call the function twice.
         """
         due = self.received + _CHANNEL + _SLICE  # what is in the channel, and what is being fetched from it
         return lambda: self.idle() or self.received - len(self._backlog) > due
 
     def take_over(self) -> None:
-        """Go on with another thread, beginning with the message at which the present one is stuck."""
+        """Continue on a new thread, starting with the message on which the current one is stuck."""
         stuck, self._current = self._current, None
         if stuck is not None:
             self._backlog.appendleft(stuck)
@@ -262,7 +262,7 @@ class Forwarder:
                 key = self.expression if current is None else str(current.key_expr)
                 _LOG.exception("a message of %s was lost", key)
                 self._crossing.lose(key, "failure of ours")
-                self.flush()  # what came before goes out, though nothing may come after
+                self.flush()  # publishes earlier messages even if none follow
 
     def _fill(self) -> None:
         backlog, fetch = self._backlog, self._channel.try_recv
@@ -273,7 +273,7 @@ class Forwarder:
         self.received += len(backlog) - before
 
     def _shed(self) -> None:
-        """Take a little more in than there is room for, and keep only what must not be dropped."""
+        """Receive a few more messages than there is room for, and keep only those that must not be dropped."""
         most = self._room + _SURPLUS
         for _ in range(_SLICE):
             if len(self._backlog) >= most or (sample := self._channel.try_recv()) is None:
@@ -294,7 +294,7 @@ class Forwarder:
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
         take, next_sample, ways, out = _TAKE, backlog.popleft, self._ways, self._out.append
-        last: _KeyRoute | None = None  # whose payloads `also` adds to
+        last: _KeyRoute | None = None  # the route to whose payloads `also` appends
         also = out
         for _ in range(min(len(backlog), _SLICE)):
             sample = next_sample()
@@ -310,7 +310,7 @@ class Forwarder:
                 if way is None:
                     continue
             if not way.looked_at:
-                payload = payload.to_bytes()  # objects of one library are strange to another
+                payload = payload.to_bytes()  # one library cannot use objects of another
             else:
                 payload = self._rewritten(way, payload.to_bytes()) if way.rewrite is not None else None
             if not payload:
@@ -340,7 +340,7 @@ class Forwarder:
         self._note(first)
 
     def _note(self, sample: zenoh.Sample) -> None:
-        """Take down what need not be known of every message: whose it is, and that its key has come again."""
+        """Note, for some messages only, who sent them and that their key is in use."""
         stamp, key = sample.timestamp, sample.key_expr
         way = self._ways.get(key)
         if way is not None:
@@ -349,10 +349,10 @@ class Forwarder:
             way.senders.add(str(stamp.get_id()))
 
     def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _KeyRoute | None:
-        """Find out how messages of this key and QoS pass; None if another lane has them."""
+        """Return the route of messages of this key and QoS; None if another lane forwards them."""
         if len(self._ways) >= _CACHED_KEYS:
             self.forget()
-        ways, by_qos = self._ways, self._by_qos  # those that are forgotten meanwhile get what has become wrong
+        ways, by_qos = self._ways, self._by_qos  # if `forget` runs now, outdated routes go to the old ones
         key = str(key_expr)
         if self._owner(key) != self.expression:
             ways[key_expr] = None
@@ -373,11 +373,11 @@ class Forwarder:
         return way
 
     def _rewritten(self, way: _KeyRoute, payload: bytes) -> bytes | None:
-        """Return the rewritten payload; None if `_look` has to take the message, as it does one without a payload."""
+        """Return the rewritten payload; None if `_look` has to process the message, as if the payload is empty."""
         assert way.rewrite is not None
         try:
             changed = way.rewrite(payload) if payload else b""
-        except Exception:  # whatever it is, it is said when an interceptor looks
+        except Exception:  # reported when the interceptor processes the message
             return None
         if not changed:
             return None
@@ -387,7 +387,7 @@ class Forwarder:
         return changed
 
     def _look(self, way: _KeyRoute, sample: zenoh.Sample) -> None:
-        """Take one message that somebody wants to see, or one that has no payload."""
+        """Process one message that interceptors or the recorder inspect, or one that has no payload."""
         payload: Any = None
         if way.looked_at:
             way.seen += 1
@@ -414,7 +414,7 @@ class Forwarder:
             self._out.append((way, [payload], {"encoding": str(encoding), "attachment": attachment}))
 
     def flush(self) -> None:
-        """Publish what is ready. In one go, since what Zenoh gets at once it sends at once."""
+        """Publish what is ready in one go, so that Zenoh sends it together."""
         out = self._out
         while out:
             way, payloads, more = out.popleft()
@@ -430,7 +430,7 @@ class Forwarder:
                     else:  # a delete
                         for publisher in way.publishers:
                             publisher.delete(**more)
-                except Exception as problem:  # whatever it is, the others go on
+                except Exception as problem:  # must not stop the other messages
                     self._failed(way.key, problem)
         while self._rewriting:
             way = self._rewriting.pop()
@@ -438,7 +438,7 @@ class Forwarder:
             way.seen += count
             try:
                 self._crossing.gate.rewrote(way.key, count)
-            except Exception:  # theirs, and no reason to stop here
+            except Exception:  # the interceptor's fault, which must not end this thread
                 _LOG.exception("an interceptor of %s could not count what it did", way.key)
 
     def _failed(self, key: str, error: Exception) -> None:

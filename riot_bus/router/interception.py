@@ -1,4 +1,4 @@
-"""What a running router intercepts, and on whose account: the user's keys, the interceptors' topics, and a plan's."""
+"""What a running router intercepts: the user's keys, the topics of the interceptors, and those of an injection plan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LONGEST_KEY = 1024
 
 
 def topics_of(interceptor: object) -> list[str] | None:
-    """Return the topics that an interceptor wants; None if it takes what is intercepted anyway."""
+    """Return the topics that an interceptor wants; None if it names none and takes all that is intercepted."""
     from riot_bus.pipeline.conditions import Selective
     from riot_bus.vocabulary.selector import parse_selector
 
@@ -52,7 +52,7 @@ def expressions_of(
 
 
 def wanted_keys(settings: RouterSettings, registry: TypeRegistry) -> list[str]:
-    """Return what a router's settings want to be intercepted, services included."""
+    """Return the keys that a router's settings select for interception, services included."""
     return [*settings.intercept, *service_keys(settings.services, registry)]
 
 
@@ -61,14 +61,14 @@ def _nothing_yet() -> Bus:
 
 
 class Interception:
-    """Keeps a bus to what is wanted; not thread-safe.
+    """Makes a bus intercept what user, interceptors and plan want; not thread-safe.
 
     Args:
-        bus: Returns the bus, open.
-        keys: What the user wants to be intercepted; `KEY/@request` means the service of this key.
-        interceptors: In the order in which they are carried out.
-        plan: Carried out after them.
-        registry: Knows key expressions of topic names.
+        bus: Function that returns the open bus.
+        keys: Keys that the user wants to intercept; `KEY/@request` means the service of this key.
+        interceptors: Interceptors in the order in which they are carried out.
+        plan: Injection plan, carried out after the interceptors.
+        registry: Registry that maps topic names to key expressions.
 
     Raises:
         ConfigError: A key cannot be intercepted, or an interceptor would see nothing.
@@ -96,19 +96,19 @@ class Interception:
 
     @property
     def topics(self) -> list[str]:
-        """All that is wanted, as it was written."""
+        """All topics and keys to intercept, as the user wrote them."""
         return self._wanted(self.keys, self.plan)
 
     def interceptors(self, plan: InjectionPlan | None) -> list[object]:
-        """Return all interceptors, with this plan."""
+        """Return all interceptors, including the injector of this plan."""
         return [*self._interceptors, *([plan.injector] if plan is not None else [])]
 
     def add(self, keys: Sequence[str]) -> list[str]:
-        """Intercept more; return what is intercepted now."""
+        """Intercept more keys; return what is intercepted now."""
         return self._change([*dict.fromkeys([*self.keys, *_checked(keys)])], self.plan)
 
     def remove(self, keys: Sequence[str]) -> list[str]:
-        """Intercept less; return what is intercepted now."""
+        """Stop intercepting some keys; return what is intercepted now."""
         for key in _checked(keys):
             if key not in self.keys:
                 others = [each for each in self.topics if each not in self.keys]
@@ -152,9 +152,9 @@ class Interception:
         return self._expressions(present[0], topics), self._expressions(present[1], services)
 
     def _expressions(self, present: Sequence[str], names: Iterable[str]) -> list[str]:
-        """Return the expressions to intercept: those that are, as far as they are wanted, and what they do not include.
+        """Return the expressions to intercept: present ones that are still wanted, and those that they do not include.
 
-        What is included already need not be cut, so that routes stay as they are.
+        An expression that another one includes need not be cut itself, so that routes stay as they are.
         """
         from riot_bus.zenoh import api as zenoh
 

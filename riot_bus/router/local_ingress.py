@@ -1,7 +1,7 @@
-"""A ramp: the way of what the router's own process puts on a segment, through the pipeline to the other segments.
+"""A ramp: takes messages that the router's own process puts on a segment through the pipeline to the other segments.
 
-It is to a bridge in this process what lanes are to components elsewhere. Between processes a message takes several
-threads and two sockets; here it takes none of them, if interceptors do no more to it than a pure function does.
+A ramp serves a bridge in this process as lanes serve components elsewhere. Between processes a message passes several
+threads and two sockets; here it passes none of them, unless interceptors do more to it than a pure function does.
 """
 
 from __future__ import annotations
@@ -60,23 +60,23 @@ class IngressKey:
         self.key, self.qos, self.text = key, qos, text
         self.generation = -1
         self.native = self.looked_at = False
-        self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
+        self.rewrite: Callable[[bytes], bytes] | None = None  # all that interceptors do, if that is a function
         self.audiences: dict[str, Audience] = {}
         self.puts: list[Callable[[bytes, bytes | None], None]] = []
         self.takes: tuple[Take, ...] = ()
         self.passed = self.seen = self.rewritten = self.told = 0
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
-        """Take a message to the other segments; waits if too many are under way, or receivers are slow."""
+        """Send a message to the other segments; waits if too many are queued, or receivers are slow."""
         self._ramp.put_all([self], [payload], attachment)
 
     def straight(self, payload: bytes) -> bytes | None:
-        """Return with which payload a message goes on, and count it; None if an interceptor has to look at it."""
+        """Return the payload to forward, and count the message; None if an interceptor has to see the message."""
         rewrite = self.rewrite
         if rewrite is not None:
             try:
                 payload = rewrite(payload)
-            except Exception:  # whatever it is, it is said when an interceptor looks
+            except Exception:  # reported when the interceptor processes the message
                 return None
             self.rewritten += 1
         elif self.looked_at:
@@ -86,28 +86,28 @@ class IngressKey:
         return payload
 
     def close(self) -> None:
-        """Put no more; counts stay."""
+        """Stop putting messages of the key; its counts stay."""
         self._ramp.end(self)
         for audience in self.audiences.values():
             audience.close()
 
 
 class LocalIngress:
-    """Takes messages from one segment to the others, in the order in which they are put, key by key.
+    """Takes messages from one segment to the others; keeps the order of the messages of each key.
 
-    Interceptors are asked on a thread of the ramp's, which is left to them if they block. What passes as it is, or with
-    a field set, goes on the thread that puts it, unless something of the ramp's is still on the other one.
+    Interceptors run on a thread of the ramp's, which is abandoned to them if they block. Messages that pass unchanged
+    or with a field set are sent on the thread that puts them, unless earlier ones are still on the ramp's thread.
 
     Args:
         segment: Name of the segment.
-        crossing: What happens to the messages.
-        sessions: The segments' own.
-        owner: Says which intercepted expression a key belongs to.
-        sequence: Numbers of messages.
+        crossing: Queue that takes messages through the pipeline and delivers them.
+        sessions: The segments' own sessions.
+        owner: Function that returns which intercepted expression a key belongs to.
+        sequence: Sequence numbers of messages.
 
     Attributes:
-        generation: Changes when what is known of keys may have changed.
-        waiting: What interceptors have to look at, or nothing is known of yet.
+        generation: Number that changes when what is known of keys may have changed.
+        waiting: Queue of messages that interceptors have to see, or whose route is not known yet.
     """
 
     def __init__(
@@ -132,11 +132,11 @@ class LocalIngress:
         self._thread = self._spawn()
 
     def track(self, key: str, qos: Qos, encoding: str) -> IngressKey:
-        """Return what takes messages of a key.
+        """Return an object that takes messages of a key.
 
         Args:
-            key: Without wildcards.
-            qos: Of all of them.
+            key: Key without wildcards.
+            qos: Delivery settings of all these messages.
             encoding: Zenoh's encoding string, empty for its default.
         """
         track = IngressKey(self, key, qos, encoding)
@@ -145,12 +145,12 @@ class LocalIngress:
         return track
 
     def put_all(self, tracks: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
-        """Take messages to the other segments; waits if too many are under way, or receivers are slow.
+        """Send messages to the other segments; waits if too many are queued, or receivers are slow.
 
         Args:
-            tracks: Of each message its key's.
-            payloads: Of each message.
-            attachment: Of all of them.
+            tracks: For each message, the track of its key.
+            payloads: Payload of each message.
+            attachment: Attachment of all the messages.
         """
         going: list[IngressKey] = []
         ready: list[tuple[bytes, bytes | None]] = []
@@ -169,19 +169,19 @@ class LocalIngress:
             self._go(going, ready)
 
     def owns(self, key: str) -> bool:
-        """Return whether messages of a key take this way; if not, they are routed."""
+        """Return whether messages of a key go through this ramp; if not, they are routed natively."""
         return bool(self._crossing.targets[self.segment]) and self._owner(key) is not None
 
     def forget(self) -> None:
-        """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
+        """Forget what is known of keys, since interceptors, recorder or claims have changed."""
         self.generation = next(self._generations)
 
     def idle(self) -> bool:
-        """Return whether no message is in the queue of `waiting`, or being processed from it."""
+        """Return whether no message is in the queue `waiting`, or being processed from it."""
         return not self.waiting.unfinished_tasks
 
     def passed(self) -> Counter[str]:
-        """Return how many messages per key were forwarded without a look at them; tell the pipeline of others."""
+        """Return how many messages per key passed without inspection; report rewritten ones to the pipeline."""
         with self._changing:
             counts, tracks = Counter(self._ended_passed), list(self._tracks.values())
         for track in tracks:
@@ -191,7 +191,7 @@ class LocalIngress:
         return counts
 
     def flows(self) -> Counter[str]:
-        """Return how many messages per key came, of those that are intercepted."""
+        """Return how many intercepted messages per key were received."""
         with self._changing:
             counts, tracks = Counter(self._ended_flows), list(self._tracks.values())
         for track in tracks:
@@ -207,7 +207,7 @@ class LocalIngress:
             self._crossing.gate.rewrote(track.key, count)
 
     def end(self, track: IngressKey) -> None:
-        """Keep no more than the counts of a key."""
+        """Remove a track and keep only its counts."""
         self.tell(track)
         with self._changing:
             if self._tracks.pop(id(track), None) is not None:
@@ -215,15 +215,15 @@ class LocalIngress:
                 self._ended_flows.add(track.key, track.passed + track.seen + track.rewritten)
 
     def close(self) -> None:
-        """Let pass what was put, then end; safe to call twice."""
+        """Forward the messages put so far, then end; safe to call twice."""
         if self._thread.is_alive():
             self.waiting.put(None)
-            while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
+            while self._thread.is_alive():  # in turns, since a stuck thread is replaced
                 self._thread.join(_TURN_S)
         self.passed()
 
     def _go(self, tracks: Sequence[IngressKey], messages: list[tuple[bytes, bytes | None]]) -> None:
-        """Give messages to who listens in this process, the same for all of them, then publish them."""
+        """Give messages to the listeners in this process, which all the tracks share, then publish them."""
         for take in tracks[0].takes:
             take(messages)
         for track, message in zip(tracks, messages, strict=True):
@@ -237,12 +237,12 @@ class LocalIngress:
     # -- on the ramp's thread -----------------------------------------------------------------------------------------
 
     def take_over(self) -> None:
-        """Go on with another thread, beginning with the message at which the present one is stuck."""
+        """Continue on a new thread, starting with the message on which the current one is stuck."""
         self._turn += 1
         self._thread = self._spawn()
 
     def flush(self) -> None:
-        """Everything is published at once."""
+        """Do nothing: everything is published at once."""
 
     def _spawn(self) -> threading.Thread:
         name = f"riot-ramp-{self.segment}"
@@ -288,7 +288,7 @@ class LocalIngress:
         track.seen += 1
 
     def _learn(self, track: IngressKey, payload: bytes) -> None:
-        """Find out how messages of a key pass."""
+        """Find out how to forward messages of a key."""
         self.tell(track)  # interceptors count the messages before this one
         generation, crossing, key = self.generation, self._crossing, track.key
         advanced = crossing.advanced is not None and key in crossing.advanced.keys
@@ -303,7 +303,7 @@ class LocalIngress:
         track.generation = generation
 
     def _puts(self, track: IngressKey, name: str) -> list[Callable[[bytes, bytes | None], None]]:
-        """Return what publishes on another segment."""
+        """Return the functions that publish on another segment."""
         crossing, key = self._crossing, track.key
         outlet = crossing.outlets[name]
         if name in crossing.observed:
@@ -325,7 +325,7 @@ class LocalIngress:
         return [track.audiences[name].put]
 
     def _takes(self, key: str, name: str) -> list[Take]:
-        """Return what gives messages of a key to who listens in this process."""
+        """Return the functions that give messages of a key to listeners in this process."""
         crossing = self._crossing
         if name in crossing.observed:
             return []

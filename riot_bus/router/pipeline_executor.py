@@ -1,4 +1,4 @@
-"""The gate to the pipeline: one thread at a time, and none for ever."""
+"""The executor of the pipeline: lets in one thread at a time, and none for ever."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ BUDGET_S = 1.0
 
 
 class PipelineWorker(Protocol):
-    """Whose thread runs the pipeline."""
+    """An object whose thread runs the pipeline."""
 
     def take_over(self) -> None:
-        """Go on with another thread; this one is stuck in an interceptor."""
+        """Continue on a new thread, since the current one is stuck in an interceptor."""
         ...
 
     def flush(self) -> None:
-        """Publish what it has ready."""
+        """Publish the messages that are ready."""
         ...
 
 
 class PipelineExecutor:
-    """Lets several threads feed one pipeline, and frees them from an interceptor that does not come back.
+    """Lets several threads feed one pipeline, and frees them from an interceptor that blocks.
 
     Args:
-        pipeline: The interceptors that are fed.
-        budget_s: How long one interceptor may take for one message.
+        pipeline: Pipeline of the interceptors.
+        budget_s: Longest time of one interceptor for one message, in seconds.
     """
 
     def __init__(self, pipeline: Pipeline, *, budget_s: float = BUDGET_S) -> None:
@@ -59,7 +59,7 @@ class PipelineExecutor:
         self._watch: threading.Thread | None = None
 
     def start(self) -> None:
-        """Watch for interceptors that block, unless that is done."""
+        """Start to watch for interceptors that block, unless that was started."""
         if self._watch is None:
             self._watch = threading.Thread(target=self._watching, name="riot-gate", daemon=True)
             self._watch.start()
@@ -88,16 +88,17 @@ class PipelineExecutor:
             key: The message's key.
             now: The message's time, in nanoseconds.
             message: The message; None if there is `arrival`.
-            arrival: Makes the message when somebody looks at it.
-            segment: Where it comes from.
-            targets: Segments that it goes to.
-            holder: Told when its thread is stuck; without one, the message is fed again when the thread comes back.
+            arrival: Received sample that makes the message on demand.
+            segment: Segment that the message comes from.
+            targets: Segments that the message goes to.
+            holder: Worker that is notified if its thread gets stuck; if None, the thread repeats the message when the
+                interceptor returns.
 
         Returns:
-            The event, and its result; None when the message goes to all targets at once, at most with another payload.
+            The event, and its result; None if the message goes to all targets at once with at most a new payload.
 
         Raises:
-            AbandonedError: `holder` goes on with another thread.
+            AbandonedError: `holder` continues on a new thread.
         """
         while True:
             lock = self._lock
@@ -127,7 +128,7 @@ class PipelineExecutor:
                 lock.release()
 
     def change(self, action: Callable[[Pipeline], None]) -> None:
-        """Do something to the pipeline while nobody feeds it; again, if an interceptor blocks meanwhile."""
+        """Call a function on the pipeline while nobody feeds it; repeat it if an interceptor blocks meanwhile."""
         while True:
             lock = self._enter()
             self._thread_id, self._holder, self._route = threading.get_ident(), None, None
@@ -140,10 +141,10 @@ class PipelineExecutor:
                 lock.release()
 
     def call(self, stage: Stage, hook: str, *arguments: object, holder: PipelineWorker) -> None:
-        """Call a method of an interceptor, such as `joined`, unless it has gone.
+        """Call a method of an interceptor, such as `joined`, unless the interceptor was removed.
 
         Raises:
-            AbandonedError: It blocked, and `holder` goes on with another thread.
+            AbandonedError: The method blocked, and `holder` continues on a new thread.
         """
         lock = self._enter()
         self._thread_id, self._holder, self._route = threading.get_ident(), holder, None
@@ -154,7 +155,7 @@ class PipelineExecutor:
             lock.release()
 
     def rewriter(self, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
-        """Return `Pipeline.rewriter`; None also if an interceptor raises or blocks there."""
+        """Return the result of `Pipeline.rewriter`; None also if an interceptor raises or blocks there."""
         found: list[Callable[[bytes], bytes]] = []
 
         def ask(pipeline: Pipeline) -> None:
@@ -173,7 +174,7 @@ class PipelineExecutor:
         self.change(lambda pipeline: pipeline.rewrote(key, count))
 
     def replace(self, interceptors: Sequence[object]) -> None:
-        """Go on with other interceptors from the next message on; raises ConfigError if they are not usable."""
+        """Replace the interceptors from the next message on; raises ConfigError if they are not usable."""
         self.change(lambda pipeline: pipeline.replace(interceptors))
 
     def _enter(self) -> threading.Lock:
@@ -183,7 +184,7 @@ class PipelineExecutor:
                 continue
             if lock is self._lock:
                 return lock
-            lock.release()  # its former holder hung; others use another lock by now
+            lock.release()  # its former holder was stuck, and the lock was replaced
 
     def _watching(self) -> None:
         asked: list[Stage] = []
@@ -214,11 +215,11 @@ class PipelineExecutor:
 
 
 def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
-    """Call every interceptor's `stop`, and wait for none of them for ever; call when nobody feeds the pipeline.
+    """Call every interceptor's `stop` with a time limit; call this when nobody feeds the pipeline.
 
     Args:
-        pipeline: The interceptors that end.
-        patience_s: How long one may take; more than for a message, since it may have a file to finish.
+        pipeline: Pipeline of the interceptors to end.
+        patience_s: Time limit of each, in seconds; longer than for a message, since it may have to finish a file.
     """
 
     def close() -> None:

@@ -1,4 +1,4 @@
-"""Who has subscribed to what, in which segment: what nobody in another segment gets was not tested."""
+"""Segments with subscribers of a key: what nobody in another segment receives was not tested."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ __all__ = ["Receivers"]
 
 
 class Receivers:
-    """Notes in which segments somebody has subscribed to a key expression, if only for a moment; a context manager.
+    """Notes in which segments a key expression ever had a subscriber, even briefly; a context manager.
 
     Exact for what is intercepted, if nobody outside a segment subscribes to more than is cut.
 
     Args:
-        bus: The bus, open.
+        bus: Bus that is open.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -38,7 +38,7 @@ class Receivers:
         self._stack.close()
 
     def watch(self, expression: str) -> None:
-        """Look from now on who subscribes to a key expression."""
+        """Start to watch who subscribes to a key expression."""
         if expression in self._heard:
             return
         heard = self._heard[expression]

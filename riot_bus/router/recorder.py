@@ -1,4 +1,4 @@
-"""Recording what crosses the bus, without ever stalling it."""
+"""Recording of the messages that cross the bus, without ever stalling it."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _PATIENCE_S = 5.0
 
 
 class Writer(Protocol):
-    """Where messages are written; `riot_bus.log.writer.LogWriter` is one.
+    """A writer of messages, such as `riot_bus.log.writer.LogWriter`.
 
-    What raises LostMessagesError says which messages are lost besides; of other errors, only this message is.
+    A LostMessagesError names further messages that are lost; any other error loses only the message at hand.
     """
 
     @property
@@ -44,7 +44,7 @@ class Writer(Protocol):
 
     @property
     def refused(self) -> int:
-        """Messages that it cannot hold."""
+        """Number of messages that the log cannot hold."""
         ...
 
     def write(
@@ -54,11 +54,11 @@ class Writer(Protocol):
         ...
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Write something else that belongs to the log."""
+        """Write a record that is no message, such as metadata."""
         ...
 
     def renew(self, key: str) -> None:
-        """Write further messages of a key with what is known of it now."""
+        """Write further messages of a key with what is now known of the key."""
         ...
 
     def tick(self) -> None:
@@ -66,7 +66,7 @@ class Writer(Protocol):
         ...
 
     def flush(self) -> None:
-        """Return when all that was written is in the file, or known to be lost."""
+        """Wait until all that was written is in the file, or known to be lost."""
         ...
 
     def close(self) -> None:
@@ -91,16 +91,16 @@ class _Switch(NamedTuple):
 
 
 class Recorder:
-    """Writes messages to a log on a thread of its own, from a queue; those that do not fit are counted in `lost`.
+    """Writes messages from a queue to a log on a separate thread; counts those that do not fit in `lost`.
 
-    Of an intercepted message that was changed, delayed, copied or dropped both the original and what was delivered are
+    If an intercepted message was changed, delayed, copied or dropped, both the original and what was delivered are
     written, under the same sequence number.
 
     Args:
-        writer: Writes the log; closed by `close`.
-        capacity: Most messages that wait in the queue.
-        capacity_bytes: Most payload bytes that wait in the queue.
-        topic: Returns the topic of a key.
+        writer: Writer of the log; closed by `close`.
+        capacity: Largest number of messages in the queue.
+        capacity_bytes: Largest number of payload bytes in the queue.
+        topic: Function that returns the topic of a key.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Recorder:
         topic: Callable[[str], str] = str,
     ) -> None:
         self.recorded = BoundedCounts()
-        """Messages written per topic, originals not counted."""
+        """Messages written per topic, without originals."""
         self.lost = BoundedCounts()
         """Messages per topic that did not fit or could not be written."""
         self._reasons: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
@@ -134,7 +134,7 @@ class Recorder:
         return self._writer.problem
 
     def original(self, message: Message, changes: Sequence[Change]) -> None:
-        """Record a message as it was before interceptors had it."""
+        """Record a message as it was before the interceptors."""
         self._offer(_Entry(message, "original", changes))
 
     def delivered(self, message: Message, changes: Sequence[Change] = ()) -> None:
@@ -142,11 +142,11 @@ class Recorder:
         self._offer(_Entry(message, "delivered", changes))
 
     def note(self, name: str, mapping: Mapping[str, str]) -> bool:
-        """Write something that is no message, in its place among the messages; return whether there was room.
+        """Write a record that is no message, in order with the messages; return whether there was room.
 
         Args:
-            name: Such as `riot_bus.graph`.
-            mapping: Keys and texts.
+            name: Name of the record, such as `riot_bus.graph`.
+            mapping: Keys and texts of the record.
         """
         return self._mailbox.offer(_Note(name, mapping), sum(map(len, mapping.values())))
 
@@ -155,23 +155,23 @@ class Recorder:
         self._writer.renew(key)
 
     def totals(self) -> tuple[int, int]:
-        """Return how many messages were written so far, originals not counted, and how many were lost."""
+        """Return how many messages were written so far, without originals, and how many were lost."""
         return sum(self.recorded.copy().values()), sum(self.lost.copy().values())
 
     def switch(self, writer: Writer, *, patience: float = _PATIENCE_S, timeout: float = 60.0) -> tuple[int, int]:
-        """Go on with another writer: each message is in one of both files, and in one only.
+        """Switch to another writer, so that each message is in exactly one of the two files.
 
         Args:
-            writer: The new one; the former is closed.
-            patience: Seconds to wait for what came before. What of it is not written by then, since more comes than can
-                be written, is left to the new one.
-            timeout: Seconds to wait until the former is closed.
+            writer: The new writer; the former one is closed.
+            patience: Seconds to wait until earlier messages are written. If messages arrive faster than they can be
+                written, the new writer writes the rest.
+            timeout: Further seconds to wait until the former writer is closed.
 
         Returns:
-            `totals` of what is in the former and all before it.
+            The `totals` of the former writer and all before it.
 
         Raises:
-            TimeoutError: That took longer; the new writer takes over all the same.
+            TimeoutError: That took longer; the new writer takes over nevertheless.
         """
         switch = _Switch(writer, Future())
         if self._mailbox.offer(switch, 0):
@@ -181,11 +181,11 @@ class Recorder:
         return switch.totals.result(timeout)
 
     def idle(self) -> bool:
-        """Return whether everything so far was written."""
+        """Return whether everything accepted so far was written."""
         return self._done >= self._mailbox.accepted
 
     def close(self) -> None:
-        """Write what waits and finish the file; safe to call twice."""
+        """Write what is queued and finish the file; safe to call twice."""
         self._closing = True
         if self._thread.is_alive():
             self._mailbox.wake()
@@ -199,7 +199,7 @@ class Recorder:
         return Account(self.recorded.copy(), reasons)
 
     def _finish(self) -> None:
-        """Write into the file what is missing in it, and close it."""
+        """Note in the file which messages it lacks, and close it."""
         self._guard(self._writer.flush)
         account = self.account()
         self._guard(lambda: self._writer.note(LOST, account.since(self._former).record()))
@@ -240,14 +240,14 @@ class Recorder:
             self._change(item)
 
     def _hurry(self) -> None:
-        """Make the change that has waited too long for its turn."""
+        """Make a switch of writers that has waited too long in the queue."""
         urgent = self._urgent
         if urgent is not None:
             self._urgent = None
             self._change(urgent)
 
     def _change(self, switch: _Switch) -> None:
-        if switch.totals.done():  # its turn has come all the same
+        if switch.totals.done():  # made already, by `_hurry` or from the queue
             return
         self._finish()
         self._writer = switch.writer
@@ -278,7 +278,7 @@ class Recorder:
         if isinstance(error, LostMessagesError):
             for reason, lost in error.reasons.items():
                 self._take_back(reason, lost)
-        if type(error) in self._said:  # else a full disk would be followed by a full log
+        if type(error) in self._said:  # a full disk must not flood the diagnostics
             return
         self._said.add(type(error))
         if isinstance(error, LostMessagesError):

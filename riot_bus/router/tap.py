@@ -1,4 +1,4 @@
-"""A tap: the thread that takes down the messages of one key expression that are routed natively."""
+"""A tap: the thread that observes the natively routed messages of one key expression."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _LOG = logging.getLogger(__name__)
 
 
 class Tap:
-    """Observes; it holds nothing up but by the time that `take` takes.
+    """Observes messages; delays nothing beyond the time that `take` needs.
 
     Args:
         session: Session that observes.
-        expression: Key expression of what is observed.
-        take: Called with each message on the tap's own thread.
-        convert: Turns samples into messages.
+        expression: Key expression of the messages.
+        take: Function called with each message on the tap's own thread.
+        convert: Converter of samples to messages.
     """
 
     def __init__(
@@ -41,12 +41,12 @@ class Tap:
         self._thread.start()
 
     def close(self) -> None:
-        """Take what has come in, then end; safe to call twice."""
+        """Process the messages received so far, then end; safe to call twice."""
         self._batches.close()
         self._thread.join()
 
     def idle(self) -> bool:
-        """Return whether nothing is under way."""
+        """Return whether no message is in process."""
         return self.waiting or not self._thread.is_alive()
 
     def _run(self) -> None:

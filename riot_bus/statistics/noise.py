@@ -1,7 +1,7 @@
-"""Decisions from trials that may be wrong: where the outcome flips along a chain of inputs, whether one triggers it.
+"""Decisions from noisy trials: where the outcome flips along a chain of inputs, or whether an input triggers a failure.
 
-A trial fails with probability p where its input triggers the failure, and with probability eps where it does not. Both
-are learnt on the way: all here is one posterior over the hypotheses at hand times a grid of p and eps.
+A trial fails with probability p if its input triggers the failure, and with probability eps if not. Both are learnt on
+the way: the state is one joint posterior over the hypotheses and a grid of p and eps.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ __all__ = ["FlipSearch", "Noise"]
 Array = NDArray[np.float64]
 
 _RELIABLE = 0.7
-"""Prior that a failure which was found is reliable (p = 1): most are. Less costs reliable units trials, more makes
-rates of 0.9 be taken for 1: benchmarks/noise.py holds both against each other."""
+"""Prior probability that a failure is reliable (p = 1), as most are. A lower value costs reliable units trials; with a
+higher one, rates of 0.9 are taken for 1. benchmarks/noise.py weighs the two."""
 _RATES = (1.0, 0.97, 0.93, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _AS_GOOD = 0.995
-"""Of questions that tell as much, the first is asked: the shortest prefix."""
+"""Share of the most information from which on a question is as good; the first such one, the shortest prefix, wins."""
 _FALSE = ((0.001, 0.6), (0.004, 0.2), (0.01, 0.13), (0.03, 0.05), (0.1, 0.02))
-"""Chances of a failure without its cause, and their priors; never 0, so that no single trial decides for good."""
+"""Values of eps and their priors; eps is never 0, so that no single trial decides for good."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What is known of p and eps: a weight for each pair of a grid.
+    """Posterior of p and eps: a weight for each pair of a grid.
 
     Attributes:
-        p: Shape (pairs,).
-        eps: Shape (pairs,), as of p.
-        weight: Likewise; the sum is 1.
+        p: Value of p for each pair; shape (pairs,).
+        eps: Value of eps for each pair; shape (pairs,).
+        weight: Probability of each pair; shape (pairs,), with sum 1.
     """
 
     p: Array
@@ -43,13 +43,13 @@ class Noise:
 
     @classmethod
     def after(cls, failed: int = 0, total: int = 0, *, nominal_failed: int = 0, nominal_total: int = 0) -> Noise:
-        """Return what is known after so many fresh trials.
+        """Return the posterior after some trials, starting from the prior.
 
         Args:
-            failed: Trials of what triggers the failure that failed.
-            total: Number of trials of that.
-            nominal_failed: Trials of what does not trigger it that failed all the same.
-            nominal_total: Number of nominal trials.
+            failed: Number of failed trials of inputs that trigger the failure.
+            total: Number of trials of these inputs.
+            nominal_failed: Number of failed trials of inputs that do not trigger it.
+            nominal_total: Number of trials of those inputs.
         """
         chances = [_RELIABLE] + [(1 - _RELIABLE) / (len(_RATES) - 1)] * (len(_RATES) - 1)
         rates = zip(_RATES, chances, strict=True)
@@ -76,16 +76,16 @@ class Noise:
         return math.sqrt(max(0.0, float(self.weight @ self.p**2) - self.rate**2))
 
     def missed(self, trials: int) -> float:
-        """Return the probability that none of so many trials of what triggers the failure fails."""
+        """Return the probability that none of these trials fails, if their input triggers the failure."""
         return float(self.weight @ (1 - self.p) ** trials)
 
     def weighted(self, factor: Array) -> Noise:
-        """Return what is known after something that is so likely for each pair; shape (pairs,)."""
+        """Return the posterior after an observation with this likelihood for each pair; shape (pairs,)."""
         weight = self.weight * factor
         return Noise(self.p, self.eps, weight / weight.sum())
 
     def joined(self, others: Sequence[Noise]) -> Noise:
-        """Return what is known after several searches that began with this and shared no trial."""
+        """Return the posterior after several searches that all started from this one and shared no trial."""
         possible = self.weight > 0
         factor = np.ones_like(self.weight)
         for other in others:
@@ -93,24 +93,24 @@ class Noise:
         return self.weighted(factor)
 
     def likelihood(self, failed: int, passed: int) -> tuple[Array, Array]:
-        """Return how likely so many failures and passes are where the input triggers, and where not; shape (pairs,)."""
+        """Return the likelihoods of these counts if the input triggers the failure, and if not; shape (pairs,)."""
         return self.p**failed * (1 - self.p) ** passed, self.eps**failed * (1 - self.eps) ** passed
 
     def triggers(self, failed: int, passed: int, *, prior: float = 0.5) -> float:
-        """Return the probability that an input triggers the failure after so many trials that are not in it yet."""
+        """Return the probability that an input triggers the failure, given further trials of it."""
         does, does_not = (float(self.weight @ one) for one in self.likelihood(failed, passed))
         return prior * does / (prior * does + (1 - prior) * does_not)
 
 
 class FlipSearch:
-    """Where the outcome flips along a chain of inputs 0..n, each nearer to the other side than the one before.
+    """Search for the flip of the outcome along a chain of inputs 0..n, which lead from one outcome to the other.
 
-    Hypothesis k: inputs at positions below k are as the start is, all others are not. k = n + 1: none flips. With
-    n = 0, two hypotheses are left, and the search decides whether one input triggers the failure.
+    Hypothesis k: inputs at positions below k have the outcome of the start, all others the opposite one. k = n + 1:
+    there is no flip. With n = 0, two hypotheses are left: the search decides whether one input triggers the failure.
 
     Args:
         masses: Prior weights of the hypotheses; shape (n + 2,).
-        noise: What is known of p and eps.
+        noise: Prior of p and eps.
         rises: Whether inputs trigger the failure from the flip on, rather than before it.
     """
 
@@ -128,16 +128,16 @@ class FlipSearch:
 
     @property
     def confidence(self) -> float:
-        """Its probability."""
+        """The probability of the likeliest hypothesis."""
         return float(self._joint.sum(axis=0).max())
 
     @property
     def noise(self) -> Noise:
-        """What is known of p and eps by now, whatever the hypothesis."""
+        """The marginal posterior of p and eps so far."""
         return Noise(self._noise.p, self._noise.eps, self._joint.sum(axis=1))
 
     def tell(self, position: int, *, failed: bool) -> None:
-        """Take in one trial of the input at a position."""
+        """Update the posterior with one trial of the input at a position."""
         does, does_not = self._noise.likelihood(int(failed), int(not failed))
         before, after = (does_not, does) if self._rises else (does, does_not)
         self._joint[:, : position + 1] *= after[:, None]  # hypotheses that have flipped by this position
@@ -146,7 +146,7 @@ class FlipSearch:
         self.trials += 1
 
     def questions(self, count: int = 1) -> list[int]:
-        """Return up to so many positions to ask next: the most informative one, and others that divide what is left."""
+        """Return up to `count` positions to try next: the most informative one, and others that divide the rest."""
         mass = self._joint.sum(axis=0)
         reached = np.cumsum(mass)[:-1]  # at position x: the hypotheses 0..x have flipped
         told = self._information(mass)
@@ -158,8 +158,8 @@ class FlipSearch:
         return [best, *sorted({place for place in parts if place != best and 0.01 < reached[place] < 0.99})]
 
     def _information(self, mass: Array) -> Array:
-        """Return for each position how much a trial tells of the hypotheses, in bits; shape (n + 1,)."""
-        # No `@`: threads of BLAS wait for each other where trials have the processors.
+        """Return the expected information of a trial at each position, in bits; shape (n + 1,)."""
+        # No `@`: threads of BLAS wait for each other when trials occupy the processors.
         does, does_not = (np.einsum("g,gk->k", rate, self._joint) for rate in (self._noise.p, self._noise.eps))
         before, after = (does_not, does) if self._rises else (does, does_not)
         fails = np.cumsum(after)[:-1] + np.cumsum(before[::-1])[::-1][1:]
@@ -170,7 +170,7 @@ class FlipSearch:
 
 
 def _entropy(part: Array, whole: Array) -> Array:
-    """Return the entropy of part/whole in bits; 0 where there is nothing."""
+    """Return the binary entropy of part/whole in bits; 0 where it is undefined."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.clip(part / whole, 0.0, 1.0)
         bits: Array = -(share * np.log2(share) + (1 - share) * np.log2(1 - share))

@@ -1,4 +1,4 @@
-"""Rates: so many of so many, and the exact interval of what is behind them."""
+"""Rates: observed proportions, and the exact intervals of the underlying rates."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def proportion(hits: int, total: int, *, confidence: float = 0.95) -> Proportion
 
 
 def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the exact (Clopper-Pearson) interval of a rate that was seen as `hits` of `total`."""
+    """Return the exact (Clopper-Pearson) interval of a rate that was observed as `hits` of `total`."""
     if total < 1:
         return 0.0, 1.0
     hits, tail = min(max(hits, 0), total), (1 - confidence) / 2
@@ -41,13 +41,13 @@ def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[
 
 
 def chance_of_difference(hits: int, total: int, other_hits: int, other_total: int) -> float:
-    """Return the chance of a rate so much above another one, or more, if both are the same (Fisher, one-sided).
+    """Return the one-sided p-value of Fisher's exact test that the first rate is higher than the other one.
 
     Args:
-        hits: Of the rate that is expected to be higher.
-        total: Number of trials that these are of.
-        other_hits: Of the other rate.
-        other_total: Number of trials that the others are of.
+        hits: Number of hits of the rate that is expected to be higher.
+        total: Number of trials of this rate.
+        other_hits: Number of hits of the other rate.
+        other_total: Number of trials of the other rate.
 
     Example:
         >>> round(chance_of_difference(4, 4, 0, 10), 4)
@@ -59,7 +59,7 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
 
 
 def _crossing(hits: int, total: int, tail: float) -> float:
-    """Return the rate at which `hits` or more of `total` have a chance of `tail`."""
+    """Return the rate at which `hits` or more of `total` have the probability `tail`."""
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2

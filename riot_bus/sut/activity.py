@@ -1,4 +1,4 @@
-"""What processes have done so far: context switches and shares of the processors, from /proc."""
+"""The activity of processes so far: context switches and processor time, from /proc."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """What a group of processes has done so far.
+    """The activity of a group of processes so far.
 
     Attributes:
-        threads: By thread, the nanoseconds in which it ran, those in which it could have run but others had the
-            processors, and how often it got a processor.
+        threads: By thread, the nanoseconds for which it ran, the nanoseconds for which it waited for a processor, and
+            how often it got a processor.
     """
 
     threads: Mapping[int, tuple[int, int, int]]
 
     @property
     def switches(self) -> int:
-        """How often threads got a processor."""
+        """Number of times that threads got a processor."""
         return sum(switches for _, _, switches in self.threads.values())
 
     def ran_since(self, before: Activity) -> float:
-        """Return the seconds in which the processes have run, summed over their threads."""
+        """Return the seconds for which the processes have run, summed over their threads."""
         return self._sum_since(before, 0)
 
     def had_since(self, before: Activity, *, seconds: float) -> float:
-        """Return those of some seconds in which the processes were not held up, a tenth of them at least."""
+        """Return how many of these seconds the processes did not wait for a processor, at least a tenth of them."""
         return max(seconds - self.waited_since(before), seconds * _LEAST_SHARE)
 
     def share_since(self, before: Activity, *, seconds: float) -> float:
-        """Return the share of these seconds in which they ran."""
+        """Return the time for which they ran, relative to the result of `had_since`."""
         return self.ran_since(before) / self.had_since(before, seconds=seconds)
 
     def waited_since(self, before: Activity) -> float:
-        """Return the seconds in which the processes were held up by others: those of the thread that waited longest."""
+        """Return the seconds for which the thread that waited longest has waited for a processor."""
         return max((times[1] - before.of(thread)[1] for thread, times in self.threads.items()), default=0) / 1e9
 
     def of(self, thread: int) -> tuple[int, int, int]:
-        """Return what one thread has done; nothing if it is not known."""
+        """Return the values of one thread; zeros if it is not known."""
         return self.threads.get(thread, (0, 0, 0))
 
     def _sum_since(self, before: Activity, which: int) -> float:
@@ -61,46 +61,46 @@ class Activity:
 
 @dataclass(frozen=True, slots=True)
 class Idle:
-    """What processes do without any input, because of timers of their own.
+    """The activity of processes without any input, because of their own timers.
 
     Attributes:
         switches: Voluntary context switches per second.
-        ran: Seconds in which they run, per second.
+        ran: Processor time in seconds per second.
     """
 
     switches: float = 0.0
     ran: float = 0.0
 
     def or_more(self, other: Idle) -> Idle:
-        """Return the more of both."""
+        """Return the larger value of each attribute."""
         return Idle(max(self.switches, other.switches), max(self.ran, other.ran))
 
 
 STILL = Idle()
-"""Nothing."""
+"""No activity at all."""
 
 
 def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
-    """Return what processes do from what they have done.
+    """Return the rates of activity between two moments.
 
     Args:
-        before: What they had done at the begin.
-        after: What they had done at the end.
-        seconds: In between. What they had to wait for a processor is taken off: in that time they could do nothing.
+        before: Activity up to the first moment.
+        after: Activity up to the second moment.
+        seconds: Time in between, from which the time that they waited for a processor is subtracted.
     """
     had = after.had_since(before, seconds=seconds)
     return Idle((after.switches - before.switches) / had, after.ran_since(before) / had)
 
 
 class Threads:
-    """All threads of some processes, looked at through files that stay open.
+    """All threads of some processes, observed through files that stay open.
 
-    A process with Zenoh has forty threads; to open their files at each look took most of a trial's time.
+    A process with Zenoh has forty threads; opening their files for each reading took most of a trial's time.
 
     Args:
-        pids: The processes; those that are gone do nothing.
-        names: What names of the threads begin with; others are left out.
-        but: A thread that is left out.
+        pids: Ids of the processes; ended ones count as inactive.
+        names: Prefixes of the names of the threads; others are left out.
+        but: Id of a thread that is left out.
     """
 
     def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",), but: int = 0) -> None:
@@ -111,7 +111,7 @@ class Threads:
         self._calls: dict[int, int] = {}
 
     def activity(self) -> Activity:
-        """Return what the threads that there are have done so far."""
+        """Return the activity of the present threads so far."""
         self._find()
         found = {}
         for thread, (file, _) in self._files.items():
@@ -120,7 +120,7 @@ class Threads:
         return Activity(found)
 
     def switches(self) -> int:
-        """Return how often the threads that were there at the last look at all of them got a processor."""
+        """Return how often the known threads got a processor, without looking for new threads."""
         total = 0
         for file, _ in self._files.values():
             with suppress(OSError, ValueError):
@@ -128,7 +128,7 @@ class Threads:
         return total
 
     def busy(self, *, new: bool = True) -> bool:
-        """Return whether a thread runs, or could, or is held by a tracer; without `new`, of those known already."""
+        """Return whether a thread runs, could run, or is stopped by a tracer; unless `new`, only of known threads."""
         if new:
             self._find()
         for _, file in self._files.values():
@@ -138,9 +138,9 @@ class Threads:
         return False
 
     def calls(self) -> Iterator[tuple[int, bytes, bytes]]:
-        """Yield each thread that was there at the last look, its name, and in which system call it is.
+        """Yield each known thread, its name, and its current system call.
 
-        The latter is a line of /proc/PID/task/THREAD/syscall, empty where this process must not know it.
+        The latter is a line of /proc/PID/task/THREAD/syscall, empty if this process may not read it.
         """
         for thread in self._files:
             call = b""
@@ -151,7 +151,7 @@ class Threads:
             yield thread, self._called[thread], call
 
     def switches_of(self, thread: int) -> int:
-        """Return how often one thread that was there at the last look got a processor."""
+        """Return how often one known thread got a processor; -1 if it has ended."""
         with suppress(OSError, ValueError):
             return _times(os.pread(self._files[thread][0], 4096, 0))[2]
         return -1
@@ -167,7 +167,7 @@ class Threads:
             os.close(file)
 
     def _find(self) -> None:
-        """Open the files of new threads, close those of threads that are gone."""
+        """Open the files of new threads, and close those of ended ones."""
         now: dict[int, str] = {}
         for pid in self.pids:
             with suppress(OSError):
@@ -198,7 +198,7 @@ def _times(text: bytes) -> tuple[int, int, int]:
 
 
 def families(pids: Sequence[int]) -> list[int]:
-    """Return processes and all that they have started and still run, such as the node behind `ros2 run`."""
+    """Return processes and all their running descendants, such as the node behind `ros2 run`."""
     found = list(pids)
     for pid in found:
         for task in _tasks([pid]):
@@ -207,11 +207,11 @@ def families(pids: Sequence[int]) -> list[int]:
 
 
 def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
-    """Read from /proc what processes have of the machine; processes that are gone count as nothing.
+    """Read the resources of processes from /proc; ended processes count as nothing.
 
     Args:
-        pids: The processes.
-        messages: Inputs that had been published by now.
+        pids: Ids of the processes.
+        messages: Number of inputs published so far.
     """
     memory = files = threads = 0
     for pid in pids:
@@ -223,7 +223,7 @@ def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
 
 
 def out_of_memory_kills() -> int:
-    """Return how many processes of this machine the kernel has ended since there was no memory left; 0 if unknown."""
+    """Return how many processes of this machine the kernel has killed for lack of memory; 0 if unknown."""
     return int(_read("/proc/vmstat").partition(b"\noom_kill ")[2].split(b"\n")[0] or 0)
 
 

@@ -1,7 +1,7 @@
-"""Stands for a component that runs already: finds the processes that have connected to a port, and ends when one does.
+"""Stand-in for a component that runs already: finds the processes connected to a port, and ends when one of them ends.
 
-Usage: `python -m riot_bus.sut.attached PORT PID`, with the process of riot, which is none of them. It prints their
-numbers as a list, once there are any.
+Usage: `python -m riot_bus.sut.attached PORT PID`, with the id of riot's process, which is left out. It prints the ids
+of the processes as a list, once there are any.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ _POLL = 0.05
 
 
 def attached_command(port: int) -> list[str]:
-    """Return the command of what stands for the processes that connect to a port of this process."""
+    """Return the command of the stand-in for the processes that connect to a port of this process."""
     return [sys.executable, "-E", "-P", "-m", __name__, str(port), str(os.getpid())]
 
 
 def connected(port: int, *, to: int, but: Collection[int] = ()) -> list[int]:
-    """Return the processes of this machine that have a connection to a TCP port, as far as this user may know.
+    """Return the ids of the processes on this machine that are connected to a TCP port, as far as this user may know.
 
     Args:
-        port: The port.
-        to: The process whose port it is; it is none of them.
-        but: Other processes that are left out.
+        port: Number of the port.
+        to: Id of the process that listens on the port, which is left out.
+        but: Ids of other processes that are left out.
     """
     import psutil
 
@@ -51,7 +51,7 @@ def _address(address: Any) -> tuple[str, int]:
 
 
 def wait_for_end(pids: Sequence[int]) -> int:
-    """Return the first of some processes that has ended."""
+    """Wait until one of some processes has ended, and return its id."""
     watched = {}
     for pid in pids:
         try:

@@ -1,4 +1,4 @@
-"""What a unit does in nominal trials: needed to tell working from idling, and a live unit from a silent one."""
+"""Baselines: how a unit behaves in nominal trials, to tell working from idling, and a live unit from a silent one."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 __all__ = ["UNKNOWN", "Baseline", "NominalTrial", "baseline_of", "probe_of"]
 
 _PROBE = 16
-"""Messages of a probe, at least: few, as each trial that passes pays for them."""
+"""Least number of messages of a probe: small, since each passing trial spends time on them."""
 
 
 class Growth(NamedTuple):
-    """Bytes of memory, open files and threads that a unit has more at the end of a trial than at its begin."""
+    """Increase of a unit's memory in bytes, open files and threads from the start to the end of a trial."""
 
     memory: int
     files: int
@@ -32,13 +32,13 @@ class Growth(NamedTuple):
 
 NO_GROWTH = Growth(0, 0, 0)
 _MUCH = Growth(32 << 20, 32, 32)
-"""Growth beyond twice the nominal one that is no chance: allocators keep some MB, pools open some files and threads."""
+"""Allowed growth above twice the nominal one: allocators keep some MB, pools open some files and threads."""
 _PER_BYTE = 8
-"""Bytes that a byte of input may cost for good: it is decoded, copied, and kept as the last one."""
+"""Allowed permanent growth in bytes per byte of input, which is decoded, copied, and kept as the last message."""
 
 
 def growth_of(samples: Sequence[ResourceSample]) -> Growth:
-    """Return what a component has more of at the last sample than at the first."""
+    """Return the growth of a component from the first sample to the last one."""
     if not samples:
         return NO_GROWTH
     first, last = samples[0], samples[-1]
@@ -47,18 +47,18 @@ def growth_of(samples: Sequence[ResourceSample]) -> Growth:
 
 @dataclass(frozen=True, slots=True)
 class NominalTrial:
-    """What one nominal trial has shown.
+    """Observations of one nominal trial.
 
     Attributes:
-        log_answers: Outputs while the log was played, by topic.
-        probe_answers: Outputs while the probe was played after it, by topic.
-        stacks: Where Python threads stood at rest.
-        main_ended: Whether a Python main thread had come to its end.
+        log_answers: Number of outputs while the log was played, by topic.
+        probe_answers: Number of outputs while the probe was played after the log, by topic.
+        stacks: Stacks of the Python threads at rest.
+        main_ended: Whether a Python main thread had ended.
         status: Exit status, None if the unit still ran.
-        growth: What it has more of at the end than at the begin: bytes of memory, files, threads.
-        mute: Monitors that stay silent on a copy of the trial that is to violate them, and why.
+        growth: Growth of memory, files and threads during the trial.
+        mute: Monitors that miss the violation in a copy of the trial made to violate them, and why.
         outputs: All outputs, in order of reception.
-        probed: Index of the first one that came after the probe had begun; None if there was no probe.
+        probed: Index of the first output after the start of the probe; None if there was no probe.
     """
 
     log_answers: Mapping[str, int]
@@ -77,22 +77,22 @@ class Baseline:
     """What all nominal trials of a unit have in common.
 
     Attributes:
-        idle: What the unit does without any input.
-        trials: Nominal trials behind it; 0 if nothing is known, and then nothing can be told from it.
+        idle: Activity of the unit without any input.
+        trials: Number of nominal trials; 0 if nothing is known, so that nothing can be concluded.
         log: The nominal log.
-        probe: Some messages of it that a live unit answers.
-        log_answers: Least number of outputs that the whole log brought, by topic; topics without any are left out.
-        probe_answers: Likewise of the probe after the log.
-        at_rest: Functions in which Python threads stood at rest, and how many there were at least.
-        threads: Functions in which Python threads began, and how many there were at least.
-        main_ends: Whether the main thread ends though the process goes on.
+        probe: Some messages of the log that a live unit answers.
+        log_answers: Least number of outputs for the whole log, by topic; topics without any are left out.
+        probe_answers: Least number of outputs for the probe after the log, by topic; topics without any are left out.
+        at_rest: Functions in which Python threads stood at rest, with the least number of threads in each.
+        threads: Functions in which Python threads began, with the least number of threads of each.
+        main_ends: Whether the main thread ends although the process continues.
         ends: Whether the unit ends by itself with status 0.
-        growth: The most that it grew.
-        mute: Monitors that stayed silent on each trial's copy that was to violate them, and why.
+        growth: The largest growth of memory, files and threads.
+        mute: Monitors that miss the violation in a copy of each trial made to violate them, and why.
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
-        mined: What answers to the probe have in common.
-        alarms: Signatures that nominal trials have shown that were judged by it.
-        busy: Seconds of a processor that nominal trials took, per second; 0 if that is not known.
+        mined: Mined rules that all answers to the probe follow.
+        alarms: Signatures of violations in nominal trials that were judged by this baseline.
+        busy: Processor time of nominal trials in seconds per second; 0 if it is not known.
     """
 
     idle: Idle = STILL
@@ -114,7 +114,7 @@ class Baseline:
 
     @property
     def untold(self) -> tuple[str, ...]:
-        """What cannot be told of the unit's trials, and why."""
+        """Properties of the unit's trials that cannot be judged, and why."""
         if not self.trials:
             return ("whether it still works after a trial: no nominal trials have passed to compare it with",)
         found = []
@@ -125,11 +125,11 @@ class Baseline:
         return tuple(found)
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
-        """Return the functions in which threads stand that stand elsewhere at rest.
+        """Return the functions in which threads stand now, but no thread stands at rest.
 
         Args:
-            stacks: Where threads stand.
-            anywhere: Whether threads count as well that are not missing where threads stand at rest, such as new ones.
+            stacks: Present stacks of the threads.
+            anywhere: Whether threads such as new ones count even if no thread is missing from its place at rest.
         """
         standing = Counter(stack.functions[0] for stack in stacks)
         if not anywhere and all(standing[name] >= count for name, count in self.at_rest.items()):
@@ -137,12 +137,12 @@ class Baseline:
         return tuple(sorted(standing.keys() - self.at_rest.keys()))
 
     def grown(self, growth: Growth, *, messages: int, input_bytes: int) -> dict[str, str]:
-        """Return what has grown out of all proportion, with how much as text.
+        """Return the resources that have grown too much, each with a text that says how much.
 
         Args:
-            growth: What the unit has more of after the trial.
-            messages: Inputs of the trial.
-            input_bytes: Their size.
+            growth: Growth of the unit during the trial.
+            messages: Number of inputs of the trial.
+            input_bytes: Total size of the inputs in bytes.
         """
         usual = Growth(*(max(0, each) for each in self.growth))
         allowed = Growth(*(2 * nominal + much for nominal, much in zip(usual, _MUCH, strict=True)))
@@ -159,7 +159,7 @@ class Baseline:
         return found
 
     def lost(self, stacks: Iterable[ThreadStack]) -> tuple[str, ...]:
-        """Return the functions in which threads began that are no longer there."""
+        """Return the functions in which now missing threads began."""
         now = Counter(stack.functions[-1] for stack in stacks)
         return tuple(sorted(name for name, count in self.threads.items() if now[name] < count))
 
@@ -169,7 +169,7 @@ UNKNOWN = Baseline()
 
 
 def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
-    """Return a short nominal stretch: the last messages of a log, and before them the last one of each other key."""
+    """Return a short part of a nominal log: its last messages, preceded by the last one of each other key."""
     first = max(0, len(log) - _PROBE)
     last = {message.key: number for number, message in enumerate(log)}
     return tuple(message for number, message in enumerate(log) if number >= first or last[message.key] == number)
@@ -199,6 +199,6 @@ def baseline_of(
 
 
 def _least(counts: Sequence[Mapping[str, int]]) -> dict[str, int]:
-    """Return the least of each count; what is not in all is left out."""
+    """Return the least of each count, without names that are missing or 0 in one of them."""
     least = {name: min(count.get(name, 0) for count in counts) for name in counts[0]}
     return {name: count for name, count in least.items() if count}

@@ -1,4 +1,4 @@
-"""What a unit does, seen from outside and in few words: how many outputs, in which order, and which modes they tell."""
+"""Summary of a unit's behaviour as seen from outside: the number, the order and the modes of its outputs."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ if TYPE_CHECKING:
 __all__ = ["behaviour_of"]
 
 _MOST_NAMES = 64
-"""Topics and fields that are told of: a line of the store stays below some KiB."""
+"""Largest number of topics and fields in a summary, so that a line of the store stays below some KiB."""
 _MOST_OUTPUTS = 512
-"""Outputs that are taken apart."""
+"""Largest number of outputs that are decoded."""
 
 
 def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
-    """Return what outputs show of a unit's behaviour, sorted.
+    """Return a summary of the behaviour that outputs show, sorted.
 
     Args:
-        outputs: All outputs of a trial but those of its probe, in their order.
-        registry: Names topics and knows their types.
+        outputs: All outputs of a trial except those of its probe, in their order.
+        registry: Registry of topic names and types.
 
     Returns:
-        By `number of TOPIC` how many there were, as a power of two; by `order` which topic came behind which; and by
-        `TOPIC:FIELD` the values of a field that has few of them, and which one came behind which.
+        By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by
+        `TOPIC:FIELD` the values of a field that has few of them, and which value followed which.
     """
     topics = [registry.topic(message.key) for message in outputs]
     found: dict[str, list[str]] = {
@@ -46,7 +46,7 @@ def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str
 
 
 def _columns(messages: Iterable[Message], registry: TypeRegistry) -> dict[str, list[str]]:
-    """Return the values of fields of a topic, each where it changes; once all have many, no more are looked at."""
+    """Return the values of a topic's fields wherever they change; stops once all fields have many values."""
     columns: dict[str, list[str]] = {}
     for number, message in enumerate(messages):
         if number > MOST_MODES and all(len(set(column)) > MOST_MODES for column in columns.values()):

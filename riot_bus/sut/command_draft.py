@@ -1,4 +1,4 @@
-"""How riot starts a component, from how its process was started: placeholders where they stand, no secrets; pure."""
+"""Drafts of commands that start components, from running processes: with placeholders, without secrets; pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["MISSING", "CommandDraft", "ProcessFacts", "command_draft", "locators", "unknown_command"]
 
 MISSING = "FILL_IN"
-"""As the first word, which no machine has a program for: nothing may start while it would connect elsewhere."""
+"""First word of an incomplete command. No program has this name, so nothing starts that would connect elsewhere."""
 
 _LOCATOR = re.compile(
     r"(?:tcp|tls|wss?|quic|udp)/(?:\[[^\]\s]+\]|[^\s/:;,'\"\[\]#?]+):([0-9]{1,5})(?:[?#][^\s'\",\]]*)?"
@@ -30,27 +30,27 @@ _SET = re.compile(
 )
 _FILE = ("file", "path", "dir")
 _SETTINGS = frozenset({".json", ".json5", ".yaml", ".yml", ".toml", ".ini", ".cfg", ".conf", ".config", ".xml"})
-"""Files that are copied with {endpoint} in them; a program is another one's to change."""
+"""Suffixes of settings files that are copied with {endpoint} in them; programs are never changed."""
 _OPTION = re.compile(r"--?([A-Za-z][\w-]*)(=.*)?", re.DOTALL)
 _OF_A_DESK = re.compile(
     "COLORFGBG|COLORTERM|COLUMNS|DISPLAY|EDITOR|HISTFILE|HISTSIZE|HOSTNAME|INVOCATION_ID|JOURNAL_STREAM|LINES|LOGNAME|"
     "LS_COLORS|MAIL|MANPAGER|NOTIFY_SOCKET|OLDPWD|PAGER|PPID|PROMPT_COMMAND|PS1|PWD|SHELL|SHLVL|STY|TERM|USER|USERNAME|"
     "VISUAL|WINDOWID|_|(BASH|DBUS|GNOME|KDE|LESS|PYTEST|RIOT|SSH|SUDO|TERM|TMUX|XDG)_.*"
 )
-"""Variables that say how somebody works at a machine."""
+"""Variables of an interactive session, such as of a shell or a desktop."""
 _MOST_VARIABLES, _LONGEST = 40, 2000
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessFacts:
-    """What is known of a process.
+    """Known facts about a process.
 
     Attributes:
         command: Program and arguments.
-        cwd: Its working folder.
-        program: Path of what is executed; empty if unknown.
-        environment: Its whole environment.
-        files: Texts that it was given as files, and that say where to connect, by path.
+        cwd: Working folder of the process.
+        program: Path of the executed program; empty if unknown.
+        environment: Whole environment of the process.
+        files: Texts of the files that it was given and that name an endpoint to connect to, by path.
     """
 
     pid: int
@@ -63,12 +63,12 @@ class ProcessFacts:
 
 @dataclass(frozen=True, slots=True)
 class CommandDraft:
-    """What riot.toml says of how a component is started.
+    """Draft of how a component is started, as for riot.toml.
 
     Attributes:
-        missing: What has to be filled in, in a line each.
-        pid: The process that it is taken from; 0 if there is none.
-        files: Texts of files that it names by `{file:NAME}`, by name.
+        missing: What the user has to fill in, one line each.
+        pid: Id of the process that the draft is taken from; 0 if there is none.
+        files: Texts of the files that the draft names by `{file:NAME}`, by name.
     """
 
     command: tuple[str, ...]
@@ -80,12 +80,12 @@ class CommandDraft:
 
     @property
     def can_start(self) -> bool:
-        """Whether nothing is missing without which it would not start, or connect elsewhere."""
+        """Whether nothing is missing that the component needs to start and to connect to riot."""
         return not any(MISSING in word for word in (*self.command, *self.env.values()))
 
 
 def unknown_command(why: str) -> CommandDraft:
-    """Return what stands for a command that nothing tells, and why."""
+    """Return the draft of an unknown command, with the reason why it is unknown."""
     return CommandDraft((MISSING,), missing=(f"its command, with {{endpoint}} where it is told to connect: {why}",))
 
 
@@ -98,15 +98,15 @@ def command_draft(
     python: str,
     taken: dict[str, str] | None = None,
 ) -> CommandDraft:
-    """Return how a process is started again so that it connects where riot says.
+    """Return a draft of the command that starts a process again so that it connects to riot's endpoint.
 
     Args:
-        process: It.
-        ports: Where the network that it belongs to listens.
-        endpoints: Likewise, as texts that stand for themselves, such as socket files.
-        ours: The environment that components get anyhow.
+        process: Facts about the process.
+        ports: Ports on which the network of the process listens.
+        endpoints: Endpoints without a port on which that network listens, such as socket files.
+        ours: Environment that components get in any case.
         python: Path of the Python that runs riot.
-        taken: Texts of files that others name already, by name; what this one names is added.
+        taken: Texts of files that other drafts name already, by name; those of this draft are added.
     """
     missing: list[str] = []
     files: dict[str, str] = {}
@@ -141,25 +141,25 @@ def command_draft(
 
 
 def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
-    """Return the lines of a text, from 1, that name one of these ports, and how."""
+    """Return the endpoints in a text that have one of these ports, each with its line number from 1."""
     found = ((number, each) for number, line in enumerate(text.splitlines(), 1) for each in _LOCATOR.finditer(line))
     return [(number, each[0]) for number, each in found if int(each[1]) in ports]
 
 
 def _holds_secret(text: str) -> bool:
-    """Return whether settings give something a value that may be secret."""
+    """Return whether settings contain a value that may be secret."""
     return redacted(text) != text or _SET.search(text) is not None
 
 
 def _template(path: str, text: str, taken: Mapping[str, str]) -> tuple[str, str]:
-    """Return a name for a copy of a file, which no other text has, and the text."""
+    """Return a name for a copy of a file that no other text has, and the text."""
     pure = PurePath(path)
     names = (f"{pure.stem}.riot{number or ''}{pure.suffix}" for number in range(len(taken) + 1))
     return next((name, text) for name in names if taken.get(name, text) == text)
 
 
 def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int]) -> str:
-    """Return why it is not known how the process is told where to connect."""
+    """Return what to fill in if it is unknown how the process gets its endpoint, and why it is unknown."""
     bare = next((word for word in words if any(word.endswith(f":{port}") for port in ports)), None)
     if process.files:
         path, text = next(iter(process.files.items()))
@@ -173,7 +173,7 @@ def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int
 
 
 def _without_secrets(command: Sequence[str], missing: list[str]) -> list[str]:
-    """Return a command with `FILL_IN` in place of what may be a secret; `missing` is told."""
+    """Return a command with `FILL_IN` in place of possible secrets, and add each of them to `missing`."""
     found, secret = [], ""
     for word in command:
         option = _OPTION.fullmatch(word)
@@ -197,7 +197,7 @@ def _without_secrets(command: Sequence[str], missing: list[str]) -> list[str]:
 def _environment(
     process: Mapping[str, str], ours: Mapping[str, str], put: Callable[[str], str]
 ) -> tuple[dict[str, str], list[str]]:
-    """Return the variables that a process has and others do not, and the names of those that may be secret."""
+    """Return the variables that are specific to a process, and the names of those left out as possible secrets."""
     env: dict[str, str] = {}
     hidden: list[str] = []
     for name, value in sorted(process.items()):

@@ -1,4 +1,4 @@
-"""Components in containers: the commands of podman, docker and their compose that start, find and remove one."""
+"""Components in containers: commands of podman, docker and compose that start, find and remove a container."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ __all__ = ["ENGINE_FAILED", "ContainerCommands", "container_commands", "engine_o
 ENGINE_FAILED = 125
 """Status of `run` when the engine, not the program, has failed."""
 _ENGINES = ("podman", "docker")
-"""Podman's containers are descendants of riot's own processes, so it comes first."""
+"""Engines in order of preference: podman comes first, as its containers are descendants of riot's own processes."""
 _ASKED_S = 30.0
 _REMOVE = '"$0" kill "$1"; "$0" rm -f "$1"; exit 0'
-"""Removing alone gives a container ten seconds to end with some engines; it may be gone already."""
+"""Kill before removal, since some engines give a removed container ten seconds to end; it may be gone already."""
 
 
 class ContainerCommands(NamedTuple):
-    """How a container is started and removed.
+    """Commands that start and remove a container.
 
     Attributes:
-        name: What it is called; no other one of this machine is.
-        run: Runs it to its end, with its output and status.
-        remove: Ends and removes it.
+        name: Name of the container, unique on this machine.
+        run: Command that runs it to its end, with its output and status.
+        remove: Command that ends and removes it.
     """
 
     name: str
@@ -42,10 +42,10 @@ class ContainerCommands(NamedTuple):
 
 
 def engine_of(container: Container) -> str:
-    """Return the program that runs containers: the one that riot.toml names, else the first that is there.
+    """Return the program that runs containers: the one that riot.toml names, else the first that is installed.
 
     Raises:
-        ConfigError: There is none.
+        ConfigError: No such program is installed.
     """
     if container.engine is not None:
         return container.engine
@@ -58,14 +58,14 @@ def engine_of(container: Container) -> str:
 def container_commands(
     container: Container, name: str, *, command: Sequence[str], env: Mapping[str, str], folder: Path
 ) -> ContainerCommands:
-    """Return how a container is started: in the network of this machine, with a process 1 that hands on signals.
+    """Return the commands of a container that uses this machine's network, with a process 1 that forwards signals.
 
     Args:
-        container: What riot.toml says of it, with placeholders filled in.
-        name: What it shall be called.
-        command: Replaces the image's own command; empty for that.
-        env: Variables that it gets besides those of its image.
-        folder: Folder of the trial, which it sees under the same path.
+        container: Settings of the container in riot.toml, with placeholders filled in.
+        name: Name that the container gets.
+        command: Command that replaces the image's own one; empty for the latter.
+        env: Variables that the container gets in addition to those of its image.
+        folder: Folder of the trial, visible in the container under the same path.
 
     Raises:
         ConfigError: There is no program that runs containers.
@@ -84,14 +84,14 @@ def container_commands(
 
 
 def _as_run(service: str, path: Path) -> str:
-    """Write what holds for a service when riot runs it, and return the path of that compose file."""
+    """Write a compose file with the settings of a service that riot runs, and return its path."""
     changed = {"network_mode": "host", "init": True}
     path.write_text(json.dumps({"services": {service: changed}}), encoding="utf-8")
     return str(path)
 
 
 def first_process(engine: str, name: str) -> int:
-    """Return the process of this machine that is process 1 of a container; 0 as long as there is none.
+    """Return the id on this machine of a container's process 1; 0 as long as there is none.
 
     Raises:
         EnvironmentFaultError: The engine does not answer.
@@ -101,11 +101,11 @@ def first_process(engine: str, name: str) -> int:
 
 
 def image_id(container: Container) -> str:
-    """Return the hash of a container's image: it stands for the code that runs in it.
+    """Return the hash of a container's image, which identifies the code that runs in the container.
 
     Raises:
         ConfigError: There is no program that runs containers.
-        EnvironmentFaultError: It does not answer, or has no such image.
+        EnvironmentFaultError: The program does not answer, or has no such image.
     """
     engine = engine_of(container)
     done = _ask(engine, "image", "inspect", "--format", "{{.Id}}", container.image)

@@ -1,4 +1,4 @@
-"""What all trials of one system share: its file, its types, its monitors."""
+"""The context that all trials of one system share: its file, its types and its monitors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Context", "invariants_of", "open_system"]
 
 _JUDGED = b"5"
-"""To be changed when the same trial may get another verdict or another signature than before."""
+"""Version of the judgement; change it when the same trial may get another verdict or signature than before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Context:
     """A system that is ready to be tested.
 
     Attributes:
-        hangs: What trials of this process have shown of hangs, by component; they add to it.
+        hangs: Known hangs by component; trials of this process add to them.
     """
 
     file: SystemFile
@@ -44,16 +44,16 @@ class Context:
 
     @property
     def watched(self) -> list[str]:
-        """Topics that the invariants of riot.toml look at."""
+        """Topics that the invariants of riot.toml observe."""
         return sorted({topic for monitor in self.file.invariants for topic in monitor.topics})
 
     def alone(self, unit: str) -> Context:
-        """Return the system as it is when a unit is tested alone, which may have a command of its own for that."""
+        """Return the context for testing a unit alone, for which the unit may have a separate command."""
         file = self.file.alone(unit)
         return self if file is self.file else replace(self, file=file)
 
     def monitors_of(self, name: str) -> tuple[Monitor, ...]:
-        """Return the monitors that can judge a component alone: all but those of what others publish."""
+        """Return the monitors that can judge a component alone: all except those of topics that only others publish."""
         own = self.file.components[name].outputs
 
         def is_elsewhere(monitor: Monitor) -> bool:
@@ -87,11 +87,11 @@ class Context:
         return [self.registry.key_expression(name) for name in names]
 
     def fingerprint(self) -> str:
-        """Return a hash of the system file, the system's code and how it is judged; answers hold as long as it does."""
+        """Return a hash of system file, code and judgement; stored outcomes are valid as long as it is the same."""
         return hashlib.sha256(json.dumps(self.parts()).encode()).hexdigest()[:16]
 
     def parts(self) -> dict[str, str]:
-        """Return the hashes that the fingerprint is made of: of `riot.toml`, and of each file of code by its path."""
+        """Return the hashes behind the fingerprint: of `riot.toml`, of each code file by its path, and of images."""
         judged = self.file.model_dump_json(exclude={"path"}).encode() + _JUDGED
         found, root = {"riot.toml": hashlib.sha256(judged).hexdigest()}, self.file.root.resolve()
         for path in source_files(self.file):
@@ -108,7 +108,7 @@ def open_system(path: Path) -> Context:
     """Read a system file and load the adapters and message types that it names.
 
     Raises:
-        ConfigError: Something in it is not usable; with place and suggestion.
+        ConfigError: Something in the file is not usable; the error has place and suggestion.
     """
     file = load_system(path)
     adapters = load_adapters(chosen_adapters(file.system.adapters))
@@ -120,7 +120,7 @@ def open_system(path: Path) -> Context:
         files.append(source)
     for program in file.programs:
         for parameter in (each for text in file.texts_of(program) for each in PARAMETER.findall(text)):
-            if parameter not in file.external.parameters:  # in a file: others are found when riot.toml is read
+            if parameter not in file.external.parameters:  # only in files: riot.toml itself was checked when read
                 hint = did_you_mean(parameter, file.external.parameters)
                 where = f"{file.path}: {', '.join(program.files)}"
                 raise ConfigError(f"'{{param:{parameter}}}' is not described", where=where, hint=hint)
@@ -129,7 +129,7 @@ def open_system(path: Path) -> Context:
 
 
 def invariants_of(path: Path) -> list[Invariant]:
-    """Return the `[[monitors]]` of a system file, for those who watch without a trial; raises as `load_system`."""
+    """Return the `[[monitors]]` of a system file, for monitoring without a trial; raises as `load_system` does."""
     if not path.exists():
         hint = "write [[monitors]] into a file such as examples/rover/riot.toml"
         raise ConfigError("there is no such system file", where=str(path), hint=hint)

@@ -16,17 +16,17 @@ __all__ = ["free_domains"]
 
 _DOMAINS = range(1, 101)
 _LOCK_PORT = 32_768
-"""A domain is taken by whoever holds this port plus its number: so do ROS's domain_coordinator and colcon's."""
+"""A domain is taken by binding this port plus its number, as ROS's domain_coordinator and colcon's do."""
 _DDS_PORT, _PORTS_OF_DOMAIN = 7400, 250
-"""Where participants of a domain listen for each other."""
+"""First port, and distance between domains, of the ports on which participants discover each other."""
 
 
 @contextmanager
 def free_domains(count: int) -> Iterator[list[int]]:
-    """Take domains that no other tests and no participants on this machine use, until the end.
+    """Reserve domains that no other tests and no participants on this machine use, until the context ends.
 
     Raises:
-        EnvironmentFaultError: There are not as many.
+        EnvironmentFaultError: Fewer domains than that are free.
     """
     with ExitStack() as stack:
         found: list[int] = []

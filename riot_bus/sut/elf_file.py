@@ -1,8 +1,8 @@
-"""What a native stack needs of an ELF file: names of functions, and how to come from a function to its caller.
+"""ELF files, as far as native stacks need them: names of functions, and unwinding from a function to its caller.
 
-The latter is call frame information (`.eh_frame`, as in the DWARF standard and the Linux Standard Base), which
-compilers write for exceptions whether there are frame pointers or not. Only the standard library is used, as this runs
-in the supervisor.
+Unwinding uses call frame information (`.eh_frame`, as in the DWARF standard and the Linux Standard Base), which
+compilers write for exceptions with or without frame pointers. Only the standard library is used, as this runs in the
+supervisor.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ _FUNCTIONS = (2, 10)  # STT_FUNC, STT_GNU_IFUNC
 _SEARCH_TABLE = b"\x01\x1b\x03\x3b"  # version 1; what all linkers write
 _KINDS = {0: "Q", 2: "H", 3: "I", 4: "Q", 10: "h", 11: "i", 12: "q"}
 _CLONE = re.compile(r"(\.(cold|part|isra|constprop|lto_priv|llvm)(\.\d+)*)+$|17h[0-9a-f]{16}(?=E$)")
-"""What compilers add to names of parts and copies of functions, and Rust to all, and what a rebuild changes."""
+"""Suffixes that compilers add to names of parts and copies of functions, and the hash that Rust adds to all names."""
 
 
 class CallFrame(NamedTuple):
-    """How to come from a place in a function to its caller.
+    """How to unwind from a place in a function to its caller.
 
     Attributes:
-        begin: Where the function, or this part of it, begins.
-        register: Register that with `offset` gives the caller's stack pointer.
-        saved: Where registers are saved, relative to that; None for those that the caller has no more.
-        return_register: The one that the return address is in, or saved as.
-        signal: Whether it is where signal handlers return to; then registers are not told.
+        begin: Address at which the function, or this part of it, begins.
+        register: Register whose value plus `offset` is the caller's stack pointer.
+        saved: Offsets of saved registers from that stack pointer; None for registers whose value is lost.
+        return_register: Number of the register that holds the return address, or as which it is saved.
+        signal: Whether signal handlers return to this place; then there is no information about registers.
     """
 
     begin: int
@@ -81,11 +81,11 @@ class _Reader:
 
 @dataclass(slots=True)
 class _Rows:
-    """Carries out call frame instructions up to a place in a function.
+    """Executes call frame instructions up to a place in a function.
 
     Attributes:
-        cfa: Register and offset of the frame's address; None if that is an expression.
-        saved: Where registers are saved, from there; None for those that the caller has no more.
+        cfa: Register and offset of the canonical frame address; None if that is an expression.
+        saved: Offsets of saved registers from that address; None for registers whose value is lost.
     """
 
     code: int
@@ -118,16 +118,16 @@ class _Rows:
 
     def _extended(self, operation: int, reader: _Reader) -> None:
         match operation:
-            case 0x02 | 0x03 | 0x04:  # further on
+            case 0x02 | 0x03 | 0x04:  # advance the location
                 self.left -= reader.number("BHI"[operation - 2]) * self.code
             case 0x05 | 0x11:  # a register is saved
                 register = reader.unsigned()
                 self.saved[register] = (reader.signed() if operation == 0x11 else reader.unsigned()) * self.data
             case 0x06:
                 self._restore(reader.unsigned())
-            case 0x07:  # has no value in the caller
+            case 0x07:  # a register's value in the caller is lost
                 self.saved[reader.unsigned()] = None
-            case 0x08:  # has the same
+            case 0x08:  # a register has the same value in the caller
                 self.saved.pop(reader.unsigned(), None)
             case 0x0A:
                 self.kept.append((self.cfa, dict(self.saved)))
@@ -156,11 +156,11 @@ class _Rows:
 
 
 class ElfFile:
-    """What is needed of a 64-bit little-endian ELF file.
+    """A 64-bit little-endian ELF file, as far as native stacks need it.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is no such file.
+        OSError: The file cannot be read.
+        ValueError: It is not a file of this format.
     """
 
     def __init__(self, path: str) -> None:
@@ -180,7 +180,7 @@ class ElfFile:
             return os.pread(stream.fileno(), min(size, _LARGEST_TABLE), offset)
 
     def address(self, offset: int) -> int:
-        """Return the address, as in the file, of a position in it."""
+        """Return the address in the file's address space of a position in the file."""
         for kind, begin, address, size in self._segments:
             if kind == _PT_LOAD and begin <= offset < begin + size:
                 return offset - begin + address
@@ -193,7 +193,7 @@ class ElfFile:
         raise ValueError(f"nothing is loaded at address {address}")
 
     def _record(self, address: int) -> _Reader:
-        """Return a record of call frame information, behind its length."""
+        """Return a record of call frame information, positioned after its length."""
         return _Reader(self._loaded(address, 4 + struct.unpack("<I", self._loaded(address, 4))[0]), 4)
 
     def tables(self, kind: int) -> list[tuple[bytes, bytes]]:
@@ -209,7 +209,7 @@ class ElfFile:
 
     @cached_property
     def _functions(self) -> list[tuple[int, int, str]]:
-        """Begin, size and name of all functions, ordered."""
+        """Start address, size and name of all functions, sorted."""
         found = []
         for table, names in self.tables(_SHT_SYMTAB) or self.tables(SHT_DYNSYM):
             for name, info, _, section, value, size in struct.iter_unpack("<IBBHQQ", table):
@@ -218,7 +218,7 @@ class ElfFile:
         return sorted(found)
 
     def function(self, address: int) -> str:
-        """Return the name of the function at an address, else the offset at which it begins."""
+        """Return the name of the function at an address, or `+` and its start address if it has no name."""
         at = bisect_right(self._functions, (address, 1 << 64, ""))
         for begin, size, name in reversed(self._functions[max(0, at - 8) : at]):
             if begin <= address < begin + max(size, 1):
@@ -228,7 +228,7 @@ class ElfFile:
 
     @cached_property
     def _search_table(self) -> tuple[int, array[int], array[int]]:
-        """Address of the table of call frame information; where functions begin and their entries, relative to it."""
+        """Address of the table of call frame information, and relative addresses of functions and their entries."""
         numbers = array("i")
         for kind, offset, address, size in self._segments:
             if kind == _PT_EH_FRAME:
@@ -239,7 +239,7 @@ class ElfFile:
         return 0, numbers, numbers
 
     def call_frame(self, address: int) -> CallFrame | None:
-        """Return how to come to the caller from an address; None where that is not known."""
+        """Return how to unwind from an address to the caller; None if that is not known."""
         base, begins, entries = self._search_table
         at = bisect_right(begins, address - base) - 1
         if at < 0:

@@ -1,4 +1,4 @@
-"""What is kept of a failing trial for whoever has to mend it: what was printed, stacks, outputs, resources."""
+"""Evidence of a failing trial, kept for debugging: printed text, stacks, outputs and resources."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ DEBUGGER = (
     *("-ex", "set confirm off", "-ex", "handle all nostop noprint pass", "-ex", f"handle {_FATAL} stop print"),
     *("-ex", "run", "-ex", "echo \\nriot: backtrace\\n", "-ex", "backtrace 60", "--args"),
 )
-"""A command before that of a component, which prints the native stack where a signal ends it."""
+"""Prefix of a component's command that prints the native stack when a signal ends the component."""
 
 
 def write_evidence(
     folder: Path, view: TrialView, violations: Sequence[Violation], *, context: Context
 ) -> dict[str, int]:
-    """Write what a trial has left into files of a folder, each bounded in size.
+    """Write the evidence of a trial into files of a folder, each bounded in size.
 
     Returns:
         The size of each file in bytes, by name.
@@ -65,7 +65,7 @@ def write_evidence(
 
 
 def _surroundings(context: Context, names: Sequence[str]) -> dict[str, object]:
-    """Return what was the same each time: variables of each component, and addresses."""
+    """Return the fixed surroundings of the trial: variables of each component, and whether addresses are fixed."""
     if context.file.system.surroundings != "fixed":
         return {"surroundings": "as they are", "addresses": "random"}
     own = {name: context.file.components[name].env for name in names}
@@ -75,12 +75,12 @@ def _surroundings(context: Context, names: Sequence[str]) -> dict[str, object]:
 
 
 def _started(component: Component) -> list[str]:
-    """Return what is executed, a container's image before it."""
+    """Return the command of a component, preceded by the image of its container, if any."""
     return [*([component.container.image] if component.container else []), *component.command]
 
 
 def _write_outputs(path: Path, outputs: Sequence[Message], context: Context) -> None:
-    """Write the last outputs that fit into the bound."""
+    """Write the last outputs that fit into the size limit."""
     size, first = 0, len(outputs)
     while first and size + len(outputs[first - 1].payload) <= _MOST_OUTPUT:
         first -= 1
@@ -92,10 +92,10 @@ def _write_outputs(path: Path, outputs: Sequence[Message], context: Context) -> 
 
 
 def has_debugger() -> bool:
-    """Return whether native stacks can be had."""
+    """Return whether the debugger that prints native stacks is installed."""
     return shutil.which(DEBUGGER[0]) is not None
 
 
 def native_backtrace(printed: str) -> str:
-    """Return the native stacks in what a component has printed behind `DEBUGGER`; empty if there are none."""
+    """Return the native stacks in the output of a component run by `DEBUGGER`; empty if there are none."""
     return printed.partition("riot: backtrace\n")[2].strip()[-_MOST_TEXT:]

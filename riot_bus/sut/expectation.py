@@ -1,4 +1,4 @@
-"""Plays logs and compares what the network answers with what it is expected to answer.
+"""Playback of logs with a comparison of the network's answers to the expected ones.
 
 The answers are on the topics of the expected log that are not played.
 """
@@ -34,20 +34,20 @@ __all__ = ["Expectation", "play_expecting"]
 
 _TICK_S = 0.05
 _MORE_S, _QUIET_S = 0.25, 2.0
-"""How long nothing more comes when all answers have come, and when some have not."""
+"""Seconds without new messages that end the wait, if all answers have come, and if some have not."""
 _MOST_KEYS = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expectation:
-    """What a network is to answer.
+    """Expected answers of a network.
 
     Attributes:
-        log: A log that holds it.
+        log: Path of a log with the expected answers.
         topics: Names or key expressions of the answers; empty for all topics of the log that are not played.
         wishes: What counts as a difference.
-        wait: Most seconds that answers are waited for when all is played.
-        answers: Where to keep what comes; None for nowhere.
+        wait: Longest time to wait for answers after the playback, in seconds.
+        answers: Path of the log in which to keep the answers; None to drop them.
     """
 
     log: Path
@@ -66,18 +66,18 @@ def play_expecting(
     console: AbstractContextManager[Console] | None = None,
     as_json: bool = False,
 ) -> LogDifference | None:
-    """Play logs, record what comes, and compare that with what is expected.
+    """Play logs, record the answers, and compare them with the expected ones.
 
     Args:
-        options: Logs, and how they are played.
-        expectation: What is to come.
-        say: Prints a line of the result.
-        warn: Prints a line of diagnostics.
-        console: Shows progress and takes keys while it plays; None if there is no terminal.
-        as_json: Say it as lines of JSON.
+        options: Logs and settings of the playback.
+        expectation: Expected answers.
+        say: Function that prints a line of the result.
+        warn: Function that prints a line of diagnostics.
+        console: Console that shows progress and takes keys during playback; None if there is no terminal.
+        as_json: Whether to print the result as lines of JSON.
 
     Returns:
-        How the answers differ from those that were expected; None if the play was interrupted.
+        How the answers differ from the expected ones; None if the playback was interrupted.
 
     Raises:
         ConfigError: An option or a log is not usable, or no answer is expected.
@@ -132,7 +132,7 @@ def play_expecting(
 
 
 def _played(options: PlayOptions) -> set[str]:
-    """Return the names and keys of what is played, also those that it was recorded under."""
+    """Return the names and keys of the played topics, including those under which they were recorded."""
     plan = PlaybackPlan(options)
     cast = plan.cast
     plan.close()
@@ -141,7 +141,7 @@ def _played(options: PlayOptions) -> set[str]:
 
 
 def _await(service: CaptureService, counts: Mapping[str, int], most: float) -> None:
-    """Return when all answers have come and no more come, when it is quiet, or when the time is over."""
+    """Wait until all answers have come and no more come, or nothing comes for longer, or the time is over."""
     deadline = time.monotonic() + most
     last, seen = time.monotonic(), -1
     while (now := time.monotonic()) < deadline:

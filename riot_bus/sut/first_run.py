@@ -1,4 +1,4 @@
-"""Starts components once, each on a segment of its own, to see which of them work, and what each reads and writes."""
+"""A first start of components, each on a separate segment, to see which of them work, and what they read and write."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26
 
 @dataclass(frozen=True, slots=True)
 class FirstRun:
-    """What components did when they were started.
+    """Behaviour of components when they were started.
 
     Attributes:
-        reads: Keys that each has subscribed to, of those that were asked for and those that were published.
-        writes: Keys that each has published on.
-        failed: Why a component does not work, by its name.
-        topics: What their messages tell of topics, by key.
+        reads: By component, the keys that it has subscribed to, out of those asked for and those published.
+        writes: By component, the keys that it has published on.
+        failed: By component, the reason why it does not work.
+        topics: By key, what the messages reveal about the topic.
     """
 
     reads: Mapping[str, Collection[str]] = field(default_factory=dict)
@@ -66,13 +66,13 @@ class _Tap:
 
 
 def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
-    """Start components and watch them; what they publish gets to each other, and nowhere else.
+    """Start components and watch them; their messages reach each other and nobody else.
 
     Args:
         context: The system.
-        names: The components.
-        keys: What else they may have subscribed to.
-        seconds: How long to watch, from the time on when all have connected.
+        names: Names of the components.
+        keys: Further keys that they may have subscribed to.
+        seconds: Time to watch them after all have connected, in seconds.
     """
     failed: dict[str, str] = {}
     tap = _Tap()
@@ -105,8 +105,8 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
     """Return facts about a system, completed by what its components did when started; a pure function.
 
     Args:
-        facts: What was known before.
-        run: What the components did.
+        facts: Facts that were known before.
+        run: Behaviour of the components.
         sessions: Name of the component by the id of its session.
     """
     first = {name: zid for zid, name in reversed(list(sessions.items()))}
@@ -136,7 +136,7 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
 
 
 def _not_connected(stage: TrialSetup) -> dict[str, str]:
-    """Wait until all have connected or ended; return the others, and how long they were waited for."""
+    """Wait until all have connected, ended or timed out; return those that have not connected, and why."""
     waiting = set(stage.processes)
     begin, components = time.monotonic(), stage.context.file.components
     failed = {}

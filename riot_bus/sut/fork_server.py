@@ -1,13 +1,13 @@
-"""A Python process that has imported what a component imports, and forks the component instead of starting it anew.
+"""A fork server: a Python process that imports a component's modules once, and forks the component for each start.
 
-The supervisor runs this file as a script, with the component's own interpreter and standard library only, and talks to
-it by JSON lines over a socket on file descriptor 0. The first line names the modules to import. Each further line is
-one start; the answer is the number of the new process. That process is forked twice, so the supervisor becomes its
-parent and is told of its end as of any other's. It runs the script or module as the interpreter itself would.
+The supervisor runs this file as a script, with the component's own interpreter and standard library only, and sends
+JSON lines over a socket on file descriptor 0. The first line names the modules to import. Each further line is one
+start; the answer is the id of the new process. That process is forked twice, so the supervisor becomes its parent and
+is notified of its end as of any other's. It runs the script or module as the interpreter itself would.
 
-Only modules of the standard library, of installed packages and of riot are imported beforehand: what belongs to the
-component is imported by each process anew. Where that would make a difference, nothing is forked, and the answer says
-why.
+Only modules of the standard library, of installed packages and of riot are imported beforehand; each process imports
+the component's own modules anew. If importing beforehand would make a difference, nothing is forked, and the answer
+says why.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ PR_SET_PDEATHSIG = 1
 INSTALLED = ("site-packages", "dist-packages")
 compiled: dict[str, tuple[tuple[int, int, int], types.CodeType]] = {}
 RIOT = "riot_bus"
-"""Bridges run riot and its adapters, which are no code under test, also where they are installed to be edited."""
-FIRST = frozenset({"gevent", "eventlet"})  # they replace parts of the standard library before others import these
+"""Package of riot, which bridges run with its adapters: never code under test, even in an editable installation."""
+FIRST = frozenset({"gevent", "eventlet"})  # they patch parts of the standard library before others import these
 
 
 def load(names: Iterable[str], own: str) -> str:
-    """Import modules that are installed; return why nothing can be forked after it, empty if all is well.
+    """Import the installed ones of some modules; return why nothing can be forked then, empty if it can.
 
     Args:
         names: Modules that the component imports, in their order.
@@ -53,14 +53,14 @@ def load(names: Iterable[str], own: str) -> str:
     if hidden := [name for name in sys.modules if name != "__main__" and is_own(name, own)]:
         return f"it has modules of its own called {', '.join(hidden)}"
     for name in wanted:
-        with suppress(BaseException):  # whatever a component survives; it sees the same when it imports it itself
+        with suppress(BaseException):  # the component gets the same error when it imports the module
             importlib.import_module(name)
     threads = len(os.listdir("/proc/self/task"))
     return "" if threads == 1 else f"its imports start {threads - 1} threads"
 
 
 def is_own(top: str, own: str) -> bool:
-    """Return whether a module of the component stands in the way of any other of its name."""
+    """Return whether the component has a module of this name, which hides any other."""
     return os.path.exists(os.path.join(own, f"{top}.py")) or os.path.isdir(os.path.join(own, top))
 
 
@@ -79,7 +79,7 @@ def is_installed(top: str, own: str) -> bool:
 
 
 def program(path: str) -> types.CodeType:
-    """Return the code of a script; what has been compiled is kept as long as the file stays as it is."""
+    """Return the compiled code of a script, which is cached until the file changes."""
     with io.open_code(path) as stream:
         told = os.fstat(stream.fileno())
         state = (told.st_ino, told.st_size, told.st_mtime_ns)
@@ -116,7 +116,7 @@ def serve(lines: BinaryIO, link: socket.socket) -> dict[str, Any] | None:
 
 
 def become(request: dict[str, Any]) -> None:
-    """Take on what a started process would have: session, signals, files, folder, environment, arguments."""
+    """Set up what a newly started process would have: session, signals, files, folder, environment, arguments."""
     os.setsid()
     while os.getppid() == request["between"]:  # it is ending
         os.sched_yield()
@@ -147,7 +147,7 @@ def run(module: str | None, words: list[str]) -> None:
 
     Args:
         module: Name of the module, None for a script.
-        words: What follows it on the command line, a script's name included.
+        words: Further words of the command line, including the name of a script.
     """
     safe = bool(getattr(sys.flags, "safe_path", False))
     main = sys.modules["__main__"] = types.ModuleType("__main__")
@@ -166,7 +166,7 @@ def run(module: str | None, words: list[str]) -> None:
 
 
 def run_as_main(request: dict[str, Any]) -> None:
-    """Run the component; what it raises is printed as the interpreter would, without the frames of this file."""
+    """Run the component; print its exceptions as the interpreter would, without the frames of this file."""
     try:
         run(request["module"], request["words"])
     except (SystemExit, KeyboardInterrupt):
@@ -188,7 +188,7 @@ def main() -> None:
         first = json.loads(lines.readline())
         why = load(first["modules"], first["own"])
         gc.collect()
-        gc.freeze()  # what forked processes share stays shared
+        gc.freeze()  # keeps the memory of forked processes shared
         link.sendall(json.dumps({"cannot": why}).encode() + b"\n")
         request = None if why else serve(lines, link)
     if request is not None:

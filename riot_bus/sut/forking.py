@@ -1,4 +1,4 @@
-"""Which components can be forked from a server that has imported what they import, and what that server needs."""
+"""Which components can be forked from a fork server that has imported their modules, and what the server needs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _READ_AT_START = ("PYTHON", "LD_")
 _OF_A_TRIAL = "RIOT_TRIAL_"
 _WORD = re.compile(r"\w+")
 _BEGINNING = 2048
-"""Bytes of a script that are looked at: what pip and setuptools write for an installed program is shorter."""
+"""Bytes of a script that are read: the scripts that pip and setuptools write for installed programs are shorter."""
 _NO_PYTHON = "its command is no Python script or module"
 
 
@@ -33,8 +33,8 @@ class Fork(NamedTuple):
         env: Environment of the server: that of the component without what differs from trial to trial.
         modules: Modules that the component imports, in their order.
         own: Folder in which the component looks for modules first.
-        module: Module that it runs, None for a script.
-        words: What follows on its command line, a script's name included.
+        module: Module that the component runs, None for a script.
+        words: Further words of its command line, including the name of a script.
     """
 
     interpreter: Sequence[str]
@@ -48,14 +48,14 @@ class Fork(NamedTuple):
 def fork_of(
     argv: Sequence[str], *, env: Mapping[str, str], varying: Set[str], cwd: Path, modules: Sequence[str]
 ) -> Fork | str:
-    """Return how a component is forked, or why it is not; nothing of that is known before its imports are.
+    """Return how a component is forked, or why it is not; an empty string as long as its imports are unknown.
 
     Args:
-        argv: Its command: a Python interpreter with a script or module, or a script that names its interpreter.
-        env: Its environment.
+        argv: Command of the component: a Python interpreter with a script or module, or a script with a `#!` line.
+        env: Environment of the component.
         varying: Variables that differ from trial to trial.
-        cwd: Its working folder.
-        modules: Modules that it imports, as an earlier trial has shown; nothing is forked without.
+        cwd: Working folder of the component.
+        modules: Modules that it imported in an earlier trial; empty if unknown.
     """
     if not modules or not argv:
         return ""
@@ -78,14 +78,14 @@ def fork_of(
         text = _beginning(script)
         if not text or b"\0" in text:  # a folder, an archive, or compiled
             return _NO_PYTHON
-        if len(text) < _BEGINNING:  # what an installed program names is its own, and imported by each process anew
+        if len(text) < _BEGINNING:  # an installed program names its own package, which each process imports anew
             named = set(_WORD.findall(text.decode(errors="replace").replace("-", "_")))
             modules = [name for name in modules if name.partition(".")[0] not in named]
     return Fork(interpreter, env, modules, os.path.dirname(script), None, rest)
 
 
 def _interpreted(argv: Sequence[str], env: Mapping[str, str], cwd: Path) -> Sequence[str]:
-    """Return what the kernel executes for a script that names its interpreter, the command itself for anything else."""
+    """Return the command that the kernel executes for a script with a `#!` line; any other command is unchanged."""
     path = argv[0] if os.sep in argv[0] else shutil.which(argv[0], path=env.get("PATH")) or argv[0]
     line, end, _ = _beginning(cwd / path).partition(b"\n")
     if not (line.startswith(b"#!") and end and os.access(cwd / path, os.X_OK)):

@@ -1,4 +1,4 @@
-"""Watches a unit that is waited for: whether it hangs as it did before (see `hangs`)."""
+"""Early detection of known hangs while riot waits for a unit (see `hangs`)."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ if TYPE_CHECKING:
 __all__ = ["Watch"]
 
 _STEP, _LOOKS = 0.25, 3
-"""Seconds between two looks, and how many have to agree. A look interrupts the unit for some milliseconds."""
+"""Seconds between two looks at the stacks, and the number of looks that have to agree. A look takes some milliseconds
+of the unit's time."""
 
 
 class Watch:
-    """Tells, asked again and again while a unit is waited for, whether it hangs as it did before.
+    """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang.
 
     Args:
-        hangs: What is known of the unit.
-        stage: The stage that it runs on.
-        name: Its component.
-        baseline: What it does in nominal trials.
-        timeout: Seconds after which it hangs in any case.
+        hangs: Known hangs of the unit.
+        stage: Stage that the unit runs on.
+        name: Name of its component.
+        baseline: Behaviour of the unit in nominal trials.
+        timeout: Seconds after which the unit counts as hanging in any case.
 
     Attributes:
-        known: Whether it hangs as it did before.
-        longest: For how many seconds it was busy without an output before it went on.
-        taken_for: The known hang that it was taken for before it went on.
+        known: Whether the unit is in a known hang.
+        longest: Longest time that the unit was busy without an output before it continued, in seconds.
+        taken_for: Known hang for which the unit was mistaken before it continued.
     """
 
     def __init__(self, hangs: Hangs, stage: TrialSetup, name: str, baseline: Baseline, *, timeout: float) -> None:
@@ -55,12 +56,12 @@ class Watch:
         self._looks: list[Sequence[ThreadStack]] = []
 
     def went_on(self) -> None:
-        """Note that the unit has gone on."""
+        """Note that the unit has continued."""
         self.longest, self.taken_for = max(self.longest, self._busy), self._stands or self.taken_for
         self._restart()
 
     def __call__(self) -> bool:
-        """Return whether it hangs."""
+        """Return whether the unit is in a known hang."""
         now = time.monotonic()
         if self.known or now < self._next:
             return self.known

@@ -1,10 +1,10 @@
-"""Hangs of a unit that were waited for to the end: where it stands so again, the same is told much sooner.
+"""Known hangs of a unit, by their stacks, so that the same hang is detected much sooner than by the timeout.
 
-A unit that still works and one that never ends look alike for as long as nobody waits. So a hang is waited for until
-`settle.timeout` at first. From then on the same is told of a unit that is busy, has the very same stacks at several
-looks and publishes nothing, for three times as long as it was ever seen so before it went on: slow units get more time.
-Now and then such a hang is waited for to the end nevertheless, and if the unit goes on, it is no longer known. Workers
-tell each other, and later commands, what is known.
+Only time tells a unit that still works from one that never ends. So the first hang is waited for until
+`settle.timeout`. From then on, a unit hangs if it is busy, has the same stacks at several looks and publishes nothing
+for three times as long as it was ever seen busy before it continued: slow units get more time. Now and then, riot waits
+for a known hang to the timeout nevertheless, and forgets it if the unit continues. Workers share what is known with
+each other and with later commands.
 """
 
 from __future__ import annotations
@@ -21,43 +21,43 @@ if TYPE_CHECKING:
 __all__ = ["HangStacks", "Hangs", "KnownHangs", "hang_stacks"]
 
 HangStacks: TypeAlias = frozenset[tuple[str, ...]]
-"""The stacks of the threads that stand where none does at rest; empty of a program that is not Python."""
+"""Stacks of the threads that stand where no thread stands at rest; empty for a program that is not Python."""
 
 _PATIENCE, _TIMES = 0.75, 3.0
 _BLIND = 0.3
-"""Of the timeout: least patience where no stacks tell a hang from work."""
+"""Least patience if there are no stacks that tell a hang from work, as a share of the timeout."""
 _SHARE = 0.1
-"""Of the time of all trials: beyond it, no known hang is waited for to the end."""
+"""Largest share of the time of all trials that may be spent on waiting for known hangs to the timeout."""
 
 
 def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
-    """Return where a unit hangs.
+    """Return the stacks that identify a hang.
 
     Args:
-        stacks: Where its threads stand.
-        blocked: Functions in which threads stand that stand elsewhere at rest.
+        stacks: Stacks of the unit's threads.
+        blocked: Functions in which threads stand, but no thread stands at rest.
     """
     return frozenset(stack.functions for stack in stacks if stack.functions[0] in blocked)
 
 
 @dataclass(frozen=True, slots=True)
 class KnownHangs:
-    """What trials of one unit have shown of its hangs, as other processes are told.
+    """Known hangs of one unit, in the form in which processes exchange them.
 
     Attributes:
-        places: Stacks of each known hang, as of `HangStacks`, sorted.
-        longest: For how many seconds the unit was busy without an output before it went on, at most.
+        places: Stacks of each known hang (see `HangStacks`), sorted.
+        longest: Longest time that the unit was busy without an output before it continued, in seconds.
     """
 
     places: tuple[tuple[tuple[str, ...], ...], ...] = ()
     longest: float = 0.0
 
     def changed(self, told: KnownHangs, found: KnownHangs) -> KnownHangs:
-        """Return it with what a process has added, and without what it has taken away.
+        """Return the known hangs with those that a process has added, and without those that it has removed.
 
         Args:
-            told: What the process was told.
-            found: What it tells now.
+            told: Known hangs that the process was given.
+            found: Known hangs that the process returned.
         """
         gone = set(told.places) - set(found.places)
         places = {*self.places, *found.places} - gone
@@ -65,7 +65,7 @@ class KnownHangs:
 
 
 class Hangs:
-    """What trials of one unit have shown of its hangs. Usable from several threads."""
+    """Known hangs of one unit; usable from several threads."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -76,44 +76,44 @@ class Hangs:
         return bool(self._known)
 
     def know(self, told: KnownHangs) -> None:
-        """Go on with what trials of other processes have shown, too; they are told what those of this one have."""
+        """Replace the known hangs by those of all processes, which include the ones that this process reported."""
         with self._lock:
             self._known = set(map(frozenset, told.places))
             self._longest = max(self._longest, told.longest)
 
     def tell(self) -> KnownHangs:
-        """Return what is known by now."""
+        """Return the hangs that are known now."""
         with self._lock:
             return KnownHangs(tuple(sorted(tuple(sorted(place)) for place in self._known)), self._longest)
 
     def is_known(self, place: HangStacks, *, busy: float, timeout: float) -> bool:
-        """Return whether a unit hangs as it did before.
+        """Return whether a unit is in a known hang.
 
         Args:
-            place: Where it stands.
-            busy: For how many seconds it has been busy without an output.
-            timeout: Those after which it hangs in any case.
+            place: Stacks that identify the hang.
+            busy: Time that the unit has been busy without an output, in seconds.
+            timeout: Seconds after which the unit counts as hanging in any case.
         """
         patience = max(_PATIENCE if place else _BLIND * timeout, _TIMES * self._longest)
         return place in self._known and busy >= patience
 
     def may_wait(self, timeout: float) -> bool:
-        """Return whether hangs took so little time up to now that a known one can be waited for to the end."""
+        """Return whether hangs took so little time so far that riot can wait for a known one to the timeout."""
         return self._waited + timeout <= _SHARE * self._trials
 
     def add(self, place: HangStacks, *, waited: float) -> None:
-        """Take in a hang that was waited for to the end, for so many seconds."""
+        """Add a hang that was waited for to the timeout, for `waited` seconds."""
         with self._lock:
             self._waited += waited
             self._known.add(place)
 
     def ended(self, seconds: float, *, busy: float = 0.0, taken_for: HangStacks | None = None) -> None:
-        """Take in the end of a trial.
+        """Note the end of a trial.
 
         Args:
-            seconds: How long it took.
-            busy: For how many seconds the unit was busy without an output before it went on; 0 where it hung.
-            taken_for: The known hang that it was taken for before it went on.
+            seconds: Duration of the trial in seconds.
+            busy: Longest time that the unit was busy without an output before it continued, in seconds; 0 if it hung.
+            taken_for: Known hang for which the unit was mistaken before it continued.
         """
         with self._lock:
             self._trials += seconds

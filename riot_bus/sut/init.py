@@ -34,18 +34,18 @@ def init_ros2(
 
     Args:
         path: Path of the system file.
-        endpoint: Where the router listens.
-        seconds: How long to look.
-        unit: Node to test.
+        endpoint: Endpoint of the router.
+        seconds: Time to look, in seconds.
+        unit: Name of the node to test.
         external: Nodes that play the outside world.
-        cfg: `KEY=VALUE`, further Zenoh settings.
-        force: Whether a file that is there is replaced.
+        cfg: Further Zenoh settings, each `KEY=VALUE`.
+        force: Whether to replace an existing file.
 
     Returns:
-        What was seen and written, as JSON's kinds of values.
+        What was seen and written, as JSON values.
 
     Raises:
-        ConfigError: The file is there already, or a node was named that was not seen.
+        ConfigError: The file exists already, or a named node was not seen.
         EnvironmentFaultError: Nobody answers, or no nodes were seen.
     """
     from riot_bus.control.component import client_cfg
@@ -85,17 +85,17 @@ def init_links(
     Args:
         path: Path of the system file.
         adapter: Name of the adapter.
-        links: As it takes them.
-        seconds: How long to listen.
-        unit: What to test, as the adapter names it.
-        force: Whether a file that is there is replaced.
-        warn: Called with a line about what does not work.
+        links: Links in the notation of the adapter.
+        seconds: Time to listen, in seconds.
+        unit: Name of the unit to test, as the adapter names it.
+        force: Whether to replace an existing file.
+        warn: Function called with a line about what does not work.
 
     Returns:
         What was heard and written.
 
     Raises:
-        ConfigError: The file is there already, the adapter hears nothing on links, or a link or the unit is wrong.
+        ConfigError: The file exists already, the adapter cannot listen to links, or a link or the unit is wrong.
         EnvironmentFaultError: A link cannot be opened, or nothing was heard.
     """
     (loaded,) = load_adapters([adapter])
@@ -109,7 +109,7 @@ def init_links(
 
 
 def check_path(path: Path, *, force: bool) -> None:
-    """Raise ConfigError if a system file is there that is not to be replaced."""
+    """Raise ConfigError if the system file exists, unless `force`."""
     if path.exists() and not force:
         raise _there(path)
 
@@ -119,11 +119,11 @@ def write_system(path: Path, text: str, *, force: bool) -> None:
 
     Args:
         path: Path of the system file.
-        text: What; it is a valid one.
-        force: Whether a file that is there is replaced.
+        text: Text of a valid system file.
+        force: Whether to replace an existing file.
 
     Raises:
-        ConfigError: The file is there already, or cannot be written.
+        ConfigError: The file exists already, or cannot be written.
     """
     SystemFile.model_validate({**tomllib.loads(text), "path": path.resolve()})
     try:

@@ -1,4 +1,4 @@
-"""What units do in nominal trials, and their hangs, kept in the output folder: no later command measures it anew."""
+"""Baselines and known hangs of units, kept in the output folder so that later commands need not measure them again."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ __all__ = ["KeptBaselines"]
 _HANGS: TypeAdapter[tuple[str, KnownHangs]] = TypeAdapter(tuple[str, KnownHangs])
 _LOG = logging.getLogger(__name__)
 _MEASURED = 3
-"""Which way of measuring them is kept: raised when that changes, so that those of before are measured anew."""
+"""Version of the measurement; increase it when the measurement changes, so that old baselines are measured again."""
 _MOST = 16 << 20
-"""Bytes of a file that are read: a rule of each number of each answer to a probe takes 100 or so."""
+"""Largest size of a file in bytes: a rule for each number of each answer to a probe takes about 100."""
 
 
 class KeptBaselines:
-    """Baselines in a folder, each a file that is bound to code, settings and nominal log.
+    """Baselines in a folder, each in a file that is bound to code, settings and nominal log.
 
     Args:
-        folder: Where they are; made when the first one is kept.
-        fingerprint: Of the system's code and riot.toml.
+        folder: Folder of the files; created when the first one is written.
+        fingerprint: Fingerprint of the system's code and riot.toml.
     """
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
         self._folder, self._fingerprint = folder, fingerprint
 
     def get(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
-        """Return the baseline that is kept, or one that is measured now, and keep it if its trials have passed.
+        """Return the kept baseline, or measure one, and keep it if its trials have passed.
 
         Args:
-            unit: The unit.
+            unit: Name of the unit.
             where: `alone`, or how the whole system runs.
-            log: The nominal log of the unit.
-            measure: Measures the baseline.
+            log: Nominal log of the unit.
+            measure: Function that measures the baseline.
         """
         path, key = self._path(unit, where), self._key(unit, where, log)
         found = self._read(path, key)
@@ -64,7 +64,7 @@ class KeptBaselines:
         return measured
 
     def hangs(self, unit: str, log: Sequence[Message]) -> KnownHangs:
-        """Return what earlier trials of a unit alone have shown of its hangs, bound to the same as its baseline."""
+        """Return the known hangs of earlier trials of a unit alone, if they are of the same code, settings and log."""
         with suppress(OSError, ValidationError):
             bound, found = _HANGS.validate_json(self._path(unit, "alone").with_suffix(".hangs").read_bytes())
             if bound == self._key(unit, "alone", log):
@@ -72,7 +72,7 @@ class KeptBaselines:
         return KnownHangs()
 
     def keep_hangs(self, unit: str, log: Sequence[Message], known: KnownHangs) -> None:
-        """Keep what is known of a unit's hangs by now for `hangs`, if that can be written."""
+        """Keep the known hangs of a unit for `hangs`; does nothing if they cannot be written."""
         data = _HANGS.dump_json((self._key(unit, "alone", log), known))
         with suppress(OSError):
             _write(self._path(unit, "alone").with_suffix(".hangs"), data)

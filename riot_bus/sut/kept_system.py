@@ -1,7 +1,7 @@
-"""The components of a system, which go on over runs where riot.toml says what resets them: that costs no start.
+"""Components of a system that are kept over several runs if riot.toml says how to reset them, which saves starts.
 
-Processes stay for the next run after one that has passed. What fails is executed again at once with processes of its
-own, and that outcome counts.
+After a run that has passed, the processes stay for the next run. A case that fails is executed again at once with fresh
+processes, and that outcome counts.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ if TYPE_CHECKING:
 __all__ = ["KeptComponents", "KeptSystem", "not_subscribed"]
 
 _MOST_RUNS = 100
-"""Of one set of processes; a start then costs less than a hundredth of the time."""
+"""Largest number of runs of one set of processes, so that a start costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
 _RESET_WINDOW = 0.1
-"""Seconds; ten of them is what a reset may be on its way, on a loaded machine."""
+"""Window of rest after a reset, in seconds; on a loaded machine, a reset may take ten such windows to arrive."""
 _BLOCK = Qos(congestion="block")
 
 
 class KeptComponents(ABC):
-    """Components that may go on over runs; a context manager.
+    """Components that may be kept over several runs; a context manager.
 
     Args:
-        place: Where they run.
-        names: The components.
-        reset: What brings them back to their first state; None if nothing does.
-        seed: For {seed} in commands.
-        pace: For {duration} and {speed}.
-        parameters: Values of {param:NAME}, where these are not the nominal ones.
-        timeout: Seconds after which a component that is still busy hangs.
-        stall: Seconds after which one that takes no messages loses its link.
+        place: Place in which they run.
+        names: Names of the components.
+        reset: Message or command that resets them to their first state; None if nothing does.
+        seed: Value of {seed} in commands.
+        pace: Values of {duration} and {speed} in commands.
+        parameters: Values of {param:NAME} that differ from the nominal ones.
+        timeout: Seconds after which a component that is still busy counts as hanging.
+        stall: Seconds after which a component that takes no messages loses its link.
 
     Attributes:
-        runs: How many runs it has had.
-        stage: Where they run.
+        runs: Number of runs so far.
+        stage: Stage on which they run.
     """
 
     def __init__(
@@ -108,17 +108,17 @@ class KeptComponents(ABC):
 
     @abstractmethod
     def _crossing(self) -> dict[str, Any]:
-        """Return the segments, what is intercepted, and the pipeline."""
+        """Return the segments, the intercepted keys and the pipeline, as arguments of `TrialSetup`."""
 
     @property
     def may_go_on(self) -> bool:
-        """Whether it may have another run: it can be reset, and needs nothing that others wait for."""
+        """Whether another run is possible: they can be reset, and hold no limited resource that others wait for."""
         components = self._place.context.file.components
         free = not any(components[name].resources or components[name].attach for name in self._names)
         return self._reset is not None and self.runs < _MOST_RUNS and free
 
     def fits(self, *, seed: int, pace: RunPace, parameters: Mapping[str, Scalar]) -> bool:
-        """Return whether it runs, may have another run, and its commands are those that the run asks for."""
+        """Return whether all components run, another run is possible, and it needs the same commands."""
         stage, file = self.stage, self._place.context.file
         if not self.may_go_on or not all(stage.launcher.alive(stage.processes[name]) for name in self._names):
             return False
@@ -136,7 +136,7 @@ class KeptComponents(ABC):
 
 
 class KeptSystem(KeptComponents):
-    """The components inside a system, in runs as time passes, one after the other; arguments as of `KeptComponents`."""
+    """The components of a system in successive runs in real time; takes the arguments of `KeptComponents`."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -144,7 +144,7 @@ class KeptSystem(KeptComponents):
 
     def _crossing(self) -> dict[str, Any]:
         context = self._place.context
-        # A log that is played has been changed before; played to a segment that is cut, it would come there twice.
+        # A log is changed before it is played; played to a segment with cut keys, its messages would arrive twice.
         driven = any(component.external for component in context.file.components.values())
         return {
             "segments": context.file.system.segments,
@@ -154,8 +154,8 @@ class KeptSystem(KeptComponents):
 
     @staticmethod
     def can_carry(file: SystemFile, case: TestCase) -> bool:
-        """Return whether a case can be carried out so: all that it changes on its way is cut between segments."""
-        if case.messages:  # played to a system with external components, they would pass what is cut for these
+        """Return whether a case can be carried out so: all topics that it injects into are cut between segments."""
+        if case.messages:  # not with external components: played messages would bypass what is cut for these
             return not any(component.external for component in file.components.values())
         changed = {each.topic for each in case.injections if each.topic != PARAMETERS}
         inside, outside = (
@@ -164,14 +164,14 @@ class KeptSystem(KeptComponents):
         return not inside & outside and changed <= set(file.external.topics)
 
     def begin(self, interceptors: Sequence[object]) -> None:
-        """Begin a run: start the components, or reset those that run; nobody observes them yet.
+        """Prepare a run: reset the components if they run already, and remove their observers.
 
         Args:
-            interceptors: What messages from outside pass through from now on.
+            interceptors: Interceptors of the messages from outside from now on.
 
         Raises:
             ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: One does not start, or cannot be reset.
+            EnvironmentFaultError: The components cannot be reset.
         """
         stage, self.runs = self.stage, self.runs + 1
         if self.runs > 1:
@@ -183,12 +183,12 @@ class KeptSystem(KeptComponents):
         stage.bus.restart()
 
     def start(self) -> None:
-        """Start the components if they do not run, once observers are there."""
+        """Start the components in the first run, once their observers are set up."""
         if self.runs == 1:
             self._start()
 
     def watching(self, segment: str) -> Watch:
-        """Return what observes a segment until the next run."""
+        """Return a function that observes a segment until the next run."""
 
         def watch(expression: str, take: Callable[[Message], None]) -> None:
             known = self._observers.get((segment, expression))
@@ -210,7 +210,7 @@ class KeptSystem(KeptComponents):
             message = Message(time.time_ns(), key, reset.payload.encode(), encoding=reset.encoding, qos=_BLOCK)
             cut = any(includes(text, key) for text in stage.bus.intercepted)
             reached = (stage.bus.deliver(name, message) for name in stage.bus.sessions)
-            if not (any(list(reached)) if cut else any(reached)):  # else one segment hands it on to the others
+            if not (any(list(reached)) if cut else any(reached)):  # if not cut, it is routed to the others
                 raise not_subscribed(reset.topic, where=where)
         if not stage.settle(self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=stage.idle, since=before):
             raise EnvironmentFaultError(f"components are still busy {self._timeout:g} s after their reset", where=where)

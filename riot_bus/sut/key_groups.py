@@ -1,4 +1,4 @@
-"""Keys that differ by a number or an id alone, as one key expression, where that is clear; pure."""
+"""Grouping of keys that differ only by a number or an id into one key expression, if it is unambiguous; pure."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _ID = re.compile(r"[0-9]{1,20}|[0-9a-fA-F]{16,64}|[0-9a-fA-F]{8}(?:-[0-9a-fA-F]{
 
 
 def grouped(alike: Mapping[str, Hashable], others: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return keys by what includes them: the key itself, or a key expression for several that are alike.
+    """Return keys by group: by the key itself, or by a key expression for several similar keys.
 
-    An expression stands for keys that differ by the number or id of one chunk and are alike otherwise, if it includes
-    no other key. Of several expressions for a key the one with most keys counts; none if these are several.
+    An expression stands for keys that differ only by the number or id of one chunk and have the same properties, if it
+    includes no other key. If several expressions fit a key, the one with most keys counts; if there is a tie, none.
 
     Args:
-        alike: What keys must have in common besides, by key.
-        others: Further keys that there are.
+        alike: Properties of each key that must be the same within a group.
+        others: Further existing keys, which are not grouped.
 
     Example:
         >>> grouped({"robot/1/pose": "json", "robot/2/pose": "json", "robot/2/map": "raw"})

@@ -1,4 +1,4 @@
-"""Starting and supervising components from riot's side (see `supervisor` for the other)."""
+"""Start and supervision of components from riot's side (`supervisor` is the other side)."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _LOG = logging.getLogger(__name__)
 _SUPERVISOR = Path(__file__).with_name("supervisor.py")
 _TICKS = os.sysconf("SC_CLK_TCK")
 TORN_DOWN_WITHIN_S = 30.0
-"""An engine removes a container within one of them; what takes longer is killed."""
+"""Time limit of a teardown, which is killed then; an engine removes a container within a second."""
 _HALF = 8 << 20
-"""Bytes of the begin, and of the end, that are read of what a component writes to one stream."""
+"""Bytes that are read from the start, and from the end, of a component's output on one stream."""
 _SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64
 
 
@@ -40,12 +40,12 @@ class ComponentProcess:
     """One started component.
 
     Attributes:
-        started: "forked" or "executed", with the reason where a Python program was not forked.
+        started: "forked" or "executed", with the reason if a Python program was not forked.
         status: Exit status, negative for a signal, None while it runs.
-        stack: File and function of each native frame on which a signal has ended it, the innermost first.
-        excess: Of what it had more than it may, for which it was killed, and how much.
-        relayed: Whether its status is told by another program, as a shell tells it: 128 and the number of a signal.
-        torn_down: Whether nothing is left to be done after its end.
+        stack: File and function of each native frame at the signal that ended it, the innermost first.
+        excess: Resource whose limit it exceeded, for which it was killed, and the amount.
+        relayed: Whether another program passes on its status as a shell does: 128 plus the number of a signal.
+        torn_down: Whether its teardown is finished, or there is none.
     """
 
     name: str
@@ -60,16 +60,16 @@ class ComponentProcess:
     torn_down: bool = True
 
     def errors(self) -> str:
-        """Return what it has written to stderr; of more than 16 MiB, the begin and the end."""
+        """Return its output on stderr; only the start and the end if it has more than 16 MiB."""
         return _text(self.stderr)
 
     def printed(self) -> str:
-        """Return what it has written to stdout; of more than 16 MiB, the begin and the end."""
+        """Return its output on stdout; only the start and the end if it has more than 16 MiB."""
         return _text(self.stdout)
 
     @property
     def unread(self) -> int:
-        """Bytes between the begin and the end of what it has written that are left out."""
+        """Number of bytes left out between the start and the end of its outputs."""
         return sum(max(0, path.stat().st_size - 2 * _HALF) for path in (self.stdout, self.stderr))
 
 
@@ -86,12 +86,12 @@ def _text(path: Path) -> str:
 
 
 class Launcher:
-    """Starts components and sees to it that none is left behind. Usable from several threads.
+    """Starts components and ensures that none is left behind; usable from several threads.
 
     Args:
         slot: Number of the trial among those that run at once.
-        quiet: Whether nothing is written to the stdout of this process.
-        scratch: A folder that is removed in the end, even if this process is killed.
+        quiet: Whether to keep output off the stdout of this process.
+        scratch: Folder that is removed at the end, even if this process is killed.
     """
 
     def __init__(self, slot: int = 0, *, quiet: bool = True, scratch: Path | None = None) -> None:
@@ -137,19 +137,19 @@ class Launcher:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
 
         Args:
-            name: What it is called.
-            argv: Its command.
-            env: Its whole environment.
-            cwd: Its working folder.
-            directory: Folder for its output; None to leave it where this process writes to, if that is not `quiet`.
+            name: Name of the component.
+            argv: Command of the component.
+            env: Whole environment of the component.
+            cwd: Working folder of the component.
+            directory: Folder for its output; None for the output of this process, unless that is `quiet`.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: How it is forked, or why not; None to execute its command.
-            limits: What it may have of the machine (see `resource_limits.Guard`); None for anything.
-            held: Whether its standard input stays open until it ends, or riot does; else there is none.
-            teardown: Command that is run when it has ended, or riot has, however that came. Its output goes to
+            limits: Resource limits (see `resource_limits.Guard`); None for no limits.
+            held: Whether its standard input stays open until it or riot ends; else it has none.
+            teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to
                 `<directory>/<name>.teardown`.
-            undoes: Whether that is only run where it ends with another status than 0, or is ended.
-            relayed: See `ComponentProcess`.
+            undoes: Whether to run the teardown only if the component ends with a status other than 0, or is killed.
+            relayed: Whether another program passes on its status; see `ComponentProcess`.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
@@ -180,7 +180,7 @@ class Launcher:
         return process
 
     def _told(self, fork: Fork) -> dict[str, object]:
-        """Return a fork as the supervisor is told of it: what its server needs goes over once, then by a number."""
+        """Return a fork for the supervisor's request: its server's needs are sent once, and then named by a number."""
         key = (tuple(fork.interpreter), tuple(fork.modules), fork.own, tuple(sorted(fork.env.items())))
         known = key in self._servers
         number = self._servers.setdefault(key, len(self._servers))
@@ -195,7 +195,7 @@ class Launcher:
         return process.status is None
 
     def wait(self, processes: Sequence[ComponentProcess], *, timeout: float, torn_down: bool = False) -> bool:
-        """Wait until all of them have ended, and are `torn_down`; False when `timeout` seconds were not enough."""
+        """Wait until all have ended, with their teardowns if `torn_down`; return False after `timeout` seconds."""
         deadline = time.monotonic() + timeout
         while any(process.status is None or (torn_down and not process.torn_down) for process in processes):
             remaining = deadline - time.monotonic()
@@ -206,13 +206,13 @@ class Launcher:
         return True
 
     def watch(self, pids: Sequence[int]) -> str:
-        """Have the native stack kept on which a signal ends processes; return why that cannot be, else nothing."""
+        """Record the native stack when a signal ends one of the processes; return why that is impossible, if it is."""
         with self._lock:
             self._send({"do": "watch", "pids": list(pids)})
             return str(self._reply()["cannot"])
 
     def include(self, process: ComponentProcess, pids: Sequence[int]) -> None:
-        """Have the limits of a component hold for further processes and what they start, such as a container's."""
+        """Apply the limits of a component to further processes, such as a container's, and their descendants."""
         with self._lock:
             self._send({"do": "include", "pid": process.pid, "pids": list(pids)})
 
@@ -222,7 +222,7 @@ class Launcher:
             self._send({"do": "signal", "pid": process.pid, "signal": int(number)})
 
     def cpu(self) -> float:
-        """Return the seconds of processors that the supervisor and components that have ended took."""
+        """Return the processor time of the supervisor and of ended components, in seconds."""
         with suppress(OSError):
             words = Path(f"/proc/{self._supervisor.pid}/stat").read_text().rpartition(")")[2].split()
             return sum(map(int, words[11:15])) / _TICKS
@@ -234,7 +234,7 @@ class Launcher:
             self._send({"do": "kill_all"})
             self._reply()
             self._processes.clear()
-            self._ended.clear()  # of processes that nobody will know; others get their numbers
+            self._ended.clear()  # of unknown processes, whose ids may be used again
 
     def close(self) -> None:
         """Kill everything and end the supervisor."""

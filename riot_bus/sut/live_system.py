@@ -1,4 +1,4 @@
-"""The components of a system in virtual time, on segments of their own; see `kept_system`."""
+"""The components of a system in virtual time, each on a separate segment; see `kept_system`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class LiveSystem(KeptComponents):
     """Components that run in virtual time.
 
     Args:
-        place: Where they run.
-        clock: How the time is told, and what resets them.
-        timeout: Seconds after which a component that is still busy hangs.
+        place: Place in which they run.
+        clock: Settings of the virtual clock and of the reset.
+        timeout: Seconds after which a component that is still busy counts as hanging.
         options: Further arguments of `KeptComponents`.
 
     Attributes:
-        time: Their time.
+        time: Virtual time of the components.
     """
 
     def __init__(self, place: TrialPlace, clock: VirtualClock, *, timeout: float, **options: Any) -> None:
@@ -39,7 +39,7 @@ class LiveSystem(KeptComponents):
         return {"segments": (), "intercept": ["**"], "pipeline": pipeline}
 
     def prepare(self, time: int) -> None:
-        """Begin another run, whose first message has this time in nanoseconds; observers come after that."""
+        """Prepare a run whose first message has this time in nanoseconds; call it before observers are set up."""
         self.time.begin(time)
         self.stage.now = self.time.now
         self.stage.renew()
@@ -49,7 +49,7 @@ class LiveSystem(KeptComponents):
 
         Raises:
             ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: One does not start, or cannot be reset.
+            EnvironmentFaultError: A component does not start, or cannot be reset.
         """
         self.runs += 1
         if self.runs == 1:

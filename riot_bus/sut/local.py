@@ -34,16 +34,16 @@ __all__ = ["LocalRunner", "LocalWorkers", "Pool", "WorkerLink", "WorkerSource", 
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 64 << 10
-"""Bytes that a disk has left on which a component may have failed because it could not write."""
+"""Free bytes of a disk below which a component may have failed because it could not write."""
 _DEATHS = 3
-"""Workers that one case may cost: one may be killed by chance, such as for want of memory, three are no chance."""
+"""Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
 _ENDS_WITHIN_S = 30.0
 _MOST_BATCHES = 4
 
 
 @dataclass(eq=False, slots=True)
 class _Task:
-    """A case that is to be executed, who is told, and how many trials may run at once then."""
+    """A case to execute, the receivers of its outcome, and the number of trials that may run at once with it."""
 
     batch: TrialBatch
     number: int
@@ -56,19 +56,19 @@ class _Task:
     deaths: int = 0
 
     def make_directory(self, keep: Path) -> Path:
-        """Make its folder under that of all."""
+        """Create the folder of the case below the common one."""
         keep.mkdir(parents=True, exist_ok=True)
         self.directory = Path(tempfile.mkdtemp(prefix="trial-", dir=keep))
         return self.directory
 
     def remove_directory(self) -> None:
-        """Remove the folder that it has made, if it has."""
+        """Remove the folder of the case, if there is one."""
         if self.directory is not None:
             shutil.rmtree(self.directory, ignore_errors=True)
         self.directory = None
 
     def fail(self, error: Exception) -> None:
-        """Have what went wrong raised where the case was asked for."""
+        """Pass an error to the caller that asked for the case, where it is raised."""
         self.remove_directory()
         self.answers.put((self.number, error))
 
@@ -77,8 +77,8 @@ class WorkerLink(Protocol):
     """A process that executes cases, one at a time, as a pool sees it.
 
     Attributes:
-        link: Can be read when there is an answer, or when it has ended.
-        folder: Where trials have their folders, if that is not here.
+        link: Connection that is readable when there is an answer, or when the process has ended.
+        folder: Folder of the trials, if they run elsewhere.
     """
 
     link: Connection
@@ -88,53 +88,53 @@ class WorkerLink(Protocol):
         ...
 
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
-        """Have a case executed; `request` holds trial and case."""
+        """Send a case for execution; `request` holds trial and case."""
         ...
 
     def receive(self) -> bytes:
-        """Return what has come.
+        """Return the received data.
 
         Raises:
-            EOFError: It has ended.
-            OSError: Likewise.
+            EOFError: The process has ended.
+            OSError: The process has ended.
         """
         ...
 
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
-        """Return the answer that has come, and see to it that what the trial has left is in its folder.
+        """Return the answer in received data, and ensure that the files of the trial are in its folder.
 
         Raises:
-            Exception: What the trial, or a full disk, has raised.
+            Exception: An exception that the trial, or a full disk, has raised.
         """
         ...
 
     def end(self) -> str | None:
-        """End it and what it has started; return how it has ended, None if its case has no part in that."""
+        """End the process and its descendants; return how it has ended, None if its case is not the cause."""
         ...
 
 
 class WorkerSource(Protocol):
-    """Where a pool gets its workers from."""
+    """A source of workers for a pool."""
 
     @property
     def jobs(self) -> int:
-        """How many work at once, if nothing else is said with cases."""
+        """Number of workers that work at once, unless the cases ask for another number."""
         ...
 
     def open(self, wake: Callable[[], None]) -> None:
-        """Begin; `wake` is to be called when there is a worker that there was not before."""
+        """Open the source; it has to call `wake` when a new worker is available."""
         ...
 
     def start(self) -> WorkerLink | None:
-        """Return a further worker, None if there is none at the moment.
+        """Return a further worker, None if none is available at the moment.
 
         Raises:
-            EnvironmentFaultError: There will be none any more.
+            EnvironmentFaultError: No worker will ever be available again.
         """
         ...
 
     def close(self) -> None:
-        """Give everything back, and end what workers do that do not end with their links."""
+        """Release everything, and end the work of workers that do not end with their links."""
         ...
 
 
@@ -173,9 +173,9 @@ def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None 
 
     Args:
         system: Path of riot.toml.
-        slot: A number that no other has at the same time.
-        link: Where it takes requests; it ends when the other end is closed.
-        cwd: Its working folder; None for that of this process.
+        slot: Number that no other worker has at the same time.
+        link: Connection for requests; the worker ends when the other end is closed.
+        cwd: Working folder of the worker; None for that of this process.
     """
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "riot_bus.sut.worker", str(system.resolve()), str(slot)],
@@ -187,7 +187,7 @@ def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None 
 
 
 def how_ended(process: subprocess.Popen[bytes]) -> str:
-    """Wait until a worker has ended whose link is closed, and return how; one that does not is killed."""
+    """Wait until a worker with a closed link has ended, and return how; kill it if it does not end."""
     try:
         status = process.wait(_ENDS_WITHIN_S)
     except subprocess.TimeoutExpired:
@@ -201,8 +201,8 @@ class LocalWorkers:
 
     Args:
         system: Path of riot.toml.
-        jobs: How many work at once, if nothing else is said with cases.
-        keep: Folder under which trials have their folders.
+        jobs: Number of workers that work at once, unless the cases ask for another number.
+        keep: Folder that contains the folders of trials.
     """
 
     def __init__(self, system: Path, jobs: int, keep: Path) -> None:
@@ -211,22 +211,22 @@ class LocalWorkers:
         self._slots: dict[int, _LocalWorker] = {}
 
     def open(self, wake: Callable[[], None]) -> None:
-        """Do nothing: there are always as many as there may be."""
+        """Do nothing: further workers are always available."""
 
     def start(self) -> WorkerLink | None:
-        """Start a further one in a slot that is free."""
+        """Start a further worker in a free slot."""
         taken = {number for number, each in self._slots.items() if not each.link.closed}
         slot = min(set(range(len(taken) + 1)) - taken)
         self._slots[slot] = _LocalWorker(self._system, slot, self._keep)
         return self._slots[slot]
 
     def close(self) -> None:
-        """Do nothing: they end with their links."""
+        """Do nothing: workers end when their links are closed."""
 
 
 @dataclass(eq=False, slots=True)
 class _PoolWorker:
-    """A worker of the pool, what it does, and what it knows already."""
+    """A worker of the pool, its present task, and what it was already sent."""
 
     process: WorkerLink
     task: _Task | None = None
@@ -238,15 +238,15 @@ class _PoolWorker:
 class Pool:
     """Processes that execute trials, one each at a time, and one thread that feeds them.
 
-    A worker is started when there is a case for it, and goes on until the pool is closed. One that dies is replaced,
+    A worker is started when there is a case for it, and runs until the pool is closed. A worker that dies is replaced,
     and its case is executed again.
 
     Args:
         system: Path of riot.toml.
-        jobs: Trials at once, if nothing else is said with them.
-        keep: Folder under which the files of failing trials are kept.
-        workers: Where they are executed instead of by processes of this machine; `jobs` is then up to that.
-        hangs: What is known of hangs, by component; trials change it.
+        jobs: Number of trials at once, unless the cases ask for another number.
+        keep: Folder in which the files of failing trials are kept.
+        workers: Source of workers to use instead of processes of this machine; it then decides on `jobs`.
+        hangs: Known hangs by component, which trials change.
     """
 
     def __init__(
@@ -298,7 +298,7 @@ class Pool:
                 self._wake.send_bytes(b"")
 
     def execute(self, trial: Trial, case: TestCase, *, into: Path | None = None) -> Outcome:
-        """Run one trial in a folder of its own; what it leaves as it was asked to is moved to `into`."""
+        """Run one trial in a separate folder, and move what it was asked to leave to `into`."""
         return self.map(trial, [case], into=into)[0]
 
     def map(
@@ -313,20 +313,20 @@ class Pool:
         """Run many trials; outcomes in the order of the cases.
 
         Args:
-            trial: Executes each.
-            cases: The test cases, one for each trial.
-            ended: Called with the number of a case and its outcome as it ends, on a thread that no signal interrupts.
-            into: Where that goes which a case leaves as it is asked to; None to drop it.
-            most: How many run at once; 0 for as many as there are jobs by then: workers of a cluster come and go.
+            trial: Trial that executes each case.
+            cases: Test cases, one for each trial.
+            ended: Function called with number and outcome of each ended case, on a thread that no signal interrupts.
+            into: Target of what a case is asked to leave; None to drop it.
+            most: Number of trials at once; 0 for the present number of jobs, which varies in a cluster.
 
         Raises:
             RiotError: A trial raised it; the others are not waited for.
-            OSError: Likewise, or `ended` raised it.
+            OSError: A trial or `ended` raised it.
         """
         if not cases:
             return []
-        # A signal may raise in the middle of this, on the main thread: what waits here must not hold a lock then that
-        # the other thread needs, as the conditions of `threading` and `concurrent.futures` do.
+        # A signal handler may raise here, on the main thread. The wait must not hold a lock then that the other thread
+        # needs, as the conditions of `threading` and `concurrent.futures` do.
         answers: SimpleQueue[tuple[int, Outcome | Exception]] = SimpleQueue()
         with self._lock:
             if self._closed:
@@ -424,7 +424,7 @@ class Pool:
             task.fail(error)
 
     def _again(self, task: _Task, how: str | None) -> None:
-        """Have a case executed again whose worker has ended, unless that was the last one that it may cost."""
+        """Execute a case again whose worker has died, unless too many workers have died of it."""
         task.remove_directory()
         if how is not None:
             task.deaths += 1
@@ -471,12 +471,12 @@ class LocalRunner:
     """A `Runner` over a pool.
 
     Args:
-        trial: Returns what executes the cases; called when there are some.
-        pool: Where they are executed.
-        slots: Returns how many of its trials run at once, from the share of a processor that those so far have taken,
-            0 if there was none.
-        into: Where that goes which a case leaves as it is asked to.
-        batch: How many cases are worth asking for at once; 0 for as many as run at once.
+        trial: Function that returns the trial; called when there are cases.
+        pool: Pool that executes the cases.
+        slots: Function that returns how many trials run at once, given the share of a processor that earlier trials
+            took, 0 if there were none.
+        into: Target of what a case is asked to leave.
+        batch: Number of cases worth asking for at once; 0 for the number of trials that run at once.
     """
 
     def __init__(
@@ -508,7 +508,7 @@ class LocalRunner:
         return self.each(cases, lambda *_: None)
 
     def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]:
-        """Execute all cases likewise; `ended` is called with the number of each and its outcome as it ends."""
+        """Execute all cases as `run` does, and call `ended` with number and outcome of each case that ends."""
         if not cases:
             return []
         most = self._at_once() if len(cases) > self._pool.jobs else 0

@@ -15,7 +15,7 @@ from riot_bus.sut.elf_file import CallFrame, ElfFile
 __all__ = ["AARCH64", "UNREADABLE", "X86_64", "Machine", "unwind"]
 
 UNREADABLE = (OSError, ValueError, LookupError, ArithmeticError, struct.error)
-"""What comes of memory and files that are not as they should be."""
+"""Exceptions caused by memory or files that are unreadable or malformed."""
 _DEEPEST = 64
 _MOST_FILES = 256
 
@@ -24,12 +24,12 @@ class Machine(NamedTuple):
     """Registers of an architecture, by their DWARF numbers.
 
     Attributes:
-        order: The numbers in the order in which the kernel gives them (`NT_PRSTATUS`); -1: of no interest.
+        order: Numbers in the order in which the kernel gives the registers (`NT_PRSTATUS`); -1 for unused ones.
         pc: Number for the program counter.
         sp: Number of the stack pointer.
-        link: Number of the register that functions without a frame return to; None where that is on the stack.
-        saved: Where, from the stack pointer, what a signal has interrupted is saved, and the numbers there in order.
-        address: Bits of an address; others authenticate it.
+        link: Number of the register with the return address of functions without a frame; None if it is on the stack.
+        saved: Offset from the stack pointer of the registers that a signal handler saves, and their numbers in order.
+        address: Mask of the bits of an address; the other bits authenticate it.
     """
 
     order: tuple[int, ...]
@@ -64,12 +64,12 @@ _files: dict[tuple[str, int, int], ElfFile | None] = {}
 def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]]:
     """Return the stack of a stopped thread: file and function of each frame, the innermost first.
 
-    A function without a name is told by `+` and its offset in the file, the same in each process.
+    A function without a name is denoted by `+` and its offset in the file, which is the same in each process.
 
     Args:
-        pid: Its process.
-        registers: As the kernel gives them (`NT_PRSTATUS`).
-        machine: Processor that they are of.
+        pid: Id of the thread's process.
+        registers: Registers as the kernel gives them (`NT_PRSTATUS`).
+        machine: Architecture of the registers.
 
     Raises:
         OSError: The process is gone.
@@ -79,7 +79,7 @@ def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]
     with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as lines:
         mappings = [mapping for line in lines if (mapping := _executable(line))]
     frames: list[tuple[str, str]] = []
-    exact = True  # else it is where a call returns to, and the call is before that
+    exact = True  # else it is a return address, and the call is before it
     with open(f"/proc/{pid}/mem", "rb", buffering=0) as memory, suppress(*UNREADABLE):
         while len(frames) < _DEEPEST and (known[machine.pc] or exact):
             place, top = known[machine.pc] - (not exact), known[machine.sp]
@@ -108,7 +108,7 @@ def _executable(line: str) -> _Mapping | None:
 
 
 def _look_up(mapping: _Mapping, place: int) -> tuple[str, CallFrame | None]:
-    """Return the function at a place, and how to come to its caller; nothing of what no file has."""
+    """Return the function at a place, and how to unwind to its caller; nothing if the place is in no file."""
     if not mapping.path.startswith("/"):
         return "", None
     offset = place - mapping.start + mapping.offset
@@ -121,7 +121,7 @@ def _look_up(mapping: _Mapping, place: int) -> tuple[str, CallFrame | None]:
 
 
 def _elf_file(path: str) -> ElfFile | None:
-    """Return a file, read once as long as it does not change; None if it is not readable."""
+    """Return a file, cached until it changes; None if it is not readable."""
     about = os.stat(path)
     key = path, about.st_mtime_ns, about.st_ino
     if key not in _files:
@@ -143,7 +143,7 @@ def _interrupted(top: int, memory: int, machine: Machine) -> dict[int, int]:
 
 
 def _caller(frame: CallFrame | None, known: dict[int, int], memory: int, machine: Machine) -> dict[int, int]:
-    """Return the registers of the caller; without a frame, as after a call to nowhere, those just before the call."""
+    """Return the registers of the caller; without a frame, as after a jump to nowhere, those just before the call."""
     top, caller = known[machine.sp], dict(known)
     if frame is None:
         on_stack = machine.link is None

@@ -1,4 +1,4 @@
-"""Measures what a unit does in nominal trials, before it is tested."""
+"""Measurement of a unit's baseline in nominal trials, before the unit is tested."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ __all__ = ["measure_baseline"]
 
 _MUCH_SLOWER = 2.0
 _TRIALS = 3
-"""Nominal trials of a baseline. What only some of them show, such as the output of a rare timer, is not expected."""
+"""Number of nominal trials. What only some of them show, such as the output of a rare timer, is not expected."""
 _HELD_OUT = 4
-"""Trials of each history that tell how often mined rules fire for no reason. With all eight silent the exact bound is
-37 %; one of 1 % would take 368 trials, longer than most campaigns. What fires is repeated before it counts."""
+"""Held-out trials of each history for the false alarm rate of mined rules. If all eight are silent, the exact bound is
+37 %; a bound of 1 % would take 368 trials, longer than most campaigns. A violation is repeated before it counts."""
 
 
 def measure_baseline(
@@ -39,19 +39,19 @@ def measure_baseline(
     pool: Pool,
     log: Sequence[Message],
 ) -> Baseline:
-    """Return what a unit does without input, and with its nominal log.
+    """Measure the behaviour of a unit without input, and with its nominal log.
 
-    Where nominal trials fail, only the former is known.
+    If nominal trials fail, only the former is known.
 
     Args:
         context: The system.
-        unit: The unit.
-        pool: Executes the trials.
-        log: The nominal log.
+        unit: Name of the unit.
+        pool: Pool that executes the trials.
+        log: Nominal log of the unit.
 
     Raises:
         EnvironmentFaultError: The unit does not start.
-        ConfigError: It hits one of its limits.
+        ConfigError: The unit hits one of its limits.
     """
     outcome = pool.execute(IdleTrial(unit), TestCase())
     if not outcome.judged:
@@ -66,7 +66,7 @@ def measure_baseline(
     busy: list[float] = []
 
     def nominal(history: Sequence[Message], count: int, known: Mapping[str, int]) -> list[NominalTrial]:
-        """Return what nominal trials show; nothing if one of them fails, which `wrong` then tells."""
+        """Return the observations of nominal trials; if one fails, return nothing and add the reason to `wrong`."""
         trial = UnitTrial(unit, replace(start, probe_answers=known), nominal=True)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
         outcomes = pool.map(trial, cases)
@@ -112,13 +112,13 @@ def measure_baseline(
 
 
 def _check_starts(outcomes: Sequence[Outcome]) -> None:
-    """Raise if no trial could be carried out: no other one can, such as where a unit is never ready."""
+    """Raise if no trial could be carried out, as if a unit is never ready; then no other one can."""
     if not any(outcome.judged for outcome in outcomes):
         raise EnvironmentFaultError(outcomes[0].detail)
 
 
 def _passes(outcome: Outcome, *, but: str = "") -> bool:
-    """Return whether a trial was judged, and no monitor found a failure, but for one."""
+    """Return whether a trial was judged, and no monitor found a failure, except for the monitor `but`."""
     return outcome.judged and all(each.monitor == but for each in outcome.violations)
 
 
@@ -145,14 +145,14 @@ def _keeps_order(
     log: Sequence[Message],
     baseline: Baseline,
 ) -> bool:
-    """Return whether trials keep the order across topics: as riot.toml says, else if that is not much slower."""
+    """Return whether trials keep the order across topics: as riot.toml says, with "auto" if it is not much slower."""
     asked = context.file.unit[unit].order
     if asked != "auto" or len({message.key for message in log}) < 2:
         return asked == "log"
     trial = UnitTrial(unit, baseline)
     case = TestCase(tuple(log))
-    ways = (False, True, False, True)  # both at once, where there are processors for it
+    ways = (False, True, False, True)  # in parallel, if there are enough processors
     outcomes = pool.map(trial, [replace(case, ordered=way) for way in ways])
     _check_starts(outcomes)
     kept, free = ([one.seconds for one in outcomes[first::2] if _passes(one)] for first in (1, 0))
-    return not kept or not free or min(kept) <= _MUCH_SLOWER * min(free)  # what failed tells nothing of the time
+    return not kept or not free or min(kept) <= _MUCH_SLOWER * min(free)  # times of failed trials do not count

@@ -1,4 +1,4 @@
-"""Measures what a unit does in nominal runs of the whole system, before it is judged in others."""
+"""Measurement of a unit's baseline in nominal runs of the whole system, before the unit is judged in other runs."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ if TYPE_CHECKING:
 __all__ = ["measure_in_system", "needs_baseline", "why_not_told"]
 
 _RUNS = 4
-"""Nominal runs that are measured, and as many that are judged by what these have shown."""
+"""Number of nominal runs that are measured, and of further ones that are judged by the result."""
 _KINDS = frozenset({"exit", "hang", "silent", "growth", "mined"})
-"""Monitors that hold a unit against nominal trials."""
+"""Monitors that compare a unit with nominal trials."""
 
 
 def needs_baseline(monitor: str) -> bool:
-    """Return whether a monitor tells nothing of a unit whose nominal trials it does not know."""
+    """Return whether a monitor can judge a unit only with its baseline."""
     return monitor in _KINDS
 
 
 def measure_in_system(
     context: Context, unit: str, pool: Pool, alone: Baseline, pace: RunPace, driving: tuple[Message, ...]
 ) -> Baseline:
-    """Return what a unit does in nominal runs of the whole system.
+    """Measure the baseline of a unit in nominal runs of the whole system.
 
     Args:
         context: The system.
-        unit: The unit.
-        pool: Executes the runs.
-        alone: What the unit does in nominal trials of its own, with which it has its probe in common.
-        pace: How long external components run, and how fast.
-        driving: What is played to it instead, if there are none.
+        unit: Name of the unit.
+        pool: Pool that executes the runs.
+        alone: Baseline of the unit alone, whose probe is used here, too.
+        pace: Duration and speed of external components.
+        driving: Messages that are played to the system instead, if it has no external components.
 
     Raises:
         EnvironmentFaultError: The system does not start.
@@ -102,11 +102,11 @@ def in_system_of(
     """Return what nominal runs of the whole system have in common.
 
     Args:
-        alone: What the unit does in nominal trials of its own.
-        answers: What the whole log brings there, by topic, without topics on which other components publish, too.
-        runs: What the runs have shown.
+        alone: Baseline of the unit alone.
+        answers: Outputs for the whole log in that, by topic, without topics on which other components publish, too.
+        runs: Observations of the runs.
         context: The system.
-        idle: What the unit does before anything comes from outside.
+        idle: Activity of the unit before anything comes from outside.
     """
     found = baseline_of(runs, idle=idle, log=alone.log, ordered=alone.ordered)
     probed = {topic: count for topic, count in found.probe_answers.items() if topic in alone.probe_answers}
@@ -129,12 +129,12 @@ def in_system_of(
 
 
 def why_not_told(baseline: Baseline, monitor: str, signature: str) -> str:
-    """Return why a failure cannot be told of a unit in runs of the whole system; empty if it can be.
+    """Return why a failure of a unit cannot be detected in runs of the whole system; empty if it can be.
 
     Args:
-        baseline: What the unit does in nominal runs of the whole system.
-        monitor: The monitor that has found it in trials of the unit alone.
-        signature: What it is told apart by.
+        baseline: Baseline of the unit in nominal runs of the whole system.
+        monitor: Monitor that has found the failure in trials of the unit alone.
+        signature: Signature of the failure.
     """
     if not baseline.trials:
         return baseline.mute[0] if baseline.mute else "nominal runs of the whole system are not known"

@@ -1,8 +1,9 @@
-"""Trials of a unit whose process goes on over trials, which costs no start; failures are repeated with a fresh one.
+"""Trials that share a process of the unit, which saves starts; failures are repeated with a fresh process.
 
-After each trial the probe of the verdict tells whether the unit is as before. A process is ended after a failure, when
-it has grown, and after a number of trials. What fails is executed again at once with a process of its own, and that
-outcome counts: so no failure comes of the history alone. What comes of it is told beside a trial that passes.
+After each trial, the probe of the verdict tells whether the unit works as before. A process is ended after a failure,
+when it has grown, and after a number of trials. A case that fails is executed again at once with a fresh process, and
+that outcome counts, so that no failure depends on the history. If the fresh trial passes, its outcome tells of the
+failure with the history.
 """
 
 from __future__ import annotations
@@ -32,20 +33,19 @@ if TYPE_CHECKING:
 __all__ = ["KEPT", "LiveUnit", "PersistentTrial", "end_kept"]
 
 KEPT = "persistent-{}-"
-"""How the folder of a process that goes on begins, with the number of the worker."""
+"""Prefix of the folder of a persistent process, with the process id of the worker."""
 _MOST_TRIALS = 100
-"""Of one process, and so test cases of a history: a start then costs less than a hundredth of the time."""
+"""Largest number of trials of one process, and thus of a history, so that a start costs less than 1 % of the time."""
 _CPU_SHARE = 0.5
-"""Of the time of a processor that a component may have: a limit is for one trial."""
+"""Share of the limit of processor time at which a process is replaced, since the limit is for one trial."""
 
 
 @dataclass(frozen=True, slots=True)
 class PersistentTrial:
-    """Runs test cases against a unit whose process goes on; `unit` and `baseline` are those of `UnitTrial`.
+    """Runs test cases against a persistent process of a unit; `unit` and `baseline` are those of `UnitTrial`.
 
-    The outcome of a case that failed after others, and passed with a process of its own, has in its statistics
-    `history`: the `violations` (monitor, signature, detail), and the digests of the cases `before` it, the first one
-    first.
+    If a case failed after others and passed with a fresh process, the statistics of its outcome have `history`: the
+    `violations` (monitor, component, signature, detail), and the digests of the cases `before` it, in their order.
     """
 
     unit: str
@@ -78,21 +78,21 @@ class PersistentTrial:
 
 
 def end_kept(place: TrialPlace) -> None:
-    """End what goes on over trials: the next one needs the place for itself."""
+    """End everything that is kept over trials, since the next trial needs the place for itself."""
     while place.kept:
         place.kept.pop().__exit__(None, None, None)
 
 
 class LiveUnit:
-    """A unit that runs, and what it has got so far; a context manager.
+    """A running unit with the cases that it has got so far; a context manager.
 
     Args:
-        trial: Says which unit, and what it does in nominal trials.
+        trial: Trial with the unit and its baseline.
         case: The first test case.
         place: Folder, launcher and system of the trials.
 
     Attributes:
-        before: The cases that it had before the last one.
+        before: Cases that the unit got before the last one.
     """
 
     def __init__(self, trial: PersistentTrial, case: TestCase, place: TrialPlace) -> None:
@@ -137,7 +137,7 @@ class LiveUnit:
         self._stack.close()
 
     def fits(self, trial: PersistentTrial, case: TestCase) -> bool:
-        """Return whether a case can be played to it: it runs as trial and case have it, and reads what is in that."""
+        """Return whether a case can be played to the unit: trial and seed are the same, and it reads all keys."""
         same = trial is self._kind or trial == self._kind
         seeded = self._seeded and case.seed != self._first.seed
         return same and not seeded and self._keys >= {each.key for each in case.messages}
@@ -146,7 +146,7 @@ class LiveUnit:
         """Reset the unit, if riot.toml says how, and play a case to it.
 
         Raises:
-            EnvironmentFaultError: The machine is too busy to tell.
+            EnvironmentFaultError: The machine is too busy for a verdict.
         """
         self.before = list(self._had)
         self._had.append(case)
@@ -183,9 +183,9 @@ class LiveUnit:
         Feeder(self._stage, self._name, unit, self._trial.baseline).feed([message])
 
     def is_spent(self) -> bool:
-        """Return whether it has to be replaced: it has grown, has run for long, or has had many cases.
+        """Return whether the process has to be replaced: it has grown, has run for long, or has had many cases.
 
-        One that needs what there is only so much of does not keep that from others.
+        A process with limited resources is replaced after each case, so that it does not keep them from others.
         """
         component = self._file.components[self._name]
         if len(self._had) >= _MOST_TRIALS or component.resources or component.attach:

@@ -26,16 +26,16 @@ _NAMELESS, _NOTHING = "component", "nothing tells what components there are"
 
 @dataclass(frozen=True, slots=True)
 class PlainFacts:
-    """What was seen of a system.
+    """Observed facts about a system.
 
     Attributes:
-        graph: Who is connected, and who publishes and reads what, as far as that is known.
-        topics: What messages tell of their topics, by key.
-        commands: How components are started, by the id of their session.
-        skipped: Number of keys that were too many to look at.
-        where: Names the network or the log in errors.
-        no_command: Why a component has no command here.
-        listener: Whether somebody reads everything, so that who else reads what does not show.
+        graph: Connected components, and what they publish and read, as far as that is known.
+        topics: By key, what the messages reveal about the topic.
+        commands: Drafts of the components' commands, by the id of their session.
+        skipped: Number of keys that were not examined because there were too many.
+        where: Name of the network or the log in errors.
+        no_command: Reason why a component has no command here.
+        listener: Whether a component reads everything, which hides who else reads what.
     """
 
     graph: Graph
@@ -49,20 +49,20 @@ class PlainFacts:
 
 @dataclass(frozen=True, slots=True)
 class PlainDraft:
-    """A system as far as it shows.
+    """A draft of a system, as far as it was observed.
 
     Attributes:
         system: Components, with what they read and write, and what is external.
-        commands: How each is started, by its name.
-        segments: Where each is, by its name, and whether external ones have a segment of their own.
-        sessions: The name of each session's component.
-        groups: What inputs and outputs call topics: themselves, or key expressions of several.
-        topics: What is known of each topic that was seen, by what `groups` call it.
-        unwritten: Topics that had messages, by nobody that is known.
-        unread: Topics that somebody reads, and nobody knows who.
-        silent: Components of which nothing is known that they read or write.
-        peers: Components that are peers, and may find others around a router.
-        skipped, listener: As of `PlainFacts`.
+        commands: Draft of each component's command, by its name.
+        segments: Segment of each component, by its name.
+        sessions: Name of the component of each session, by the session's id.
+        groups: Keys by the name of their topic in inputs and outputs: the key itself, or a key expression for several.
+        topics: What is known of each topic that had messages, by its name in `groups`.
+        unwritten: Topics that had messages from an unknown publisher.
+        unread: Topics that an unknown subscriber reads.
+        silent: Components that are not known to read or write anything.
+        peers: Components that are Zenoh peers, and may find others without a router.
+        skipped, listener: The same as in `PlainFacts`.
     """
 
     system: SystemDraft
@@ -119,7 +119,7 @@ def plain_draft(
     written = {used.topic for part in parts for used in part.outputs}
     read = {used.topic for part in parts for used in part.inputs}
     open_ends = {each.topic for each in facts.graph.edges if each.role == "subscribes" and not each.zid}
-    # Of a topic that somebody publishes who is not known, it is not known either that the outside does.
+    # A topic with an unknown publisher is not known to come from outside.
     known = {topic: why for topic, why in system.external.items() if topic in written or topic not in topics}
     return PlainDraft(
         replace(system, external=known),
@@ -156,7 +156,7 @@ def _command(facts: PlainFacts, process: Sequence[ConnectedComponent]) -> Comman
 
 
 def _segments(homes: Mapping[str, str], system: SystemDraft) -> dict[str, str]:
-    """Return the segment of each component: the router's, if those keep the outside apart, else two new ones."""
+    """Return the segment of each component: the router's, if these separate the outside, else one of two new ones."""
     outside, inside = (
         {homes.get(part.name, "") for part in system.parts if bool(part.external) is way} for way in (True, False)
     )

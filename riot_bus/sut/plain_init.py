@@ -40,21 +40,21 @@ def init_plain(
 
     Args:
         path: Path of the system file.
-        endpoint: Where the router listens.
-        seconds: How long to look.
-        record: Where what is seen is recorded, as the nominal log; None for nowhere.
+        endpoint: Endpoint of the router.
+        seconds: Time to look, in seconds.
+        record: Path at which the messages are recorded as the nominal log; None for no recording.
         start: Whether to start the components once, apart from those that run, to see what each reads and writes.
-        unit: Component to test.
+        unit: Name of the component to test.
         external: Components that play the outside world.
         router: Name of the router, if there are several.
-        cfg: `KEY=VALUE`, further Zenoh settings.
-        force: Whether files that are there are replaced.
+        cfg: Further Zenoh settings, each `KEY=VALUE`.
+        force: Whether to replace existing files.
 
     Returns:
-        What was seen and written, as JSON's kinds of values.
+        What was seen and written, as JSON values.
 
     Raises:
-        ConfigError: A file is there already, or a component was named that was not seen.
+        ConfigError: A file exists already, or a named component was not seen.
         EnvironmentFaultError: Nobody answers, or nothing was seen.
     """
     from riot_bus.control.component import client_cfg
@@ -93,7 +93,7 @@ def _write(path: Path, found: PlainDraft, origin: str, nominal: Path | None, *, 
 
 
 def _write_files(folder: Path, commands: Iterable[CommandDraft], *, force: bool) -> None:
-    """Write the files of components in which {endpoint} stands where they are told to connect."""
+    """Write the files of components that have {endpoint} in place of the endpoint to connect to."""
     texts = {folder / name: text for command in commands for name, text in command.files.items()}
     there = [path for path, text in texts.items() if path.exists() and path.read_text(encoding="utf-8") != text]
     if there and not force:

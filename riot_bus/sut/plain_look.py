@@ -1,4 +1,4 @@
-"""What a plain Zenoh system shows: on a router, with a short recording, or in a recording alone."""
+"""Observation of a plain Zenoh system: on a router, with a short recording, or from a recording only."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ __all__ = ["look_at_log", "look_at_network"]
 _SURVEY_S, _LINK = 0.5, "link"
 _RIOT, _WATCHES = frozenset({"riot", "riot-bus", "riot_bus"}), frozenset({"ctl", "graph", "record", "scan"})
 _REST_S, _WITHIN_S = 0.5, 30.0
-"""A router's graph is taken when it has all components and has not changed for so long, since our recorder has just
-left; or after so long: on a busy machine it is brought up to date every half a minute."""
+"""Seconds for which a router's graph must be complete and unchanged, since our recorder has just left, and the longest
+wait for that: on a busy machine, the graph is updated every half a minute."""
 
 
 def look_at_log(path: Path) -> PlainFacts:
@@ -64,15 +64,15 @@ def look_at_log(path: Path) -> PlainFacts:
 def look_at_network(
     endpoint: str, *, seconds: float, record: Path | None, config: Mapping[str, Any], router: str | None, force: bool
 ) -> PlainFacts:
-    """Return what shows on a router within some seconds; what goes over it is recorded meanwhile.
+    """Return what can be observed on a router within some seconds; its messages are recorded meanwhile.
 
     Args:
-        endpoint: Where it listens.
-        seconds: How long to look.
-        record: Where the recording is kept; None for nowhere.
+        endpoint: Endpoint of the router.
+        seconds: Time to look, in seconds.
+        record: Path at which the recording is kept; None to drop it.
         config: Further Zenoh configuration.
         router: Name of the router, if it is one of riot's and there are several.
-        force: Whether a recording that is there is replaced.
+        force: Whether to replace an existing recording.
 
     Raises:
         ConfigError: The recording cannot be written, or there are several routers.
@@ -84,7 +84,7 @@ def look_at_network(
     with tempfile.TemporaryDirectory(prefix="riot-init-") as folder:
         path = record or Path(folder, "look.mcap")
         senders = _record(path, endpoint, config, seconds, force=force)
-        # What the recording says of types is what a riot.toml here said, which is to be replaced.
+        # The types in the recording come from a riot.toml here, which is to be replaced, so they are not learnt.
         counts, topics, skipped, _ = _read(path, registry, learn=False)
     seen = survey(endpoint, registry, seconds=_SURVEY_S, config={**config, "id": control_id()})
     found, endpoints = _of_router(endpoint, router, config)
@@ -99,7 +99,7 @@ def look_at_network(
 def _record(
     path: Path, endpoint: str, config: Mapping[str, Any], seconds: float, *, force: bool
 ) -> dict[str, set[str]]:
-    """Record a network for some time; return who has stamped messages, by key."""
+    """Record a network for some time; return the ids of those who timestamped messages, by key."""
     from riot_bus.record.options import CaptureOptions
     from riot_bus.record.service import CaptureService
 
@@ -115,12 +115,12 @@ def _record(
 def _read(
     path: Path, registry: TypeRegistry, *, learn: bool
 ) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
-    """Return how many messages a log has by key and segment, what they tell, and who was connected.
+    """Return message counts of a log by key and segment, topic drafts, the number of skipped keys, and the graph.
 
     Args:
-        path: The log.
-        registry: Knows types.
-        learn: Whether it learns those that the log names.
+        path: Path of the log.
+        registry: Registry of types.
+        learn: Whether the registry learns the types that the log names.
     """
     counts = Counter[tuple[str, str]]()
 
@@ -137,9 +137,9 @@ def _read(
 
 
 def _lasting(reader: LogReader) -> Graph:
-    """Return the graph of a log that was there longest, of those with most components; an empty one if there is none.
+    """Return the longest-lasting one of a log's graphs with most components; an empty graph if there is none.
 
-    Components come and go, and so does who listens for a while.
+    Components come and go, and so do temporary listeners.
     """
     try:
         graphs = list(replay(reader.notes(GRAPH)))
@@ -152,13 +152,13 @@ def _lasting(reader: LogReader) -> Graph:
 
 
 def _segments_alone(counts: Iterable[tuple[str, str]]) -> Graph:
-    """Return a graph with one component in each segment that a recording names: that is all there is to tell."""
+    """Return a graph with one component for each segment that a recording names, as nothing more is known."""
     segments = sorted({segment for _, segment in counts if segment})
     return Graph.of([ConnectedComponent(each, f"segment {each}", name=each) for each in segments], (), (), ())
 
 
 def _of_router(endpoint: str, name: str | None, config: Mapping[str, Any]) -> tuple[Graph | None, list[str]]:
-    """Return the graph of the router of riot's at an endpoint, None if there is none, and where its segments listen."""
+    """Return the graph of riot's router at an endpoint, None if there is none, and the endpoints of its segments."""
     from riot_bus.control.remote import Remote
 
     with Remote(endpoint, name, config=config) as remote:
@@ -189,7 +189,7 @@ def _present(segments: Mapping[str, Any]) -> dict[tuple[str, str], ConnectedComp
 
 
 def _of_others(endpoint: str, seen: Survey) -> tuple[Graph, Mapping[str, Started]]:
-    """Return who is connected to a router of others: as it says itself, else as the sockets of this machine do."""
+    """Return the components on a router that is not riot's: as it reports, else from the sockets of this machine."""
     from riot_bus.graph.survey import started_at
 
     modes, started = {zid: mode for zid, mode in seen.modes.items() if not is_control(zid)}, dict(seen.started)

@@ -23,7 +23,7 @@ Process = tuple["ConnectedComponent", ...]
 
 
 def sessions_by_process(graph: Graph) -> list[Process]:
-    """Return the sessions of each component: those of one process belong together, and routers are none."""
+    """Return the sessions of each component: those of one process belong together, and routers are left out."""
     found: defaultdict[Hashable, list[ConnectedComponent]] = defaultdict(list)
     for each in graph.components:
         if each.mode != "router":
@@ -33,9 +33,9 @@ def sessions_by_process(graph: Graph) -> list[Process]:
 
 
 def component_names(processes: Sequence[Process], commands: Mapping[str, CommandDraft]) -> dict[str, str]:
-    """Return what riot.toml calls the component of each session.
+    """Return the name in riot.toml of the component of each session.
 
-    That is what people call it; of several that are called alike, also the first word that only its command has.
+    That is its usual name; if several have the same one, the first word that only its command has is added.
 
     Args:
         processes: The sessions of each component.

@@ -1,4 +1,4 @@
-"""A draft of a plain Zenoh system as riot.toml, as what is left to fill in, and as JSON."""
+"""A draft of a plain Zenoh system as riot.toml, as a list of what is left to fill in, and as JSON."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def draft_json(found: PlainDraft) -> dict[str, Any]:
 
 
 def draft_lines(found: Mapping[str, Any]) -> list[str]:
-    """Return what people are told of a draft: its components, what is external, what is left, and what to do then.
+    """Return a draft as text: its components, what is external, what is left to fill in, and what to do next.
 
     Args:
         found: As `draft_json` returns it, and whether components were `started`.
@@ -168,7 +168,7 @@ def _head(found: PlainDraft, origin: str, name: str, nominal: str | None) -> str
 
 
 def _types(found: PlainDraft) -> str:
-    """Return the table of types that nothing else tells; empty if there are none."""
+    """Return the table of types that must be declared or are unknown; empty if there are none."""
     rows = []
     for topic, known in found.topics.items():
         if known.declare:
@@ -181,7 +181,7 @@ def _types(found: PlainDraft) -> str:
 
 
 def _unclear(found: PlainDraft) -> Iterator[tuple[str, TopicDraft]]:
-    """Yield the topics whose payloads had something in them, and whose type nothing tells."""
+    """Yield the topics of unknown type that had nonempty payloads."""
     for topic, known in found.topics.items():
         if not known.type_name and known.sizes[1]:
             yield topic, known

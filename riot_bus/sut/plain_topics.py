@@ -1,4 +1,4 @@
-"""What a system file calls the keys of a plain Zenoh system, and what is worth knowing of each; pure."""
+"""Names of the keys of a plain Zenoh system in a system file, and remarks on each; pure."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _OF_TOPICS = ("publishes", "subscribes")
 
 
 def uses_of(graph: Graph, names: Mapping[str, str]) -> Uses:
-    """Return the keys that each component uses; a key expression only where no key is known that it includes.
+    """Return the keys that each component uses; a key expression only if it includes none of these keys.
 
     Args:
-        graph: Says who uses what.
+        graph: Graph of components and topics.
         names: Name of the component of each session.
     """
     found: Uses = defaultdict(set)
@@ -41,13 +41,13 @@ def uses_of(graph: Graph, names: Mapping[str, str]) -> Uses:
 
 
 def topic_groups(graph: Graph, uses: Uses, topics: Mapping[str, TopicDraft]) -> dict[str, list[str]]:
-    """Return all keys of topics by what the file calls them: as adapters do, else the key, or a key expression.
+    """Return all keys of topics by their names in the file: the adapters' names, else the key, or a key expression.
 
-    A key expression stands for keys that differ by a number or id, are used alike, and have messages of one kind.
+    A key expression stands for keys that differ by a number or id, have the same users, and messages of one kind.
 
     Args:
-        graph: Says what adapters call keys.
-        uses: Who uses which keys.
+        graph: Graph with the adapters' names of keys.
+        uses: Keys that each component uses.
         topics: What is known of keys that had messages.
     """
     users: defaultdict[str, set[tuple[str, str]]] = defaultdict(set)
@@ -75,7 +75,7 @@ def topic_groups(graph: Graph, uses: Uses, topics: Mapping[str, TopicDraft]) -> 
 
 
 def topics_by_name(groups: Mapping[str, list[str]], topics: Mapping[str, TopicDraft]) -> dict[str, TopicDraft]:
-    """Return what is known of topics by what the file calls them, of those that had messages."""
+    """Return what is known of the topics that had messages, by their names in the file."""
     found = {}
     for name, keys in groups.items():
         known = [topics[key] for key in keys if key in topics]

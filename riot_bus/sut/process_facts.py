@@ -1,4 +1,4 @@
-"""Looks at a running process: what it executes, its environment, and which of its files say where it connects."""
+"""Facts about a running process: its program, its environment, and its files that name an endpoint to connect to."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _MOST_WORDS = 100
 
 
 def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
-    """Return what a process of this machine is; what we may not see of it is left out.
+    """Return facts about a process of this machine, without those that this user may not see.
 
     Args:
-        started: The process.
-        ports: Where it may connect.
+        started: The running process.
+        ports: Ports that it may connect to.
     """
     import psutil
 
@@ -40,13 +40,13 @@ def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
 
 
 def _program(started: Started, environment: Mapping[str, str]) -> str:
-    """Return the path of what is executed; that of the Python that runs riot if it is that, by whatever name."""
+    """Return the path of the executed program; riot's own path of its Python if the program is that Python."""
     first = started.command[0]
     path = os.path.join(started.cwd, first) if os.sep in first else shutil.which(first, path=environment.get("PATH"))
     if path is None:
         return ""
     path, python = os.path.normpath(path), sys.executable
-    # Environments of Python differ by the folder of the link, not by what it leads to.
+    # Python environments differ by the folder of the symbolic link, not by its target.
     same = os.path.realpath(path) == os.path.realpath(python)
     return python if same and os.path.samefile(os.path.dirname(path), os.path.dirname(python)) else path
 

@@ -1,4 +1,4 @@
-"""What Python components told of themselves in a trial (see `python_hook/sitecustomize.py`), read from riot's side."""
+"""Reports of Python components in a trial (see `python_hook/sitecustomize.py`), as read by riot."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _LARGEST = 1 << 20
 _STACKS_S = 1.0
 _POLL = 0.005
 _SAFE_S = 0.5
-"""Seconds for an answer of a main thread that comes back to Python."""
+"""Seconds to wait for the answer of a main thread, which comes if it returns to Python code."""
 _WHOLE = re.compile(r"( in (<module>|_run_module_as_main)|\nall threads)\n$")
-"""Ends what is written: the main thread comes last, or what the hook adds."""
+"""End of a complete report: the main thread comes last, or a line that the hook adds."""
 _STILL = 10
-"""Polls without anything new after which the text is taken as it is: on a loaded machine it comes in pieces."""
+"""Polls without new text after which the text is taken as it is: on a loaded machine it comes in pieces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class MainEnd:
 
 @dataclass(frozen=True, slots=True)
 class ThreadStack:
-    """Where a thread stands.
+    """Stack of a thread.
 
     Attributes:
         functions: Functions of the component's own code, the innermost first; those of libraries are left out.
@@ -118,7 +118,7 @@ class PythonReport:
         return MainEnd(f"{calls[-1].get('call')}({calls[-1].get('status')})", str(calls[-1].get("function")))
 
     def stacks(self, pids: Iterable[int]) -> list[ThreadStack]:
-        """Ask Python processes where their threads stand; nothing for processes without the hook."""
+        """Request the stacks of Python processes; nothing for processes without the hook."""
         ready = {event["pid"]: event for event in self._read() if event.get("event") == "ready"}
         found = []
         for pid in pids:
@@ -162,7 +162,7 @@ class PythonReport:
 
 
 def _another_runs(pid: int) -> bool:
-    """Return whether a thread but the main one runs: then nobody else may read its frames without asking Python.
+    """Return whether a thread other than the main one runs; its frames cannot be read safely without Python's help.
 
     `faulthandler` does so, and has been seen to end a process whose thread was deep in a recursion.
     """
@@ -201,8 +201,8 @@ def parse_stacks(text: str) -> list[ThreadStack]:
 def deepest_common(looks: Sequence[Sequence[ThreadStack]]) -> list[ThreadStack]:
     """Return the threads of several looks, each down to the innermost function in which it stood in all of them.
 
-    Threads are told apart by their place in the list, which is that of Python's own, newest first; where their number
-    changes between looks, the last look stands.
+    Threads are identified by their place in Python's own list, newest first; if their number changes between looks, the
+    last look is returned.
     """
     if len({len(look) for look in looks}) != 1:
         return list(looks[-1])

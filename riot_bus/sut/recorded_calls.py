@@ -1,4 +1,4 @@
-"""The services that a unit calls, answered from its log when it is tested alone."""
+"""Answers from a unit's log to the services that it calls when it is tested alone."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[Recorded
     """Return the recorded calls of the services that a unit calls, by key.
 
     Raises:
-        ConfigError: Its log has none of one of them, or riot.toml names no log.
+        ConfigError: The log has no answered call of one of the services, or riot.toml names no log.
     """
     file = context.file
     described = file.unit[unit]

@@ -1,4 +1,4 @@
-"""Components on another machine: the `ssh` that executes a command there, and ends it whatever becomes of this side."""
+"""Components on another machine: the `ssh` command that runs one there, and ends it whatever happens on this side."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def ssh_command(
 ) -> list[str]:
     """Return the command that executes a component's command on another machine, where it finds the segment.
 
-    Its standard input has to stay open as long as the component shall live.
+    Its standard input has to stay open as long as the component is to run.
 
     Args:
-        remote: The machine.
-        endpoint: Where the segment listens here.
-        there: Where it is found on the other machine: a port of loopback that leads to it.
-        command: What is executed there.
-        env: Variables that it gets there.
-        cwd: Working folder there, from where a login begins.
+        remote: The other machine.
+        endpoint: Endpoint of the segment on this machine.
+        there: Endpoint on the other machine: a loopback port that is forwarded to the segment.
+        command: Command to execute there.
+        env: Variables that the command gets there.
+        cwd: Working folder there, relative to the folder of a login.
 
     Raises:
-        ConfigError: The segment does not listen on TCP, so `ssh` cannot lead to it.
+        ConfigError: The segment does not listen on TCP, so `ssh` cannot forward to it.
     """
     protocol, _, address = endpoint.partition("/")
     if protocol != "tcp":

@@ -1,8 +1,8 @@
-"""What a component may have of the machine: watched from outside, so nothing changes for one that keeps to it.
+"""Resource limits of a component, watched from outside, so that nothing changes for components within their limits.
 
-Limits of the kernel (setrlimit) would not do. Those of memory count what sanitizers, runtimes and stacks of threads
-reserve and never use; that of processes counts all of a user and none of root's; and a program that is refused a file
-or memory tells of it in its own way, if at all. The supervisor looks here, with the standard library only.
+The kernel's limits (setrlimit) are unsuitable. Those of memory count what sanitizers, runtimes and stacks of threads
+reserve and never use; that of processes counts all processes of a user and none of root's; and each program reports a
+refused file or memory in its own way, if at all. The supervisor uses this module, with the standard library only.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ __all__ = ["LOOK_S", "Guard", "told"]
 LOOK_S = 0.05
 """Seconds between two looks: a program that fills memory as fast as it can, some GB a second, is 0.2 GB over."""
 _ALL = 4
-"""Memory of known processes is looked at each time, the rest, which takes ten times as long, each so many times."""
+"""Looks per full check: each look checks the memory of known processes, a full check takes ten times as long."""
 _TICKS, _PAGE = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
 
 
 class Guard:
-    """Watches one component and all that it has started.
+    """Watches one component and all its descendants.
 
     Args:
-        pid: Its process.
-        limits: The most that it may have: `memory` (bytes), `files`, `processes`, `cpu` (seconds); 0 for any amount.
+        pid: Id of the component's process.
+        limits: Limits of `memory` (bytes), `files`, `processes` and `cpu` (seconds); 0 for no limit.
     """
 
     def __init__(self, pid: int, limits: Mapping[str, float]) -> None:
@@ -39,14 +39,14 @@ class Guard:
         self._looks = 0
 
     def include(self, pids: Sequence[int]) -> None:
-        """Watch other processes, and what they start, as well: those of a container are nobody's descendants here."""
+        """Watch other processes and their descendants, too, such as a container's, which are no descendants here."""
         self._others = pids
 
     def excess(self, orphans: Sequence[int] = ()) -> tuple[str, float] | None:
-        """Return what the component has too much of, and how much it has; None if nothing.
+        """Return the resource whose limit the component exceeds, and its amount; None if there is none.
 
         Args:
-            orphans: Processes that it has started and that are no longer its descendants.
+            orphans: Ids of processes that it has started and that are no longer its descendants.
         """
         had: dict[str, float] = {}
         if self._looks % _ALL == 0:

@@ -1,9 +1,9 @@
-"""Is it certain that a process does nothing more of itself? Told by what the kernel says that each thread waits for.
+"""Certainty that a process does nothing more without input, by what each thread waits for according to the kernel.
 
-A thread that waits for a time (a sleep, a wait with a timeout) or for a file is not done, however long it sleeps: that
-takes a window in which nothing happens (`settling`). One that waits for another thread without a timeout is done when
-all are. So where no thread but Zenoh's own waits for anything else, or else has not run since the input began, nothing
-can happen within that window, and it need not be waited for. Zenoh's threads wait for their sockets, with timers.
+A thread that waits for a time (a sleep, a wait with a timeout) or for a file may go on at any moment; then only a
+window without activity shows that it is done (`settling`). A thread that waits for another thread without a timeout is
+done when all are. So if each thread except Zenoh's own waits in that way, or has not run since the input began, nothing
+can happen within that window, and there is no need to wait for it. Zenoh's threads wait for their sockets, with timers.
 """
 
 from __future__ import annotations

@@ -29,18 +29,18 @@ _LOOK_S = 0.05
 def bridged_domains(
     launcher: Launcher, endpoints: Mapping[str, str], domains: Mapping[str, int], *, folder: Path
 ) -> Iterator[Counter[str]]:
-    """Join a ROS domain to each segment, until the end; what is on its way then still crosses.
+    """Join a ROS domain to each segment until the context ends; messages in transit then are still forwarded.
 
-    Yields what is filled in the end: how many messages of each topic a bridge has carried into its domain.
+    Yields counts that are filled at the end: how many messages of each topic a bridge has carried into its domain.
 
     Args:
         launcher: Owner of the processes.
-        endpoints: Where each segment listens.
-        domains: The domain of each.
-        folder: For their output.
+        endpoints: Endpoint of each segment.
+        domains: ROS domain of each segment.
+        folder: Folder for the output of the bridges.
 
     Raises:
-        EnvironmentFaultError: A bridge does not start, as where there is no rclpy.
+        EnvironmentFaultError: A bridge does not start, such as for lack of rclpy.
     """
     bridges = [
         start_bridge(launcher, f"bridge-{segment}", endpoint=endpoints[segment], domain=domain, folder=folder)
@@ -78,10 +78,10 @@ def start_bridge(launcher: Launcher, name: str, *, endpoint: str, domain: int, f
 
     Args:
         launcher: Owner of the process.
-        name: What it is called.
-        endpoint: Where the segment listens.
-        domain: The domain.
-        folder: For its output.
+        name: Name of the bridge.
+        endpoint: Endpoint of the segment.
+        domain: Number of the domain.
+        folder: Folder for its output.
     """
     options = [f"--domain={domain}", f"--endpoint={endpoint}", "--format=json"]
     command = [*riot_command(), "bridge", "ros2", *options]

@@ -1,4 +1,4 @@
-"""Where a chain gets its runners from: processes of this machine, or whatever else is put in their place."""
+"""Factories of the runners of a chain: with processes of this machine, or with replacements for them."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ _SYSTEM_BATCH = 2
 
 
 def slots_for(busy: float, processors: int) -> int:
-    """Return how many trials run at once where each takes a share of a processor: at least one on each processor.
+    """Return how many trials run at once if each takes a share of a processor: at least one on each processor.
 
     Args:
-        busy: Seconds of a processor that a trial takes, per second; 0 if that is not known.
-        processors: How many there are.
+        busy: Processor time of a trial in seconds per second; 0 if that is not known.
+        processors: Number of processors.
     """
     return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
 
@@ -58,43 +58,43 @@ class RunnerFactory(Protocol):
         """Return a runner for trials of a unit alone.
 
         Args:
-            unit: Its name.
-            log: Returns its nominal log, what it does with which is what it is held against; asked when first needed.
+            unit: Name of the unit.
+            log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
             persistent: Whether trials that pass may share a process.
         """
         ...
 
     def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
-        """Return what a unit does in nominal trials, which are run for it once; arguments as of `unit`."""
+        """Return the baseline of a unit, which is measured once; takes the arguments of `unit`."""
         ...
 
     def in_system(
         self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
     ) -> Baseline:
-        """Return what a unit does in nominal runs of the whole system, which are carried out for it once.
+        """Return the baseline of a unit in nominal runs of the whole system, which is measured once.
 
         Args:
-            unit: Its name.
-            log: Returns its nominal log.
-            pace: How long external components run, and how fast.
-            driving: What is played to the system instead, if there are none.
+            unit: Name of the unit.
+            log: Function that returns the nominal log.
+            pace: Duration and speed of external components.
+            driving: Messages that are played to the system instead, if it has no external components.
         """
         ...
 
     def keep_evidence(
         self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
     ) -> bool:
-        """Repeat a failing case until it fails so again, and keep what that trial leaves in a folder.
+        """Repeat a failing case until it fails with the same signature again, and keep the evidence of that trial.
 
         Args:
-            unit: The unit.
-            case: The case.
-            signature: The failure.
-            folder: For what the trial leaves.
-            in_system: What the unit does in nominal runs of the whole system, if trials are such runs.
+            unit: Name of the unit.
+            case: The failing test case.
+            signature: Signature of the failure.
+            folder: Folder for the evidence.
+            in_system: Baseline of the unit in runs of the whole system, if trials are such runs.
 
         Returns:
-            False if it did not fail so in a few trials; then nothing is kept.
+            False if it did not fail with this signature in a few trials; then nothing is kept.
         """
         ...
 
@@ -110,28 +110,28 @@ class RunnerFactory(Protocol):
         """Return a runner for runs of the whole system.
 
         Args:
-            pace: How long external components run, and how fast.
-            observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
+            pace: Duration and speed of external components.
+            observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
             record: File that gets every message of a run; None for none.
-            judged: The unit that is held against what it does in nominal runs, and that (from `in_system`).
-            timed: Whether what follows what is told by time, which more runs at once than processors would blur.
+            judged: Unit to judge, and its baseline in nominal runs (from `in_system`).
+            timed: Whether causes are inferred from times, which more runs at once than processors would blur.
         """
         ...
 
     def close(self) -> None:
-        """Give everything back that runners use."""
+        """Release everything that runners use."""
         ...
 
 
 class LocalRunners:
-    """Runners that start the components of a system as processes of this machine, or where workers are.
+    """Factory of runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
         context: The system.
-        jobs: Trials at once; 0 for one on each processor, and more of units that mostly wait.
-        workers: Returns where trials are executed instead of on this machine, called when first needed.
-        keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
-        fresh: Whether the latter is measured anew instead of read there.
+        jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
+        workers: Function that returns a source of workers to use instead of this machine; called when first needed.
+        keep: Folder in which the files of failing trials, and the baselines, are kept.
+        fresh: Whether to measure baselines anew instead of reading them there.
     """
 
     def __init__(
@@ -255,7 +255,7 @@ class LocalRunners:
         timed = timed and self._context.file.system.clock is None
         if timed or not self._spread:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
-        # How busy runs are differs from day to day; what a search asks for must not, so a batch is of one size.
+        # The load of runs varies from day to day, but the questions of a search must not: a batch has a fixed size.
         batch = _SYSTEM_BATCH * self._processors
 
         def slots(busy: float) -> int:

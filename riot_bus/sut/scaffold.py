@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["comment", "external_topics", "is_tested", "sketch_json", "sketch_toml", "topic_list"]
 
 PROGRAM = ("ros2", "run", "PACKAGE", "EXECUTABLE")
-"""Stands for the command of a component, which no network tells."""
+"""Placeholder for the command of a component, which a network does not reveal."""
 
 
 def sketch_json(found: SystemDraft) -> dict[str, Any]:

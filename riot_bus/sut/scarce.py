@@ -1,7 +1,7 @@
-"""What there is only so much of, such as simulators: trials that need it wait until others no longer do.
+"""Limited resources, such as simulators: trials that need one wait until it is free.
 
-Each piece is a file that whoever has it holds locked, so this is kept by all processes of riot that test a system, and
-what a process had is free as soon as it has ended, however.
+Each piece is a file that its holder locks. So all processes of riot that test a system share the resources, and those
+of a process are free as soon as it ends, for whatever reason.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:
 
 @contextmanager
 def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
-    """Wait until there is what components need, and hold it.
+    """Wait until the resources that components need are free, and hold them.
 
-    Resources are taken in the order of their names, and all of one by one trial after the other, so that no two trials
-    wait for each other.
+    Resources are taken in the order of their names, and only one trial at a time takes pieces of a resource, so that no
+    two trials wait for each other.
 
     Args:
-        file: The system.
-        names: The components that run together.
+        file: The system file.
+        names: Names of the components that run together.
     """
     needs = needed(file, names)
     if not needs:

@@ -1,11 +1,11 @@
-"""When has a component finished what it was given? Measured, never slept for.
+"""Detection that a component has processed its input: measured, without fixed sleeps.
 
-The sum of voluntary context switches of all its threads stands still, and no thread is running or waiting for a
-processor (facts: a window of 15 ms came right after the last of 200 one-millisecond callbacks in 5 of 5 tries; the
-state of the threads makes it hold on a loaded machine too). A component with timers of its own never stands still: it
-has finished when it does no more than it does without input, in switches and in time of the processor.
+A component is done when the sum of voluntary context switches of all its threads stays the same, and no thread is
+running or waiting for a processor (measured: a window of 15 ms came right after the last of 200 one-millisecond
+callbacks in 5 of 5 tries; the state of the threads makes this reliable on a loaded machine, too). A component with its
+own timers never stands still: it is done when it does no more than without input, in switches and in processor time.
 
-Deadlines do not run while a component waits for a processor that others have: a loaded machine is no hang.
+Deadlines do not run while a component waits for a processor that others use: a loaded machine is no hang.
 """
 
 from __future__ import annotations
@@ -79,17 +79,17 @@ def _never() -> bool:
 def wait_taken(
     threads: Threads, senders: Threads, *, before: int, timeout: float, hangs: Callable[[], bool] = _never
 ) -> bool:
-    """Wait until processes have taken in what was put: it is sent, they have moved since, and all their threads sleep.
+    """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep.
 
-    Threads are looked at one after the other, and one may wake another that has been looked at already; so it is done
-    twice, with no switch in between.
+    Threads are checked one after the other, and one may wake another that was already checked; so they are checked
+    twice, with no context switch in between.
 
     Args:
-        threads: Those of the processes.
-        senders: From `own_senders`.
-        before: How often the processes' threads had got a processor before the first of what was put.
+        threads: Threads of the processes.
+        senders: Threads of this process that send, from `own_senders`.
+        before: Number of times that the processes' threads got a processor before the first input.
         timeout: Deadline in seconds.
-        hangs: True when waiting has become pointless.
+        hangs: Function that returns True when waiting is pointless.
     """
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not hangs():
@@ -116,21 +116,22 @@ def wait_settled(
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
     Args:
-        threads: Those of the processes.
+        threads: Threads of the processes.
         window: Seconds without activity that count as settled.
-        timeout: Deadline in seconds, of those in which the processes did not have to wait for a processor.
-        idle: What the processes do without any input.
-        since: Activity before the last input; until the processes have moved past it (at most ten windows) they
-            have not received that input yet.
-        alive: False when one has died.
-        hangs: True when they are known to be busy for ever.
-        rests: True when nothing can come of itself, so that the window need not be waited for; None if nobody can tell.
+        timeout: Deadline in seconds, without the time that the processes waited for a processor.
+        idle: Activity of the processes without any input.
+        since: Activity before the last input; the processes count as not having received that input until they have run
+            since, or ten windows have passed.
+        alive: Function that returns False when a process has died.
+        hangs: Function that returns True when the processes are known to be busy for ever.
+        rests: Function that returns True when nothing more can happen without input, so that there is no need to wait
+            for the window; None if that is unknown.
 
     Returns:
         False when the deadline passed while they were still busy, or they hang.
 
     Raises:
-        EnvironmentFaultError: Most of the time others had the processors, so nothing can be told.
+        EnvironmentFaultError: Others used the processors most of the time, so no statement is possible.
     """
     begun = threads.activity()
     start = time.monotonic()

@@ -1,4 +1,4 @@
-"""Is a unit still itself after a trial? Told by a probe, by its threads and by how it ended, beside nominal trials."""
+"""Check that a unit still works after a trial: a probe, its threads and its end are compared with nominal trials."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ is alone on its machine; one that sleeps is looked at after so many seconds."""
 
 
 class Feeder:
-    """Plays messages to the unit on a stage, and finds out whether it is still itself afterwards.
+    """Plays messages to the unit on a stage, and finds out whether it still works afterwards.
 
     Args:
-        stage: The stage that it runs on.
-        name: Its component.
-        unit: Its settings.
-        baseline: What it does in nominal trials.
+        stage: Stage that the unit runs on.
+        name: Name of its component.
+        unit: Settings of the unit.
+        baseline: Behaviour of the unit in nominal trials.
         ordered: Whether the order of the log is kept across topics.
 
     Attributes:
-        sent: Messages that were published the last time.
+        sent: Number of messages that were published the last time.
         gave_up: Whether the order across topics was to be kept and was not: a unit that works for long, or never
             sleeps, gets further messages without waiting.
-        probed: Outputs that there were before the last probe; None if there was none.
+        probed: Number of outputs before the last probe; None if there was none.
     """
 
     def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline, *, ordered: bool = False) -> None:
@@ -180,11 +180,11 @@ class Feeder:
         return before
 
     def nominal(self, probe: Sequence[Message]) -> NominalTrial:
-        """Return what the unit does after its nominal log, which it has got, and to a probe.
+        """Return the observations of a nominal trial whose log has been played, and play the probe.
 
-        On a loaded machine it may seem at rest before it has its input. So answers that its baseline knows are waited
-        for, and as long as that knows none, those on all topics on which the log has brought some, and all that come
-        late where others had the processors meanwhile.
+        On a loaded machine, the unit may seem at rest before it has its input. So this waits for the answers that the
+        baseline knows or, as long as it knows none, for answers on all topics on which the log brought some, and for
+        late answers if other processes used the processors meanwhile.
         """
         self._await_late()
         answers, begin = self._answers(0), len(self._stage.outputs)
@@ -210,14 +210,14 @@ class Feeder:
         self._stage.bus.drain(self._settle.timeout)
 
     def signs(self, *, settled: bool) -> tuple[Signs, bool]:
-        """Return what is different from nominal trials, and whether the unit has come to rest after all input.
+        """Return the differences from nominal trials, and whether the unit has come to rest after all input.
 
-        A unit that answers nominal input as in nominal trials is alive. One that does not gets the whole nominal log:
-        an input may have put it into a state that another one ends, or it has not seen yet what it needs. That has to
-        bring what the probe brings, and no more: of a second log, nominal trials do not tell what comes once only.
+        A unit that answers nominal input as in nominal trials is alive. One that does not gets the whole nominal log,
+        since an input may have put it into a state that another one ends, or it still lacks some input. It only has to
+        answer on the topics of the probe: nominal trials do not show which answers come only once over two logs.
 
         Args:
-            settled: Whether it has come to rest after the log.
+            settled: Whether the unit has come to rest after the log.
         """
         baseline = self._baseline
         settled = settled or self._runs_out()
@@ -313,7 +313,7 @@ class Feeder:
         return not self.alive
 
     def _spins(self) -> bool:
-        """Return whether the unit runs so much more than without input that a thread of it must run without an end."""
+        """Return whether the unit runs so much more than without input that one of its threads must run for ever."""
         ran = self._stage.measure_idle([self._name], seconds=_SPIN_S).ran
         return ran > self._baseline.idle.ran + _SPIN_SHARE
 
@@ -391,7 +391,7 @@ class Feeder:
         return bool(crashes_of(component) or self._ended())
 
     def _ended(self) -> str:
-        """Return how the unit has ended though nominal trials do not end it; empty if it has not."""
+        """Return how the unit has ended although it does not end in nominal trials; empty if it has not ended."""
         if not self.alive:
             if self._process.status != 0 or self._baseline.ends:
                 return ""

@@ -1,4 +1,4 @@
-"""The code of a system under test: the files that decide what its components do, and so how long answers hold."""
+"""The code of a system under test: the files that determine its behaviour, and how long stored outcomes are valid."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def _is_program(path: Path) -> bool:
-    """Return whether a file can be executed and is no data: on some file systems, all files can."""
+    """Return whether a file is executable and not data: on some file systems, all files are executable."""
     with suppress(OSError):
         if os.access(path, os.X_OK) and path.is_file():
             with path.open("rb") as stream:

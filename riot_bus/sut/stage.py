@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["TrialPlace", "TrialSetup", "Watch"]
 
 Watch = Callable[[str, Callable[["Message"], None]], None]
-"""Has something called with each message of a key expression that is published somewhere."""
+"""Function that subscribes a callback to the messages of a key expression."""
 
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
@@ -67,13 +67,13 @@ class TrialPlace:
         context: The system.
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
-        parameters: Values of {param:NAME} in commands, where these are not the nominal ones.
+        parameters: Values of {param:NAME} in commands that differ from the nominal ones.
         imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
-        kept: What goes on over trials.
+        kept: Units and systems that are kept over trials.
     """
 
     LEFT = "left"
-    """In the folder, what a trial is asked to leave: a folder of evidence, or a recording."""
+    """Name in the folder of what a trial is asked to leave: a folder of evidence, or a recording."""
 
     context: Context
     launcher: Launcher
@@ -93,22 +93,22 @@ class TrialSetup:
     Args:
         context: The system.
         launcher: Owner of the processes.
-        directory: Folder for their output and whatever they write by `{trial_dir}`.
-        segments: Names of the segments to open; none for one of each component, by its name.
+        directory: Folder for their output and for what they write to `{trial_dir}`.
+        segments: Names of the segments to open; empty for one segment for each component, with its name.
         intercept: Key expressions that are cut and passed through `pipeline`.
-        pipeline: Interceptors.
+        pipeline: Pipeline of the interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
-            may have another one; those that are not in it are executed and added, others are forked.
-        attach: Components of the trial; the segment of one that runs already listens where that connects.
+            may have another command; components that are not in it are executed and added, others are forked.
+        attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
 
     Attributes:
-        idle: What components do that are ready and never rest; nothing if they rest.
-        senders: The threads of this process that send.
-        others: All of its threads but the one that runs the trial.
-        now: Tells the time of what is published, in nanoseconds.
-        services: What answers the calls of components.
-        begun: When the trial began, seconds of the monotonic clock.
+        idle: Activity of components that are ready and never rest; no activity if they rest.
+        senders: Threads of this process that send.
+        others: All threads of this process except the one that runs the trial.
+        now: Function that returns the time of published messages, in nanoseconds.
+        services: Recorded services that answer the calls of components.
+        begun: Start of the trial, in seconds of the monotonic clock.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class TrialSetup:
                 self.bus.close()
 
     def renew(self) -> None:
-        """Begin another trial with the same processes: what was seen in the last one is forgotten."""
+        """Begin another trial with the same processes, and discard the observations of the last one."""
         self._begin, self.begun = self.now(), time.monotonic()
         self.outputs, self.inputs, self._samples = [], [], {}
         self._watched.clear()
@@ -213,9 +213,9 @@ class TrialSetup:
         """Start a component on its segment.
 
         Args:
-            name: The component.
-            seed: For its `{seed}`.
-            pace: For its `{duration}` and `{speed}`.
+            name: Name of the component.
+            seed: Value of `{seed}`.
+            pace: Values of `{duration}` and `{speed}`.
             before: Words before its command, such as those of a debugger.
         """
         ready, segment = self.context.file.components[name].ready, self.segment_of(name)
@@ -313,7 +313,7 @@ class TrialSetup:
         self._check_alive(names)
 
     def _watch(self, names: Iterable[str]) -> None:
-        """Have it told where a signal ends components from now on, and find those whose processes are elsewhere."""
+        """Record native stacks at fatal signals from now on, and find components whose processes are elsewhere."""
         for name in names:
             self._starter.find_inside(name)
         traced = [self.processes[name].pid for name in names if self.context.file.components[name].is_process]
@@ -356,10 +356,10 @@ class TrialSetup:
         return None
 
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
-        """Wait until components do next to nothing, or as much as the moment before: they have timers of their own.
+        """Wait until components do next to nothing, or as much as the moment before because of their own timers.
 
-        What they do then is `idle`, which is told from work later on. It is watched longer than they are after the last
-        input; else a pause between two timers would pass for rest, and no pause as long might come at the end.
+        Their activity then is `idle`, by which work is recognised later. It is measured for longer than after the last
+        input; else a pause between two timers would be taken for rest, and no pause as long might come at the end.
         """
         last: Idle | None = None
         while time.monotonic() < deadline:
@@ -379,7 +379,7 @@ class TrialSetup:
                 raise self._did_not_start(name, f"ended with status {status} before it was ready")
 
     def _excess(self, name: str) -> tuple[str, str] | None:
-        """Return what a component was ended for having too much of, and how much as text."""
+        """Return the resource whose limit ended a component, with a text about the amount; None if none did."""
         excess, limits = self.processes[name].excess, self.context.file.components[name].limits
         if excess is None or limits == "off":
             return None
@@ -451,14 +451,14 @@ class TrialSetup:
         self.inputs.append(sent)
 
     def is_at_rest(self, name: str, *, since: Activity, own: Activity, window: float) -> bool:
-        """Return whether it is certain that a component does nothing more of itself, and that all of it has come here.
+        """Return whether a component certainly does nothing more without input, and all its outputs have arrived.
 
-        Of Python programs only: another one that is ending is quiet, too, while it closes its session.
+        True for Python programs only: any other program that is ending is quiet, too, while it closes its session.
 
         Args:
-            name: The component.
-            since: What it had done before its input.
-            own: What the other threads of this process had done then: they send and receive.
+            name: Name of the component.
+            since: Activity of the component before its input.
+            own: Activity then of the other threads of this process, which send and receive.
             window: Seconds within which no timer of Zenoh's may be due.
         """
         threads = self.threads([name])
@@ -471,7 +471,7 @@ class TrialSetup:
         )
 
     def sample_resources(self, names: Iterable[str]) -> None:
-        """Note what components have of the machine just now."""
+        """Note the resources that components use now."""
         for name in names:
             bridge = self._starter.bridge_of(name)
             ours = families([bridge.pid]) if bridge is not None else ()
@@ -480,7 +480,7 @@ class TrialSetup:
             self._samples.setdefault(name, []).append(sample)
 
     def samples(self, name: str) -> Sequence[ResourceSample]:
-        """Return what a component had of the machine, over time."""
+        """Return the noted resources of a component over time."""
         return self._samples.get(name, ())
 
     def stacks(self, names: Iterable[str]) -> list[ThreadStack]:
@@ -496,7 +496,7 @@ class TrialSetup:
         return self.threads(names).activity()
 
     def measure_idle(self, names: Iterable[str], *, seconds: float) -> Idle:
-        """Return what components do now, watched for some seconds."""
+        """Measure the activity of components for some seconds."""
         names = list(names)
         begin, before = time.monotonic(), self.activity(names)
         time.sleep(seconds)
@@ -510,13 +510,13 @@ class TrialSetup:
         return min(found, key=lambda each: each.switches)
 
     def held_up(self, names: Iterable[str], *, since: tuple[Activity, Activity] | None = None) -> Callable[[], float]:
-        """Return what tells for how many seconds components, or the router here, had to wait for a processor since.
+        """Return a function that tells how many seconds components, or the router here, waited for a processor since.
 
         A wait counts when it is over: see `wants_processor`.
 
         Args:
-            names: The components.
-            since: What they, and the router here, had done by then; None for what they have done by now.
+            names: Names of the components.
+            since: Activity of the components and of the router here at the start; None to start now.
         """
         looked_at = self.threads(names), self.others
         before = since or [threads.activity() for threads in looked_at]
@@ -534,7 +534,7 @@ class TrialSetup:
         return self._families[pids]
 
     def include_started(self, names: Iterable[str]) -> bool:
-        """Look at what components have started meanwhile, too; return whether it is the same as before."""
+        """Include processes that components have started meanwhile; return whether there are no changes."""
         pids = self._starter.roots(names)
         now, known = tuple(families(pids)), self._families.get(pids)
         if known is not None and known.pids == now:

@@ -1,4 +1,4 @@
-"""Starts the components of one trial: placeholders are filled in, and what they need beside themselves is made."""
+"""Start of the components of one trial: fills in placeholders, and sets up what else the components need."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["ComponentStarter", "last_words"]
 
 _PORTS = range(15_000, 32_000)
-"""Below those that the kernel hands out, so that none is gone before the component listens there."""
+"""Ports below those that the kernel assigns, so that none is taken before the component listens there."""
 
 
 class ComponentStarter:
@@ -86,16 +86,16 @@ class ComponentStarter:
         """Start a component, after what is set up for it.
 
         Args:
-            name: The component.
-            endpoint: Where its segment listens.
-            segment: The name of that.
-            seed: For its `{seed}`.
-            pace: For its `{duration}` and `{speed}`.
-            before: Words before its command, such as those of a debugger, if that is executed here.
+            name: Name of the component.
+            endpoint: Endpoint of its segment.
+            segment: Name of its segment.
+            seed: Value of `{seed}`.
+            pace: Values of `{duration}` and `{speed}`.
+            before: Words before its command, such as those of a debugger, if the command is executed here.
 
         Raises:
-            ConfigError: It cannot be started so on this machine, or its setup fails.
-            EnvironmentFaultError: It or its setup cannot be executed.
+            ConfigError: The component cannot be started so on this machine, or its setup fails.
+            EnvironmentFaultError: The component or its setup cannot be executed.
         """
         component = self._file.components[name]
         before = before if component.is_process else ()
@@ -216,7 +216,7 @@ class ComponentStarter:
         timeout: float,
         undo: Sequence[str] = (),
     ) -> None:
-        """Execute a command to its end, and `undo` where that is no good one; output stays in files of its name."""
+        """Execute a command to its end, and `undo` if it fails; the output is kept in files with its name."""
         where = self._file.path
         process = self._launcher.start(
             name, command, env=env, cwd=cwd, directory=self._directory, teardown=undo, undoes=True
@@ -229,7 +229,7 @@ class ComponentStarter:
             raise ConfigError(told, where=str(where), hint=last_words(process))
 
     def _program(self, name: str) -> str:
-        """Return what tells apart the programs whose imports are known."""
+        """Return the key that identifies a component's program in `imports`."""
         component = self._file.components[name]
         return " ".join((name, component.cwd, *component.command))
 
@@ -252,10 +252,10 @@ class ComponentStarter:
         return self._ports[word]
 
     def find_inside(self, name: str) -> None:
-        """Find the processes of a ready component where they are no descendants of riot's, or only some of them.
+        """Find the processes of a ready component that are no descendants of riot's, and check `only`.
 
         Raises:
-            ConfigError: Nothing that its command has started is what `only` in riot.toml means.
+            ConfigError: The component's command has started no process that matches `only` in riot.toml.
         """
         start, process = self._starts[name], self._processes[name]
         if (only := self._file.components[name].only) is not None:
@@ -291,10 +291,10 @@ class ComponentStarter:
         return all(map(self._launcher.alive, processes))
 
     def check_way(self, name: str) -> None:
-        """Check that what leads to a component has not ended: that is no failure of the component.
+        """Check that the bridge or connection to a component has not ended, which is no failure of the component.
 
         Raises:
-            EnvironmentFaultError: It has.
+            EnvironmentFaultError: The bridge or connection has ended.
         """
         start, process, bridge = self._starts[name], self._processes[name], self._bridges.get(name)
         if bridge is not None and not self._launcher.alive(bridge):

@@ -24,13 +24,13 @@ class Start(NamedTuple):
     """How a component is started.
 
     Attributes:
-        argv: What is executed on this machine.
-        teardown: What is executed when that has ended; empty for nothing.
-        engine: What runs its container; empty if it has none.
-        container: The name of that.
+        argv: Command that is executed on this machine.
+        teardown: Command that is executed when that has ended; empty for none.
+        engine: Program that runs its container; empty if it has none.
+        container: Name of the container.
         held: Whether its standard input stays open.
-        relayed: Whether its status is told as a shell tells it.
-        lost: Status that tells of the way to it, not of itself; None if there is no such way.
+        relayed: Whether its status is reported as a shell does.
+        lost: Status that means a failure of the connection, not of the component; None if there is none.
     """
 
     argv: Sequence[str]
@@ -55,17 +55,17 @@ def start_of(
     """Return how a component is started.
 
     Args:
-        component: What riot.toml says of it, with placeholders filled in.
-        name: What it is called there.
-        argv: Its command.
-        env: Variables that riot.toml gives it, and those of the surroundings: a container and another machine have
-            further ones of their own.
-        endpoint: Where its segment listens.
-        there: Where that is for the component: the same, unless it runs on another machine.
+        component: Settings of the component in riot.toml, with placeholders filled in.
+        name: Name of the component in riot.toml.
+        argv: Command of the component.
+        env: Variables that riot.toml gives it, and those of the surroundings; a container or another machine adds
+            its own.
+        endpoint: Endpoint of its segment.
+        there: Endpoint from the component's view: the same, unless it runs on another machine.
         folder: Folder of the trial.
 
     Raises:
-        ConfigError: It cannot be started so on this machine.
+        ConfigError: The component cannot be started so on this machine.
     """
     if component.container is not None:
         called = f"riot-{secrets.token_hex(6)}-{re.sub(r'[^A-Za-z0-9_.-]', '-', name)}"

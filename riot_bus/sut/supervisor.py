@@ -1,11 +1,11 @@
 """The process that owns a trial's components, so that none outlives riot.
 
 Components are executed, or forked from a server that has imported what they import (`fork_server`), and killed when
-they have more of the machine than they may (`resource_limits`). It runs as a script
-of its own (standard library only, one thread) and talks JSON lines over a socket on file descriptor 0. When riot dies,
-even by `kill -9`, the socket ends and everything that was started is killed. Children also carry PR_SET_PDEATHSIG in
-case the supervisor itself is killed, and grandchildren that were orphaned come to it as their sub-reaper. What no kill
-of a child ends, such as a container, has a command that is run when the component has ended (`teardown`).
+they exceed their limits (`resource_limits`). The supervisor runs as a separate script (standard library only, one
+thread) and exchanges JSON lines over a socket on file descriptor 0. When riot dies, even by `kill -9`, the socket ends
+and everything that was started is killed. Children also have PR_SET_PDEATHSIG in case the supervisor itself is killed,
+and it adopts orphaned grandchildren as their subreaper. What does not end with the process of a component, such as a
+container, has a command that is run when the component has ended (`teardown`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 ADDR_NO_RANDOMIZE = 0x0040000
 STARTS_WITHIN_S = 60.0
-"""Within it a fork server has done its imports, on a loaded machine too."""
+"""Time limit for the imports of a fork server, sufficient also on a loaded machine."""
 _POLL = 0.005
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -239,7 +239,7 @@ class Supervisor:
         self._ending[process.pid] = pid
 
     def guard(self) -> None:
-        """Kill each component that has more of the machine than it may, with all that it has started."""
+        """Kill each component that exceeds its limits, with all its descendants."""
         started = {*self._running, *self._ending, *(server.pid for server in self._servers.values())}
         for pid, guard in self._guards.items():
             orphans = set(children_of(os.getpid())) - started if len(self._running) == 1 else ()

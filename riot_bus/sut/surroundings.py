@@ -23,7 +23,7 @@ FIXED: Mapping[str, str] = {
 
 
 def fixed_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return the fixed variables but for those that the component's `env` in riot.toml sets itself."""
+    """Return the fixed variables except those that the component's `env` in riot.toml sets itself."""
     return {name: value for name, value in FIXED.items() if name not in given}
 
 

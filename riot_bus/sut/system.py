@@ -77,7 +77,7 @@ class RunPace(_Table):
 
 
 class Reset(_Table):
-    """What brings processes that go on over trials back to their first state, before each but the first.
+    """What resets processes that are kept over trials to their first state, before each trial except the first.
 
     A message is published, or a command is executed, which may contain {python} {trial_dir} {slot} {free_port:NAME}.
     """
@@ -95,9 +95,9 @@ class Reset(_Table):
 
 
 class VirtualClock(_Table):
-    """`[system.clock]`: runs that the nominal log drives go on when all components are at rest, not as time passes.
+    """`[system.clock]`: in runs that the nominal log drives, time advances when all components are at rest.
 
-    Its time is told on `topic` each `step` seconds, if there is one. With `reset`, processes go on over runs.
+    The virtual time is published on `topic` each `step` seconds, if given. With `reset`, processes are kept over runs.
     """
 
     topic: str | None = Field(default=None, min_length=1)
@@ -166,11 +166,11 @@ def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
 
 
 class ResourceLimits(_Table):
-    """What a component may have of the machine, with all that it has started; 0 for any amount.
+    """Resource limits of a component with all its descendants; 0 for no limit.
 
-    One that has more is ended. Memory is what is resident, and the default protects a machine from a unit that fills
-    it. Files are below 1,024, where most systems refuse more, which each program tells in its own way. The others are
-    beyond whatever does not go on for ever.
+    A component that exceeds a limit is killed. Memory is resident memory; its default protects the machine from a unit
+    that fills it. The default of files is below 1,024, where most systems refuse more, which each program reports in
+    its own way. The other defaults are exceeded only by what would grow or run for ever.
     """
 
     memory: Annotated[int, _amount(parse_size), Field(ge=0)] = 2 << 30
@@ -531,7 +531,7 @@ class SystemFile(_Table):
             )
 
     def isolation_of(self, component: str) -> str:
-        """Return how processes of a component are started: as its unit says, "auto" if it is none."""
+        """Return how processes of a component are started: "fresh" if one of its units says so, else "auto"."""
         units = [unit for name, unit in self.unit.items() if (unit.component or name) == component]
         return "fresh" if any(unit.isolation == "fresh" for unit in units) else "auto"
 

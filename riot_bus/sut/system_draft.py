@@ -1,4 +1,4 @@
-"""A first system file from what was seen on a network; pure. What a network cannot tell is said in comments."""
+"""A first draft of the system file from what a network showed; pure. Comments name what it cannot show."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["INSIDE", "OUTSIDE", "DraftComponent", "SystemDraft", "Used", "described", "free_name", "sketch"]
 
 OUTSIDE, INSIDE = "outside", "inside"
-"""Segments of a file that nobody has named otherwise."""
+"""Default names of the segments in a draft."""
 
 _PLUMBING = frozenset({"/rosout", "/parameter_events"})
 _SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability):\s*(\w+)\s*$", re.MULTILINE)
@@ -37,9 +37,9 @@ class Used:
     """A topic that a component reads or writes.
 
     Attributes:
-        topic: Its name.
-        type_name: Its type.
-        qos: What is unusual about how it is published; empty for reliable and volatile.
+        topic: Name of the topic.
+        type_name: Name of its message type.
+        qos: Unusual settings of its publisher; empty for reliable and volatile.
     """
 
     topic: str
@@ -52,12 +52,12 @@ class DraftComponent:
     """A component: what one Zenoh session announces, which is one process.
 
     Attributes:
-        name: In the system file.
-        nodes: Its ROS nodes; none for a bridge.
-        zid: Its session.
-        services: What it serves and calls, as text.
-        actions: Actions that it serves and calls, as text.
-        external: Why it is taken for the outside world; empty if it is not.
+        name: Name in the system file.
+        nodes: Its ROS nodes; empty for a bridge.
+        zid: Id of its Zenoh session.
+        services: Services that it offers and calls, as text.
+        actions: Actions that it offers and calls, as text.
+        external: Why it counts as external; empty if it does not.
         started: How its process was started, if that is known.
     """
 
@@ -74,13 +74,13 @@ class DraftComponent:
 
 @dataclass(frozen=True, slots=True)
 class SystemDraft:
-    """A system as far as it shows.
+    """A system as far as the network shows it.
 
     Attributes:
-        external: Topics that the outside world controls, and why it is thought so.
+        external: Reason why the outside world is assumed to control a topic, by topic.
         unit: The component under test, if one was chosen.
         bridged: Whether it is behind a DDS bridge, so that keys do not name types.
-        unknown: Types without a definition here.
+        unknown: Types without a known definition.
     """
 
     parts: tuple[DraftComponent, ...]
@@ -102,22 +102,22 @@ def sketch(
 ) -> SystemDraft:
     """Return the system that nodes and bridges announce.
 
-    A component is taken for the outside world if the user says so; else if it subscribes to nothing. External topics
-    are those that such a component publishes for another one, and those that nobody was seen to publish. With a unit,
-    only what reaches it counts; and if nothing external does, those who feed it are taken for the outside world.
+    Components that the user names are external; if the user names none, those that subscribe to nothing. External
+    topics are those that an external component publishes for another one, and those without a known publisher. With a
+    unit, only topics that reach it count; if no external component reaches it, those that feed it become external.
 
     Args:
         announcements: Liveliness tokens of nodes and bridges.
         offered: Quality of service by key.
-        known: Whether there is a definition of a type.
-        unit: Node to test: its full name, its last part, or the component's name.
-        external: Nodes that play the outside world, likewise.
-        started: How processes were started, by the ids of their sessions.
-        where: Names the network in errors.
+        known: Function that tells whether a type has a definition.
+        unit: Node to test: its full name, the last part of that, or the component's name.
+        external: Nodes that play the outside world, named in the same way.
+        started: How processes were started, by session id.
+        where: Name of the network in errors.
 
     Raises:
         EnvironmentFaultError: No nodes were seen.
-        ConfigError: A node that was named was not seen.
+        ConfigError: A node named by the user was not seen.
     """
     seen = [each for each in announcements if each.source != "advanced token" and not _hidden(each.node)]
     parts = _parts(seen, offered or {})
@@ -140,7 +140,7 @@ def sketch(
 def described(
     parts: Sequence[DraftComponent], *, unit: str | None = None, external: Collection[str] = ()
 ) -> SystemDraft:
-    """Return the system of components, with what is external in it as `sketch` tells; arguments and errors as there."""
+    """Return the system of these components and mark what is external; rules, arguments and errors as in `sketch`."""
     named = {_find(name, parts) for name in external}
     chosen = None if unit is None else _find(unit, parts)
     parts = [replace(each, external="you said so") if each.name in named else each for each in parts]
@@ -205,11 +205,11 @@ def _qos(details: Mapping[str, str]) -> str:
 
 
 def free_name(node: str, taken: set[str]) -> str:
-    """Return the name of a component in the system file, which is taken from then on.
+    """Return an unused name for a component in the system file, and add it to `taken`.
 
     Args:
-        node: What it is called elsewhere.
-        taken: Names of others.
+        node: Name of the node.
+        taken: Names already in use.
     """
     base = re.sub(r"[^A-Za-z0-9_-]+", "_", node.strip("/")) or "node"
     name, number = base, 1
@@ -237,7 +237,7 @@ def _find(name: str, parts: Sequence[DraftComponent]) -> str:
 
 
 def _guess(parts: Sequence[DraftComponent], unit: str | None) -> list[DraftComponent]:
-    """Mark as external what only publishes; and if nothing of that reaches the unit, what feeds it."""
+    """Mark components that only publish as external; if none of them reaches the unit, also those that feed it."""
     reaching = _upstream(parts, unit)
     found = [
         replace(each, external="it subscribes to nothing")
@@ -254,7 +254,7 @@ def _guess(parts: Sequence[DraftComponent], unit: str | None) -> list[DraftCompo
 
 
 def _upstream(parts: Sequence[DraftComponent], unit: str | None) -> set[str]:
-    """Return the components that reach the unit over topics, itself included; all if there is none."""
+    """Return the components that reach the unit over topics, the unit included; all components if unit is None."""
     if unit is None:
         return {part.name for part in parts}
     reached = {unit}

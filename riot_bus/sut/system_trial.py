@@ -57,10 +57,10 @@ _LOOK = 0.1
 
 
 class _Tap:
-    """The last interceptor: keeps what is delivered, with the time of delivery, and counts what injections changed.
+    """The last interceptor: keeps delivered messages with the time of delivery, and counts what injections changed.
 
     Args:
-        injector: The one before it.
+        injector: The interceptor before it.
     """
 
     def __init__(self, injector: Injector) -> None:
@@ -81,7 +81,7 @@ class _Tap:
             self.observe(event.message, later=event.delay_ns)
 
     def observe(self, message: Message, later: int = 0) -> None:
-        """Keep a message that is delivered now, or so many nanoseconds later."""
+        """Keep a message that is delivered `later` nanoseconds from now."""
         self.messages.append(message.with_(time=self.now() + later))
 
 
@@ -89,23 +89,24 @@ class _Tap:
 class SystemTrial:
     """Runs test cases against the whole system.
 
-    A case without messages lets the system's own external components drive it, with injections applied to what they
+    In a case without messages, the system's own external components drive it, with injections applied to what they
     publish; a case with messages plays those instead of starting the external components.
 
-    With a baseline, one component is judged as a unit alone is: when the run is over and external components are ended,
-    it gets its probe where it is, among the others.
+    With a unit, one component is judged as in a unit trial: when the run is over and the external components have been
+    ended, it gets its probe in place, among the other components.
 
     Attributes:
-        observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
-        pace: How long external components run, and how fast.
+        observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
+        pace: Duration and speed of external components.
         record: Whether every message of the run is written into the file `TrialPlace.left`.
-        unit: The unit that is judged so; empty for none.
-        baseline: What it does in nominal runs of the whole system.
-        nominal: Whether that is to be measured: then `nominal` in the outcome's statistics is the `NominalTrial`, and
+        unit: Unit that is judged as in a unit trial; empty for none.
+        baseline: Behaviour of the unit in nominal runs of the whole system.
+        nominal: Whether to measure the baseline: then `nominal` in the outcome's statistics is the `NominalTrial`, and
             `switches` and `ran` are the attributes of its `Idle`.
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
 
-    The outcome's statistics have how many messages each injection changed (`delivered`), and their sum (`modified`).
+    The outcome's statistics contain the number of messages that each injection changed (`delivered`), and their sum
+    (`modified`).
     """
 
     pace: RunPace
@@ -130,7 +131,7 @@ class SystemTrial:
         return outcome
 
     def _carried_out(self, case: TestCase, place: TrialPlace) -> tuple[Outcome, bool]:
-        """Return what came of a run, and whether its processes had had others before."""
+        """Return the outcome of a run, and whether its processes had been used for earlier runs."""
         started, again = time.monotonic(), False
         try:
             kept = self._kept_components(case, place)
@@ -140,7 +141,7 @@ class SystemTrial:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), again
 
     def _kept_components(self, case: TestCase, place: TrialPlace) -> LiveSystem | KeptSystem | None:
-        """Return components that may have had other runs, or that are in virtual time; None for neither."""
+        """Return components that are kept between runs or that use virtual time; None if neither applies."""
         file = place.context.file
         system, parameters = file.system, _parameters(case)
         goes_on = not (self.unit or self.record or self.evidence)
@@ -210,7 +211,7 @@ class SystemTrial:
                 )
 
             def watching(segment: str) -> Watch:
-                """Return what observes a segment; in virtual time, all that is published passes by."""
+                """Return a function that observes a segment; in virtual time, it sees the messages of all segments."""
                 if going_on:
                     return going_on.watching(segment)
 
@@ -309,7 +310,7 @@ class SystemTrial:
     def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: TrialSetup, seed: int) -> None:
         """Let the external components run to their end, or until something inside has died.
 
-        Components that have {duration} in their commands end by themselves; others are stopped after that time.
+        If all their commands contain {duration}, they end by themselves; otherwise they are stopped after that time.
         """
         commands = [stage.context.file.components[name].command for name in outside]
         drivers = [stage.start(name, seed=seed, pace=self.pace) for name in outside]
@@ -334,7 +335,7 @@ class SystemTrial:
         observe: Callable[[Message], None],
         live: LiveSystem | None,
     ) -> bool:
-        """Play messages; return whether all of them were, which in virtual time needs that all come to rest."""
+        """Play messages; return False if, in virtual time, components did not come to rest before the end."""
         file, registry = stage.context.file, stage.context.registry
         segments = {
             topic: file.segment_of(component)
@@ -362,7 +363,7 @@ class SystemTrial:
         return {"system": context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
 
     def _observed(self, messages: Iterable[Message], begin: int, registry: TypeRegistry) -> dict[str, Series]:
-        """Return the observed fields over time; a payload that does not decode leaves its value out."""
+        """Return the observed fields over time, without payloads that cannot be decoded."""
         wanted: dict[str, list[str | None]] = {}
         for text in self.observe:
             selector = parse_selector(text)
@@ -388,17 +389,17 @@ class SystemTrial:
 
 
 class _Probe:
-    """Judges one component of a running system as a unit alone is judged: by its threads, and by its probe at the end.
+    """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end.
 
     Args:
-        trial: The trial.
-        stage: Where it runs; nothing is started on it yet.
-        watching: Returns what observes a segment.
+        trial: The trial of the whole system.
+        stage: Stage on which it runs; nothing is started on it yet.
+        watching: Returns the function that observes a segment.
 
     Attributes:
-        name: The component.
-        feeder: Plays the probe; there is one after `begin`.
-        statistics: What of it the outcome of a nominal trial has.
+        name: Name of the component.
+        feeder: Player of the probe; set by `begin`.
+        statistics: Additional statistics for the outcome of a nominal trial.
     """
 
     def __init__(self, trial: SystemTrial, stage: TrialSetup, watching: Callable[[str], Watch]) -> None:
@@ -418,7 +419,7 @@ class _Probe:
                 watch(expression, self._given.append)
 
     def begin(self) -> None:
-        """Note what the component has of the machine, and measure what it does, before anything comes from outside."""
+        """Sample the component's resources and, in a nominal trial, its timers, before any external input."""
         self._stage.sample_resources([self.name])
         if self._trial.nominal:
             idle = self._stage.measure_timers([self.name])
@@ -427,7 +428,7 @@ class _Probe:
         self.feeder = Feeder(self._stage, self.name, self._unit, self._baseline, ordered=self._baseline.ordered)
 
     def end(self, *, settled: bool) -> TrialView:
-        """Play the probe, and return what is seen of the component; `settled` says whether the system is at rest."""
+        """Play the probe, and return the view of the component; `settled` tells whether the system is at rest."""
         stage, feeder, signs = self._stage, self.feeder, NO_SIGNS
         if self._trial.nominal:
             seen = feeder.nominal(self._baseline.probe)
@@ -441,11 +442,11 @@ class _Probe:
         return view
 
     def judge(self, view: TrialView, *, seconds: float) -> tuple[Violation, ...]:
-        """Return what is wrong with the component.
+        """Return the violations of the component.
 
         Args:
-            view: What is seen of it.
-            seconds: How long the trial took.
+            view: View of the component.
+            seconds: Duration of the trial.
         """
         found = judge(view, [monitor() for monitor in LIVENESS]).violations
         self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
@@ -466,7 +467,7 @@ def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:
 
 
 def _restless(names: Sequence[str], stage: TrialSetup) -> EnvironmentFaultError:
-    """Return the error of a run in virtual time in which components never rest, though none hangs."""
+    """Return the error for a run in virtual time that was not played to its end because a component never rests."""
     busiest = max(names, key=lambda name: stage.measure_idle([name], seconds=_LOOK).switches)
     return EnvironmentFaultError(
         f"component {busiest!r} is not at rest after {_SETTLE_TIMEOUT:g} s, so the log was not played to its end",
@@ -476,7 +477,7 @@ def _restless(names: Sequence[str], stage: TrialSetup) -> EnvironmentFaultError:
 
 
 def write_log(path: Path, messages: Iterable[Message], *, context: Context, metadata: Mapping[str, str]) -> None:
-    """Write messages to a log as they are."""
+    """Write messages to a log unchanged."""
     with LogWriter(path, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
         for message in messages:
             writer.write(message)

@@ -1,4 +1,4 @@
-"""What a short recording tells of a topic: how often it comes, and which codecs read all of its payloads."""
+"""What a short recording shows about a topic: its message rate, and the codecs that read all of its payloads."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["TopicDraft", "TopicLook", "look_at"]
 
 _MOST_READ, _LARGEST_READ = 200, 1 << 20
-"""So many payloads of a topic are read, and none that is larger: what differs in kind shows in few."""
+"""Largest number of payloads read for each topic, and their largest size: a few show which codecs fit."""
 _MOST_ENCODINGS = 8
 _TEXT = "json"
 _MOST_TOPICS = 2000
@@ -28,19 +28,19 @@ _MOST_TOPICS = 2000
 
 @dataclass(frozen=True, slots=True)
 class TopicDraft:
-    """What is known of a topic.
+    """What is known about a topic.
 
     Attributes:
-        topic: What people call it.
+        topic: Name of the topic.
         key: Its key.
-        type_name: Its type; empty if nothing tells it.
-        declare: Whether riot.toml has to say so, since neither key nor encoding nor payloads do.
-        fits: Codecs that read all payloads, where it is not clear which is meant.
-        encodings: Of its messages, the most frequent first.
-        count: Of its messages.
+        type_name: Its type; empty if unknown.
+        declare: Whether riot.toml has to declare the type, since keys, encodings and payloads do not identify it.
+        fits: Codecs that read all payloads, if it is not clear which of them is right.
+        encodings: Encodings of its messages, the most frequent first.
+        count: Number of its messages.
         rate: Messages per second.
-        sizes: Bytes of the smallest and of the largest payload.
-        read: How many payloads were read.
+        sizes: Sizes of the smallest and the largest payload, in bytes.
+        read: Number of payloads that were read.
     """
 
     topic: str
@@ -60,8 +60,8 @@ class TopicLook:
 
     Args:
         key: The key.
-        registry: Knows types.
-        codecs: Those whose documents describe themselves.
+        registry: Registry of message types.
+        codecs: Codecs for self-describing documents.
     """
 
     def __init__(self, key: str, registry: TypeRegistry, codecs: Sequence[MessageType]) -> None:
@@ -100,9 +100,9 @@ class TopicLook:
                 self._documents.add(name)
 
     def draft(self) -> TopicDraft:
-        """Return what is known."""
+        """Return what is known about the topic."""
         fits = tuple(self._fitting) if self._read else ()
-        # A few bytes are a number in any binary encoding, so that only text tells that it is one.
+        # A few bytes are a valid number in any binary encoding, so only text is recognised without a document.
         clear = [name for name in fits if name in self._documents] or [name for name in fits if fits == (_TEXT,)]
         told = self._told.name if self._told is not None and self._readable else ""
         seconds = (self._last - self._first) / 1e9
@@ -121,11 +121,11 @@ class TopicLook:
 
 
 def look_at(messages: Iterable[Message], registry: TypeRegistry) -> tuple[dict[str, TopicDraft], int]:
-    """Return what messages tell of their topics, by key, and how many keys were too many.
+    """Return what messages show about their topics, by key, and the number of keys skipped because of the limit.
 
     Args:
-        messages: In their order.
-        registry: Knows types; what log schemas say is taken in already.
+        messages: Messages in their order.
+        registry: Registry of message types, which already knows the schemas of logs.
     """
     codecs = _documents(registry)
     looks: dict[str, TopicLook] = {}
@@ -141,7 +141,7 @@ def look_at(messages: Iterable[Message], registry: TypeRegistry) -> tuple[dict[s
 
 
 def _documents(registry: TypeRegistry) -> list[MessageType]:
-    """Return the codecs whose payloads need no definition, as far as they can be loaded."""
+    """Return the codecs whose payloads need no definition, without those that cannot be loaded."""
     found = []
     for name in CODECS.targets():
         try:

@@ -1,7 +1,7 @@
-"""Sees where a signal ends a component: stops it just before, by ptrace, and reads its native stack.
+"""Finds where a signal kills a component: stops it just before, by ptrace, and reads its native stack.
 
-It belongs to the supervisor (standard library only, one thread), which waits for all that it starts and so is told of
-each stop. A component is watched from the time that it is ready, so that its start costs nothing.
+It belongs to the supervisor (standard library only, one thread), which waits for all processes that it starts and so
+is notified of each stop. A component is watched from the moment that it is ready, so its start is not slowed down.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from riot_bus.sut.native_stack import AARCH64, UNREADABLE, X86_64, unwind
 __all__ = ["WALL", "Tracer"]
 
 WALL = 0x40000000
-"""For `os.waitpid`: traced threads as well."""
+"""Option of `os.waitpid` that includes traced threads."""
 
 _CONT, _GETREGSET, _SEIZE, _LISTEN = 7, 0x4204, 0x4206, 0x4208
 _TRACE_CLONE, _EXIT_KILL = 1 << 3, 1 << 20
@@ -28,7 +28,7 @@ _MOST_REGISTERS = 512
 _MACHINES = {"x86_64": X86_64, "aarch64": AARCH64}
 _FATAL = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP)
 _SANITIZER = b"san_init"
-"""In the names of each sanitizer. They report for themselves, and LeakSanitizer gives up if it is traced."""
+"""Part of symbol names of every sanitizer. They write reports themselves, and LeakSanitizer gives up if traced."""
 
 _ptrace = ctypes.CDLL(None, use_errno=True).ptrace
 _ptrace.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p]
@@ -40,12 +40,12 @@ class _Area(ctypes.Structure):
 
 
 def _request(number: int, thread: int, where: int = 0, data: int | None = 0) -> int:
-    """Carry out a request; return 0 or the error."""
+    """Carry out a ptrace request; return 0 or the error number."""
     return 0 if _ptrace(number, thread, where, data) == 0 else ctypes.get_errno()
 
 
 class Tracer:
-    """Watches processes for signals that end them."""
+    """Watches processes for signals that kill them."""
 
     def __init__(self) -> None:
         self._machine = _MACHINES.get(os.uname().machine)
@@ -53,10 +53,10 @@ class Tracer:
         self._sanitized: dict[tuple[str, int], bool] = {}
 
     def watch(self, pids: list[int]) -> str:
-        """Watch processes and all that they have started, threads to come included, but for further processes.
+        """Watch processes and those that they have started, with later threads but without later processes.
 
         Returns:
-            Why that cannot be, empty if all is well.
+            Reason why that is impossible; empty on success.
         """
         if self._machine is None:
             return f"not for {os.uname().machine} processors"
@@ -66,12 +66,12 @@ class Tracer:
                 left += self._watch(left.pop())
             except PermissionError as error:
                 refused = str(error.strerror)
-            except UNREADABLE:  # it has ended, or is nothing to read symbols from
+            except UNREADABLE:  # it has ended, or its file has no readable symbols
                 continue
         return refused
 
     def _watch(self, pid: int) -> list[int]:
-        """Watch a process; return those that it has started."""
+        """Watch a process; return its child processes."""
         seize, children, known = not self._reports_itself(pid), list[int](), set[str]()
         while new := set(os.listdir(f"/proc/{pid}/task")) - known:  # there may be more while this works
             known |= new
@@ -84,7 +84,7 @@ class Tracer:
         return children
 
     def let_go_on(self, thread: int, status: int) -> None:
-        """Let a stopped thread go on, as `os.waitpid` told of it; if a signal is to end it, keep its stack before."""
+        """Resume a thread whose stop `os.waitpid` reported; if a signal is about to kill it, save its stack first."""
         number, event = os.WSTOPSIG(status), status >> 16
         if event == _EVENT_STOP and number != signal.SIGTRAP:  # it is stopped until SIGCONT
             _request(_LISTEN, thread)
@@ -95,7 +95,7 @@ class Tracer:
         _request(_CONT, thread, 0, 0 if event else number)
 
     def stack(self, pid: int) -> list[tuple[str, str]]:
-        """Return the stack on which a signal has ended a process, and forget it; empty if none is known."""
+        """Return the stack at which a signal killed a process, and forget it; empty if unknown."""
         return self._stacks.pop(pid, [])
 
     def _look(self, thread: int, number: int) -> None:
@@ -109,7 +109,7 @@ class Tracer:
             self._stacks[pid] = unwind(pid, buffer.raw[: area.size], self._machine)
 
     def _reports_itself(self, pid: int) -> bool:
-        """Return whether a process has a sanitizer in it from its start."""
+        """Return whether a process was started with a sanitizer, linked in or preloaded."""
         with open(f"/proc/{pid}/environ", "rb") as stream:
             preloaded = stream.read().partition(b"LD_PRELOAD=")[2].partition(b"\0")[0]
         path = os.readlink(f"/proc/{pid}/exe")

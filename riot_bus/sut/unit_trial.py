@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 __all__ = ["IdleTrial", "UnitTrial", "component_of"]
 
 _DEBUGGER_S = 60.0
-"""Most of it goes into reading symbols."""
+"""Timeout behind a debugger, which spends most of it reading symbols."""
 _MOST_KEYS = 64
-"""Keys whose outputs are compared with nominal ones: a line of the store stays below some KiB."""
+"""Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
 _WARM_UP = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class IdleTrial:
-    """Watches a unit that gets no input; the outcome's statistics have the attributes of an `Idle`."""
+    """Watches a unit without input; the outcome's statistics have the attributes of an `Idle`."""
 
     unit: str
 
@@ -78,12 +78,11 @@ class UnitTrial:
     """Runs test cases against one unit.
 
     Attributes:
-        baseline: What the unit does in nominal trials; without one, a trial is only judged by what needs none.
-        nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics
-            is the `NominalTrial`.
+        baseline: Behaviour of the unit in nominal trials; without it, only checks that need no baseline apply.
+        nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
         evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
             is forked.
-        before: Words before the unit's command, such as those of a debugger.
+        before: Prefix of the unit's command, such as a debugger.
     """
 
     unit: str
@@ -95,7 +94,7 @@ class UnitTrial:
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
 
-        An environment that fails is an outcome of its own (`Verdict.ERROR`), never a failure of the unit.
+        A fault of the environment has its own verdict (`Verdict.ERROR`) and is never a failure of the unit.
         """
         context = place.context.alone(self.unit)
         file = context.file
@@ -119,7 +118,7 @@ class UnitTrial:
             return Outcome(Verdict.ERROR, detail=str(error))
 
     def start(self, stage: TrialSetup, case: TestCase) -> None:
-        """Start the unit, as a case has it, and wait until it has subscribed to what it will get.
+        """Start the unit for a case, and wait until it has subscribed to the keys of the messages that it will get.
 
         Raises:
             EnvironmentFaultError: It does not start.
@@ -136,12 +135,12 @@ class UnitTrial:
         """Play the case to the unit that runs on a stage, and judge what it does.
 
         Args:
-            stage: Where the unit runs.
-            case: The case.
-            evidence: Folder for what a failing trial leaves; None for nothing.
+            stage: Stage on which the unit runs.
+            case: The test case.
+            evidence: Folder for the evidence of a failing trial; None to write none.
 
         Raises:
-            EnvironmentFaultError: The machine is too busy to tell.
+            EnvironmentFaultError: The machine is too busy for a verdict.
         """
         started = time.monotonic()
         context, unit = stage.context, stage.context.file.unit[self.unit]
@@ -195,12 +194,12 @@ class UnitTrial:
 
 
 def component_of(file: SystemFile, unit: str) -> str:
-    """Return the component that a unit is."""
+    """Return the name of a unit's component."""
     return file.unit[unit].component or unit
 
 
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
-    """Return how many outputs came and a hash of their payloads in any order, by key; None if there are many keys."""
+    """Return the number of outputs and an order-independent hash of their payloads, by key; None for too many keys."""
     payloads: dict[str, list[bytes]] = {}
     for message in outputs:
         payloads.setdefault(message.key, []).append(hashlib.sha256(message.payload).digest())

@@ -1,9 +1,9 @@
-"""Runs of the whole system in the time of the log: it goes on when all components are at rest.
+"""Runs of the whole system in the time of the log, which advances when all components are at rest.
 
-Each component has a segment of its own, and what one publishes gets to the others one message after the other, each
-when all before it have been worked off: in the order of time, component and number, which does not depend on the
-machine. So a run is as fast as the system can be, and one like the other. Components that wait for a time of the
-machine's clock are at rest for riot; they have to follow the clock topic.
+Each component has its own segment. Its messages reach the others one at a time, each after all earlier ones have been
+processed, in the order of time, component and sequence number, which does not depend on the machine. So a run is
+reproducible and as fast as the system allows. A component that waits for the machine's clock counts as at rest; it has
+to follow the clock topic.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 __all__ = ["VirtualTime", "single_key"]
 
 _POLL = 0.0002
-"""A component takes some hundred microseconds for a message."""
+"""Interval between checks in seconds; a component takes a few hundred microseconds for a message."""
 _LONG = 0.5
-"""From then on it is looked at whether others have the processors: that takes a while."""
+"""Seconds after which it is also checked whether other processes occupy the processors, which takes a while."""
 _BLOCK = Qos(congestion="block")
 _NO_SCHEMA = Schema("", "", b"")
 
@@ -43,9 +43,9 @@ class VirtualTime:
     """The time of a run, and an interceptor that holds messages of components until it is their turn.
 
     Args:
-        clock: How the time is told.
-        names: The components, each with a segment of its name.
-        timeout: Seconds after which a component that is still busy hangs.
+        clock: Settings of the virtual clock.
+        names: The components, each with a segment of the same name.
+        timeout: Seconds after which a component that is still busy counts as hanging.
 
     Attributes:
         observers: Called with each message of a run when it is its turn.
@@ -60,10 +60,10 @@ class VirtualTime:
         self._count = 0
 
     def begin(self, time: int) -> None:
-        """Begin a run: what components publish from now on is held, and nobody observes it yet.
+        """Begin a run: hold what components publish from now on, and remove all observers.
 
         Args:
-            time: Of its first message, in nanoseconds.
+            time: Time of the first message, in nanoseconds.
         """
         with self._lock:
             self._time, self._ended, self._count = time, 0, 0
@@ -71,11 +71,11 @@ class VirtualTime:
         self.observers.clear()
 
     def now(self) -> int:
-        """Return the time, in nanoseconds; after the log it passes like that of the machine."""
+        """Return the time in nanoseconds; after the end of the log it passes in real time."""
         return self._time + (time.monotonic_ns() - self._ended if self._ended else 0)
 
     def message(self, event: Event) -> None:
-        """Hold a message of a component; after the log, let it pass."""
+        """Hold a message of a component; after the end of the log, let it pass."""
         with self._lock:
             if self._ended:
                 self._tell(event.message)
@@ -91,19 +91,19 @@ class VirtualTime:
         *,
         stop: Callable[[], bool],
     ) -> bool:
-        """Give messages to all components, each when all before it have been worked off; to the end, a stop or a hang.
+        """Give all components each message when those before it have been processed, until the end, a stop or a hang.
 
         Args:
-            messages: In the order of their times.
-            stage: Where the system runs.
-            publish: Told each message when it is its turn.
-            stop: True when nothing more need be published.
+            messages: Messages in the order of their times.
+            stage: Stage on which the system runs.
+            publish: Called with each message when it is its turn.
+            stop: Function that returns True when nothing more need be published.
 
         Returns:
-            Whether it got to the end.
+            Whether all messages were played.
 
         Raises:
-            ConfigError: No component has subscribed to the topic on which the time is told.
+            ConfigError: No component has subscribed to the clock topic.
         """
         told = _Told(self._clock, stage, messages) if self._clock.topic else None
         step, tick = round(self._clock.step * 1e9), self._time
@@ -127,13 +127,13 @@ class VirtualTime:
         return going
 
     def _is_taken(self, stage: TrialSetup, message: Message, missing: ConfigError) -> bool:
-        """Give a message to all components; raise the error if none has subscribed to it, or can any more."""
+        """Give a message to all components; raise the error if all are alive and none has subscribed to it."""
         if not self.give(stage, message) and all(map(stage.launcher.alive, stage.processes.values())):
             raise missing
         return True
 
     def give(self, stage: TrialSetup, message: Message, but: str = "") -> bool:
-        """Publish a message to all components but one; return whether one takes it."""
+        """Publish a message to all components except `but`; return whether any of them takes it."""
         message = message.with_(qos=_BLOCK)
         taken = [stage.bus.deliver(name, message) for name in self._names if name != but]
         return any(taken)
@@ -149,12 +149,12 @@ class VirtualTime:
             observe(told)
 
     def _work_off(self, stage: TrialSetup, stop: Callable[[], bool]) -> bool:
-        """Pass on what is held, the first message each time all are at rest; False if one never is, or for `stop`."""
+        """Pass on held messages, one whenever all components rest; return False on `stop` or if one never rests."""
         waiting: list[tuple[str, Message]] = []
         while not stop() and self._rest(stage):
             with self._lock:
                 held, self._held = self._held, []
-            # what came at the same time: of each component in its own order
+            # messages of the same time: by component, and in its own order
             waiting += sorted(held, key=lambda each: (self._names.index(each[0]), each[1].sequence))
             taken = False
             while waiting and not taken:
@@ -166,10 +166,10 @@ class VirtualTime:
         return False
 
     def _rest(self, stage: TrialSetup) -> bool:
-        """Wait until no component does anything, and nothing is on its way; False if one is busy to the deadline.
+        """Wait until all components are idle and nothing is in transit; return False if one is busy past the timeout.
 
-        What is sent on this machine wakes who reads it before the sender goes on, or a thread of the kernel does later.
-        So where no thread wants the processor, seen twice with nothing that had run in between, nothing is on its way.
+        Data sent on this machine wakes its reader before the sender continues, or a kernel thread does so later. So if
+        two checks find no thread that wants a processor, and none ran in between, nothing is in transit.
         """
         threads, own, kernel = stage.threads(self._names), stage.others, _kernel_threads()
         start, held_up = time.monotonic(), None
@@ -193,18 +193,18 @@ class VirtualTime:
 
 
 class _Told:
-    """How the time is told.
+    """Messages that publish the time on the clock topic.
 
     Args:
-        clock: Says on which topic.
-        stage: Where the system runs.
-        messages: The log; where it is of ROS 2, components are in its domain, and name types alike.
+        clock: Settings of the virtual clock, with the topic.
+        stage: Stage on which the system runs.
+        messages: The log; if it is from ROS 2, components use the same domain and type names.
 
     Attributes:
-        missing: Raised if no component has subscribed to it.
+        missing: Error to raise if no component has subscribed to the topic.
 
     Raises:
-        ConfigError: The topic has no single key.
+        ConfigError: The topic does not stand for a single key.
     """
 
     def __init__(self, clock: VirtualClock, stage: TrialSetup, messages: Sequence[Message]) -> None:
@@ -226,7 +226,7 @@ class _Told:
         )
 
     def message(self, now: int) -> Message:
-        """Return what tells a time, in nanoseconds."""
+        """Return the message that publishes a time in nanoseconds."""
         self._number += 1
         attachment = self._attach(None, self._number, now) if self._attach else None
         return Message(now, self._key, self._payload(now), attachment=attachment)
@@ -236,7 +236,7 @@ def single_key(stage: TrialSetup, topic: str, *, where: str) -> str:
     """Return the key that a topic stands for.
 
     Raises:
-        ConfigError: It stands for several, or for none.
+        ConfigError: It stands for several keys or for none.
     """
     (key,) = stage.context.topics(topic)
     if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
@@ -250,7 +250,7 @@ def _as_json(now: int) -> bytes:
 
 @functools.cache
 def _kernel_threads() -> Threads:
-    """Return the threads of the kernel that go on with what was sent, where they can be seen: not in a container."""
+    """Return the kernel threads that forward network data; none are visible in a container."""
     found = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Trials, test cases and outcomes as bytes, for workers in other processes: MessagePack, checked as it is read."""
+"""Serialisation of trials, test cases and outcomes for worker processes: MessagePack, validated when read."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ __all__ = [
 
 _T = TypeVar("_T")
 _MOST_KNOWN = 8
-"""Logs that a worker keeps in memory; a chain works with one or two at a time."""
+"""Number of logs that a worker keeps in memory; a chain works with one or two at a time."""
 Trial = UnitTrial | PersistentTrial | IdleTrial | SystemTrial
-"""What a worker can do with a test case."""
+"""Ways in which a worker can execute a test case."""
 
 _TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, PersistentTrial, IdleTrial, SystemTrial)}
 _ERRORS = {name: getattr(errors, name) for name in errors.__all__ if name.endswith("Error")}
 _LARGE_INT = 1
-"""Extension type of numbers that 64 bits do not hold."""
+"""Extension type of integers that do not fit into 64 bits."""
 _NAMES: dict[str, Any] = {
     each.__name__: each
     for each in (
@@ -66,7 +66,7 @@ _NAMES: dict[str, Any] = {
         ThreadStack,
     )
 } | {"Scalar": Scalar}
-"""What the annotations of the classes name that cross."""
+"""Names used in the annotations of the serialised classes."""
 
 
 _NO_HANGS: Mapping[str, KnownHangs] = {}
@@ -108,15 +108,15 @@ def _unpack_other(code: int, data: bytes) -> Any:
 
 
 class TrialBatch:
-    """What many requests share: how cases are executed, and the log that their messages are from.
+    """Data that many requests share: how cases are executed, and the log from which their messages come.
 
     Args:
-        trial: Executes each case.
-        log: Messages that go over once; cases name them by their numbers.
+        trial: Trial that executes each case.
+        log: Messages that are sent once; cases refer to them by number.
 
     Attributes:
-        shared: That, as bytes.
-        digest: Its hash; a worker that knows it is not sent it again.
+        shared: The shared data as bytes.
+        digest: Hash of the shared data, which is not sent again to a worker that knows it.
     """
 
     def __init__(self, trial: Trial, log: Sequence[Message]) -> None:
@@ -138,14 +138,14 @@ class TrialBatch:
         imports: Mapping[str, Sequence[str]],
         hangs: Mapping[str, KnownHangs] = _NO_HANGS,
     ) -> bytes:
-        """Return what asks a worker to execute a case.
+        """Return the request that asks a worker to execute a case.
 
         Args:
-            case: The case.
-            directory: Folder in which it may leave files; a relative one is below the worker's working folder.
-            whole: Whether what is shared goes with it.
-            imports: Modules that Python components import, by program, as far as the worker does not know them.
-            hangs: What is known of hangs, by component.
+            case: The test case.
+            directory: Folder in which it may leave files; a relative path is below the worker's working folder.
+            whole: Whether the request contains the shared data.
+            imports: Modules that Python components import, by program, without those that the worker knows.
+            hangs: What is known about hangs, by component.
         """
         messages = self._told(case.messages)
         return _pack(
@@ -160,7 +160,7 @@ class TrialBatch:
         )
 
     def _told(self, messages: tuple[Message, ...]) -> Sequence[Any] | None:
-        """Return messages as a request has them, None for the whole log; those of the last case are looked up once."""
+        """Return messages in the form of a request, None for the whole log; the result of the last case is cached."""
         if messages is not self._last[0]:
             numbers = self._numbers
             told = None
@@ -176,7 +176,7 @@ def _log_of(trial: Trial) -> tuple[Message, ...]:
 
 @dataclass(frozen=True, slots=True)
 class TrialRequest:
-    """What a worker is to do: execute a case; fields as of `TrialBatch.request`."""
+    """A request to execute a case; the fields are those of `TrialBatch.request`."""
 
     trial: Trial
     case: TestCase
@@ -189,11 +189,11 @@ class TrialRequest:
         """Read a request.
 
         Args:
-            data: Its bytes.
-            known: What earlier requests shared, by hash; what this one shares is added.
+            data: Bytes of the request.
+            known: Shared data of earlier requests, by hash; that of this request is added.
 
         Raises:
-            ValueError: It is no request.
+            ValueError: The data is not a request.
         """
         found = _unpack(data)
         if found["shared"] is not None:
@@ -210,7 +210,7 @@ class TrialRequest:
 
 
 def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:
-    """Add what a request shares; the oldest is forgotten, by worker and riot alike."""
+    """Add the shared data of a request and forget the oldest; the worker and riot use the same rule."""
     known[digest] = shared
     if len(known) > _MOST_KNOWN:
         del known[next(iter(known))]
@@ -223,12 +223,12 @@ def _messages(found: Sequence[Any], log: Sequence[Message]) -> Iterable[Message]
 
 @dataclass(frozen=True, slots=True)
 class TrialAnswer:
-    """What a worker has found.
+    """The answer of a worker.
 
     Attributes:
-        outcome: How the trial ended.
-        imports: Modules that Python components import, by program, as far as they were not asked with.
-        hangs: What is known of hangs, by component, where that is not what they were asked with.
+        outcome: Outcome of the trial.
+        imports: Modules that Python components import, by program, without those known to the worker before.
+        hangs: What is known about hangs, by component, where it differs from the request.
     """
 
     outcome: Outcome
@@ -242,7 +242,7 @@ def pack_answer(answer: TrialAnswer) -> bytes:
 
 
 def pack_failure(error: Exception, trace: str) -> bytes:
-    """Return an answer that raises where it is read: the error, or one with its traceback if it is of no known kind."""
+    """Return an answer that raises the error when it is read; for an unknown kind, an error with its traceback."""
     if type(error).__name__ in _ERRORS and isinstance(error, errors.RiotError):
         told = [error.message, error.where, error.hint]
         return _pack({"error": type(error).__name__, "told": told})
@@ -257,9 +257,9 @@ def read_answer(data: bytes) -> TrialAnswer:
     """Read an answer.
 
     Raises:
-        RiotError: The trial raised it, of whatever kind.
-        OSError: Likewise.
-        RuntimeError: The trial raised something else, or this is no answer.
+        RiotError: The trial raised it or a subclass.
+        OSError: The trial raised it.
+        RuntimeError: The trial raised another error, or the data is not an answer.
     """
     try:
         found = _unpack(data)
@@ -280,21 +280,21 @@ def read_answer(data: bytes) -> TrialAnswer:
 
 
 def nominal_of(outcome: Outcome) -> NominalTrial:
-    """Return what a trial with `UnitTrial.nominal` has shown."""
+    """Return the `NominalTrial` from the outcome of a trial with `UnitTrial.nominal`."""
     found: NominalTrial = _adapter(NominalTrial).validate_python(outcome.statistics["nominal"])
     return found
 
 
 def pack_baseline(key: str, baseline: Baseline) -> bytes:
-    """Return a baseline as bytes, with what it is bound to."""
+    """Return a baseline and its key as bytes."""
     return _pack({"key": key, "baseline": _plain(baseline)})
 
 
 def read_baseline(data: bytes) -> tuple[str, Baseline]:
-    """Return what a baseline is bound to, and the baseline.
+    """Return the key of a baseline, and the baseline.
 
     Raises:
-        ValueError: This is none.
+        ValueError: The data is not a baseline.
     """
     try:
         found = _unpack(data)

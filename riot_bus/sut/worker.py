@@ -1,7 +1,7 @@
 """A process that executes trials, one at a time: `python -m riot_bus.sut.worker RIOT_TOML SLOT`, from `local.Pool`.
 
-It takes requests and gives answers over a socket on file descriptor 0. When that ends, even because of a `kill -9` of
-riot, so do the trial, its components and the worker.
+It receives requests and sends answers over a socket on file descriptor 0. When the socket closes, even because riot was
+killed by `kill -9`, the trial, its components and the worker end as well.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ if TYPE_CHECKING:
 __all__ = ["TrialWorker"]
 
 _ENDS_WITHIN_S = 15.0
-"""Within it a trial whose components are dead has taken down its segments, on a loaded machine too."""
+"""Time that a trial with dead components needs at most to remove its segments, even on a loaded machine."""
 _SPARE_RECEIVERS = 8
-"""Receive threads of a router beside two for each component: its links to other routers and to riot's own sessions."""
+"""Receive threads of a router for its links to other routers and riot's own sessions; each component adds two."""
 
 
 class TrialWorker:
-    """Executes what requests ask for.
+    """Executes requests.
 
     Args:
         system: Path of riot.toml.
-        launcher: Starts components.
+        launcher: Launcher of components.
     """
 
     def __init__(self, system: Path, launcher: Launcher) -> None:
@@ -66,11 +66,11 @@ class TrialWorker:
         return context
 
     def _cpu(self) -> float:
-        """Return the seconds of processors that this process and components that have ended took."""
+        """Return the processor time of this process and of components that have ended, in seconds."""
         return time.process_time() + self._launcher.cpu()
 
     def answer(self, data: bytes) -> bytes:
-        """Execute what a request asks for; what that raises is an answer, too."""
+        """Execute a request and return the answer; an error that it raises becomes an answer, too."""
         try:
             request = TrialRequest.read(data, self._known)
             self._imports.update(request.imports)
@@ -78,7 +78,7 @@ class TrialWorker:
             for name, told in request.hangs.items():
                 hangs[name].know(told)
             place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
-            if not isinstance(request.trial, PersistentTrial | SystemTrial):  # they see to it themselves
+            if not isinstance(request.trial, PersistentTrial | SystemTrial):  # these end them themselves if needed
                 end_kept(place)
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)
@@ -88,12 +88,12 @@ class TrialWorker:
             known = {name: each.tell() for name, each in hangs.items()}
             found = {name: each for name, each in known.items() if each != request.hangs.get(name, KnownHangs())}
             return pack_answer(TrialAnswer(outcome, learnt, found))
-        except Exception as error:  # whatever it is, the process that asked has to know
+        except Exception as error:  # the requesting process has to know of any error
             return pack_failure(error, traceback.format_exc())
 
 
 def _receive(link: Connection, requests: queue.SimpleQueue[bytes | None], launcher: Launcher) -> None:
-    """Take requests until the socket ends; then kill what still runs, and the worker if it does not end of itself."""
+    """Receive requests until the socket closes; then kill what still runs, and the worker if it does not exit."""
     with suppress(EOFError, OSError):
         while True:
             requests.put(link.recv_bytes())
@@ -104,7 +104,7 @@ def _receive(link: Connection, requests: queue.SimpleQueue[bytes | None], launch
 
 
 def main() -> None:
-    """Serve the socket on file descriptor 0 until it ends."""
+    """Serve the socket on file descriptor 0 until it closes."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     link = Connection(os.dup(0))

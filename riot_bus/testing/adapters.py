@@ -1,4 +1,4 @@
-"""What every adapter has to hold, as tests to inherit: for authors of adapters.
+"""Conformance tests for adapters, for their authors to inherit.
 
     class TestToys(AdapterConformance):
         adapter = ToyAdapter()
@@ -65,21 +65,21 @@ _OF_ADAPTERS = (
     ConvertsFiles,
     ListensToLinks,
 )
-_LISTED = 100  # so many names of types are looked up
+_LISTED = 100  # number of listed types that are looked up
 _EMPTY = Schema("", "", b"")
 
 
 class AdapterConformance:
-    """What holds for an adapter: names and types are found again, and nothing on the bus makes it raise.
+    """Tests of an adapter: names and types survive a round trip, and nothing on the bus makes it raise.
 
     Attributes:
-        adapter: The adapter.
-        keys: Some of its keys, and what `topic` returns for them before anything was heard.
+        adapter: The adapter under test.
+        keys: Some of its keys, and what `topic` returns for them before any message was received.
         types: Names of some types that it knows.
-        capabilities: The protocols of `riot_bus.types.capabilities` that it is meant to have.
-        foreign: Keys and names that are not of its kind; none for an adapter that takes all.
-        tokens: Liveliness tokens that it can read, where it has `ParsesTokens`.
-        archive: A file in a format of its own, where it has `ConvertsFiles`.
+        capabilities: Protocols of `riot_bus.types.capabilities` that it is meant to implement.
+        foreign: Keys and names that do not belong to it; empty for an adapter that accepts all.
+        tokens: Liveliness tokens that it can read, if it implements `ParsesTokens`.
+        archive: Contents of a file in its own format, if it implements `ConvertsFiles`.
     """
 
     adapter: ClassVar[Adapter]
@@ -91,7 +91,7 @@ class AdapterConformance:
     archive: ClassVar[bytes] = b""
 
     def test_it_is_an_adapter(self) -> None:
-        """The protocol is complete, and a user can write the name."""
+        """The protocol is complete, and the name contains no reserved characters."""
         assert isinstance(self.adapter, TypeSource)
         assert callable(self.adapter.topic)
         assert callable(self.adapter.key_expression)
@@ -99,7 +99,7 @@ class AdapterConformance:
         assert not set(self.adapter.name) & set(":,= \t\n")
 
     def test_capabilities_that_are_declared_hold(self) -> None:
-        """It has what it is meant to have, no more; a protocol that it has by half would be ignored without a word."""
+        """It implements exactly the declared protocols; one implemented by half would be ignored silently."""
         for each in _OF_ADAPTERS:
             methods = {name for name in vars(each) if not name.startswith("_")}
             lacking = sorted(name for name in methods if not callable(getattr(self.adapter, name, None)))
@@ -107,18 +107,18 @@ class AdapterConformance:
             assert isinstance(self.adapter, each) == (each in self.capabilities), each.__name__
 
     def test_keys_have_names(self) -> None:
-        """Keys are called as they should, and no others are."""
+        """Its keys have the expected names, and foreign keys have none."""
         assert {key: self.adapter.topic(key) for key in self.keys} == dict(self.keys)
         assert [self.adapter.topic(key) for key in self.foreign] == [None] * len(self.foreign)
 
     def test_names_stand_for_keys(self) -> None:
-        """An expression for a name includes the key; a name for which there is none is its own expression."""
+        """The key expression of a name includes the key; a name without one is its own key expression."""
         for key, topic in self.keys.items():
             assert key_matches(self.adapter.key_expression(topic.name) or topic.name, key)
         assert [self.adapter.key_expression(name) for name in self.foreign] == [None] * len(self.foreign)
 
     def test_types_have_names(self) -> None:
-        """Types are found by name, and again by the name and the schema that they say themselves."""
+        """Types are found by name, and again by their own name and schema."""
         for name in self.types:
             found = self.adapter.type_named(name)
             assert isinstance(found, MessageType), name
@@ -131,7 +131,7 @@ class AdapterConformance:
                 assert logged.name == found.name
 
     def test_types_of_keys_are_known(self) -> None:
-        """What a key names as its type is a type, or not known; never an error."""
+        """The type that a key names is a type or unknown, never an error."""
         for topic in self.keys.values():
             if topic.type_name is not None:
                 assert isinstance(self.adapter.type_named(topic.type_name), MessageType | None)
@@ -139,7 +139,7 @@ class AdapterConformance:
     @SETTINGS
     @given(data=st.data())
     def test_unknown_names_return_none(self, data: st.DataObject) -> None:
-        """No name, key or schema raises, whatever somebody calls it."""
+        """No text raises as a name, a key or part of a schema."""
         text = data.draw(_texts([*self.keys, *self.types, *self.foreign]))
         adapter = self.adapter
         assert isinstance(adapter.topic(text), TopicName | None)
@@ -157,24 +157,24 @@ class AdapterConformance:
             assert isinstance(adapter.type_of_key(text), MessageType | None)
 
     def test_a_type_that_does_not_exist(self) -> None:
-        """It is None, so that others are asked."""
+        """The result is None, so that other adapters are asked."""
         assert self.adapter.type_named("no/such/Type") is None
         assert self.adapter.type_of_schema(Schema("no/such/Type", "no such encoding", b"?")) is None
 
     def test_a_file_that_is_not_there(self, tmp_path: Path) -> None:
-        """Is an error of the user's, which names it; an adapter that defines no types by files takes none."""
+        """A missing file is a ConfigError; an adapter without files of definitions accepts no file."""
         endings = self.adapter.endings if isinstance(self.adapter, TakesFiles) else [".none"]
         assert all(ending.startswith(".") for ending in endings)
         with pytest.raises(ConfigError):
             self.adapter.load([tmp_path / f"missing{endings[0]}"])
 
     def test_listed_types_are_known(self) -> None:
-        """What is listed is found."""
+        """Listed types are found by name."""
         for name in islice(self._able(ListsTypes).type_names(), _LISTED):
             assert isinstance(self.adapter.type_named(name), MessageType), name
 
     def test_tokens_are_read(self) -> None:
-        """The samples say something, and the adapter asks for tokens like these."""
+        """The sample tokens are announcements, and the adapter subscribes to tokens like these."""
         adapter = self._able(ParsesTokens)
         assert self.tokens
         for token in self.tokens:
@@ -184,7 +184,7 @@ class AdapterConformance:
     @SETTINGS
     @given(data=st.data())
     def test_hostile_tokens(self, data: st.DataObject) -> None:
-        """Tokens of strangers are read or ignored."""
+        """Arbitrary tokens are read or ignored."""
         adapter = self._able(ParsesTokens)
         token = data.draw(_texts(self.tokens))
         assert isinstance(adapter.announcement(token), Announcement | None)
@@ -196,7 +196,7 @@ class AdapterConformance:
     @SETTINGS
     @given(data=st.data())
     def test_hostile_attachments(self, data: st.DataObject) -> None:
-        """Attachments of strangers are read or ignored; keys of unknown types have a definition, or none."""
+        """Arbitrary attachments are read or ignored; arbitrary keys have a definition or None."""
         adapter = self._able(ReadsMetadata)
         assert isinstance(adapter.stamp(data.draw(st.binary(max_size=80))), Stamp | None)
         found = adapter.definition(data.draw(_texts(list(self.keys))))
@@ -214,7 +214,7 @@ class AdapterConformance:
     @SETTINGS
     @given(data=st.data())
     def test_answers_of_strangers(self, data: st.DataObject) -> None:
-        """Who is asked for a type may answer anything."""
+        """Any answer to a query for a type is survived."""
         adapter = self._able(DiscoversTypes)
         key = data.draw(_texts(list(self.keys)))
         answers = data.draw(st.lists(st.binary(max_size=80), max_size=3))
@@ -223,7 +223,7 @@ class AdapterConformance:
             assert adapter.learn(key, tokens, answers, lambda *_: answers) is None
 
     def test_servers_are_announced_as_others_are(self) -> None:
-        """What announces a server is read as one of the same key, by the adapter itself; a topic has no server."""
+        """The adapter reads its own token of a server as one of the same key; a topic has no server."""
         adapter = self._able(AnnouncesServers)
         parser = self._able(ParsesTokens)
         parsed = map(parser.announcement, self.tokens)
@@ -237,7 +237,7 @@ class AdapterConformance:
         assert all(adapter.server_tokens(key, "3f2a", 1) == () for key in [*self.keys, *self.foreign])
 
     def test_topics_are_published_again(self) -> None:
-        """A recorded topic keeps its name, and who publishes it can be read by the adapter itself."""
+        """A recorded topic keeps its name, and the adapter can read the identity of its own publisher."""
         adapter = self._able(PublishesAs)
         for key, topic in self.keys.items():
             kind = self.adapter.type_named(topic.type_name) if topic.type_name else None
@@ -252,20 +252,20 @@ class AdapterConformance:
                 self._check_identity(offer)
 
     def test_topics_of_others_are_left_to_others(self) -> None:
-        """What is not of its kind is not published its way."""
+        """The adapter makes no offer for a foreign topic."""
         schema = Schema("x", "no such encoding", b"")
         topic = RecordedTopic("no such", "no such", keyed=True, schema=schema, encoding="no such encoding")
         assert self._able(PublishesAs).offer(topic, name=None, domain=None) is None
 
     def test_the_clock_is_told(self) -> None:
-        """Time is told as bytes, whatever is played."""
+        """The clock, if there is one, encodes a time as bytes."""
         clock = self._able(PublishesAs).clock([], domain=None)
         if clock is not None:
             assert isinstance(clock.payload(1_500_000_000), bytes)
             self._check_identity(clock.offer)
 
     def test_files_are_converted(self) -> None:
-        """Each message of the sample is packed again, and unpacked as it was."""
+        """The messages of the sample are unchanged after being packed and unpacked."""
         adapter = self._able(ConvertsFiles)
         assert all(ending.startswith(".") for ending in adapter.archives)
         messages = self._unpacked(self.archive)
@@ -278,7 +278,7 @@ class AdapterConformance:
     @SETTINGS
     @given(data=st.data())
     def test_hostile_files(self, data: st.DataObject) -> None:
-        """Files of strangers are read as far as they can be."""
+        """Arbitrary files are read as far as possible."""
         self._able(ConvertsFiles)
         self._unpacked(data.draw(hostile([self.archive])))
 
@@ -299,7 +299,7 @@ class AdapterConformance:
             assert stamp is None or stamp.sequence == 7
 
     def _able(self, capability: Any) -> Any:
-        """Return the adapter as one with a capability; skip the test if it is not meant to have it."""
+        """Return the adapter; skip the test if the capability is not declared."""
         if capability not in self.capabilities:
             pytest.skip(f"this adapter has no {capability.__name__}")
         assert isinstance(self.adapter, capability)
@@ -308,7 +308,7 @@ class AdapterConformance:
 
 @st.composite
 def _texts(draw: st.DrawFn, samples: Sequence[str]) -> str:
-    """Return any text, or a sample of which a part was replaced."""
+    """Return any text, or a sample with a part replaced."""
     if not samples or draw(st.integers(0, 4)) == 0:
         return draw(st.text(max_size=40))
     sample = draw(st.sampled_from(samples))

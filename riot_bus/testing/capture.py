@@ -1,4 +1,4 @@
-"""What crosses a router while a test runs: kept in memory for the test, and in a log for whoever has to mend it."""
+"""Messages that cross a router during a test, kept in memory for the test and in a log for debugging."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Capture", "Captured"]
 
 _MOST_BYTES = 256 << 20
 _OVERHEAD = 500
-"""Bytes of a message in memory besides its payload, about."""
+"""Approximate memory of a message besides its payload, in bytes."""
 
 _NAMED = 8
 
@@ -38,9 +38,9 @@ class Captured:
     """A message that has crossed the router.
 
     Attributes:
-        message: As a component has sent it, or as it was delivered.
-        changes: What interceptors did to it.
-        number: Its place among all that were captured.
+        message: The message, as a component sent it or as it was delivered.
+        changes: Changes made by interceptors.
+        number: Position among all captured messages.
     """
 
     message: Message
@@ -50,14 +50,14 @@ class Captured:
 
     @property
     def payload(self) -> bytes:
-        """Its payload."""
+        """Payload of the message."""
         return self.message.payload
 
     def read(self, path: str) -> Any:
-        """Return a field's value; of a path with `[*]`, all elements.
+        """Return a field's value; for a path with `[*]`, all elements.
 
         Raises:
-            ConfigError: Nothing tells the type of the message.
+            ConfigError: The type of the message is unknown.
             PayloadError: The message has no such field.
         """
         message = self.message
@@ -71,12 +71,12 @@ class Captured:
 
 
 class Capture:
-    """Keeps what a `Recorder` is told; its writer.
+    """A writer for a `Recorder` that keeps the messages in memory.
 
     Args:
-        registry: Names topics and knows their types.
-        log: Writes it to a file as well; closed with this.
-        most_bytes: Memory for messages, about; beyond it, the oldest of the key that has most are forgotten.
+        registry: Registry of topic names and message types.
+        log: Writer of a log that gets the same messages; closed together with this object.
+        most_bytes: Approximate memory for messages; beyond it, the oldest messages of the largest key are forgotten.
     """
 
     def __init__(self, registry: TypeRegistry, log: LogWriter | None = None, *, most_bytes: int = _MOST_BYTES) -> None:
@@ -91,24 +91,24 @@ class Capture:
         self._listeners: list[Callable[[], object]] = []
 
     def mark(self) -> int:
-        """Return the present place, for `since`: what was captured before is left out."""
+        """Return the current position, for `since`, which leaves out everything captured before it."""
         return self._count
 
     def delivered(self, selector: str, *, since: int = 0) -> list[Captured]:
-        """Return what was delivered, in order.
+        """Return the delivered messages, in order.
 
         Args:
-            selector: A topic, key expression or `TOPIC where PREDICATE`; what lacks a field does not match.
-            since: See `mark`.
+            selector: Topic, key expression or `TOPIC where PREDICATE`; messages without the field do not match.
+            since: Position as returned by `mark`.
 
         Raises:
-            ConfigError: The selector is none, or names a field.
-            AssertionError: Messages that may match are not in memory any more.
+            ConfigError: The selector is invalid or names a field.
+            AssertionError: Messages that may match are no longer in memory.
         """
         return self._chosen(selector, since, lambda role, one: role == "delivered")
 
     def sent(self, selector: str, *, since: int = 0) -> list[Captured]:
-        """Return what components have sent, as it was before interceptors had it; see `delivered`."""
+        """Return the messages as components sent them, before interceptors; arguments and errors as in `delivered`."""
         changed = self._changed
         return self._chosen(
             selector,
@@ -119,16 +119,16 @@ class Capture:
         )
 
     def wait_for(self, selector: str, count: int = 1, *, timeout: float = 10.0, since: int = 0) -> list[Captured]:
-        """Wait until so many messages have been delivered since the test began; return all that have.
+        """Wait until `count` messages have been delivered since the test began; return all that have been.
 
         Args:
-            selector: As for `delivered`.
+            selector: Selector as for `delivered`.
             count: Number of messages.
-            timeout: Seconds.
-            since: See `mark`.
+            timeout: Longest time to wait, in seconds.
+            since: Position as returned by `mark`.
 
         Raises:
-            AssertionError: They have not come in time; it says what has come instead.
+            AssertionError: They were not delivered in time; the text says what was delivered instead.
         """
         __tracebackhide__ = True
         deadline = time.monotonic() + timeout
@@ -141,7 +141,7 @@ class Capture:
         return found
 
     async def arrived(self, selector: str, count: int = 1, *, timeout: float = 10.0, since: int = 0) -> list[Captured]:
-        """Do as `wait_for` while an event loop of asyncio goes on."""
+        """Do the same as `wait_for` without blocking the asyncio event loop."""
         __tracebackhide__ = True
         loop, deadline = asyncio.get_running_loop(), time.monotonic() + timeout
         more = asyncio.Event()
@@ -167,7 +167,7 @@ class Capture:
         return found
 
     def forget(self) -> None:
-        """Give the memory back."""
+        """Forget all messages to free their memory."""
         with self._arrived:
             self._kept.clear()
             self._bytes.clear()
@@ -198,16 +198,16 @@ class Capture:
         told = ", ".join(named) + (", ..." if len(+topics) > _NAMED else "")
         return f"{len(found)} of {count} messages of {selector} within {timeout:g} s; delivered: {told or 'nothing'}"
 
-    # -- what a recorder's writer has to be ---------------------------------------------------------------------------
+    # -- the interface of a recorder's writer -------------------------------------------------------------------------
 
     @property
     def problem(self) -> str:
-        """Why the log cannot be written at present; empty if all is well."""
+        """Reason why the log cannot be written at present; empty if it can."""
         return "" if self._log is None else self._log.problem
 
     @property
     def refused(self) -> int:
-        """Messages that the log cannot hold."""
+        """Number of messages that the log cannot store."""
         return 0 if self._log is None else self._log.refused
 
     def write(self, message: Message, *, role: Role = "delivered", changes: Sequence[Change] = ()) -> None:
@@ -234,22 +234,22 @@ class Capture:
         self._total += size
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Write something that is no message into the log."""
+        """Write an entry that is not a message into the log."""
         if self._log is not None:
             self._log.note(name, mapping)
 
     def renew(self, key: str) -> None:
-        """Write further messages of a key with what is known of it now."""
+        """Write later messages of a key with what is known about the key now."""
         if self._log is not None:
             self._log.renew(key)
 
     def tick(self) -> None:
-        """Make what was written readable, if it is time."""
+        """Make the messages written so far readable, if that is due."""
         if self._log is not None:
             self._log.tick()
 
     def flush(self) -> None:
-        """Return when all that was written is in the file, or known to be lost."""
+        """Wait until all messages written so far are in the file or known to be lost."""
         if self._log is not None:
             self._log.flush()
 

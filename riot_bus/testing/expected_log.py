@@ -1,4 +1,4 @@
-"""What was delivered in a test beside a log of what is expected."""
+"""Comparison of the messages delivered in a test with a log of the expected ones."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ def difference_from(
     types: Sequence[str] = (),
     definitions: Sequence[Path] = (),
 ) -> LogDifference:
-    """Wait until as many messages have been delivered as a log has, then compare them with it.
+    """Wait until as many messages have been delivered as a log contains, then compare them with it.
 
-    As `riot diff` does, it matches topics by their keys and else by their names. Calls of services are left out.
+    Topics are matched as in `riot diff`: by key, otherwise by name. Calls of services are left out.
 
     Args:
-        expected: The log.
-        capture: What was delivered.
-        registry: Knows the types of messages.
-        topics: Names or key expressions of what is compared; empty for all that the log has.
-        exclude: Of what is not.
-        tolerances: As of `riot diff`: files, or texts such as `/odom:pose.position.x=0.01`.
-        timing: Seconds that messages may come earlier or later; None for any.
+        expected: Path of the expected log.
+        capture: The delivered messages.
+        registry: Registry of message types.
+        topics: Names or key expressions of the topics to compare; empty for all topics of the log.
+        exclude: Names or key expressions of topics to leave out.
+        tolerances: Tolerances as in `riot diff`: files, or texts such as `/odom:pose.position.x=0.01`.
+        timing: Seconds by which messages may be early or late; None for any time.
         order: Whether the order across topics has to be the same.
-        timeout: Seconds to wait for each topic; what has not come by then is a difference.
-        types: `TOPIC=TYPE` of the log.
+        timeout: Seconds to wait for all messages; those that have not been delivered by then are differences.
+        types: Types of topics in the log, as `TOPIC=TYPE`.
         definitions: Files that define its message types.
 
     Raises:
@@ -69,7 +69,7 @@ def difference_from(
     extract = replace(extract, exclude=[*exclude, *sorted(calls)])
     deadline = time.monotonic() + timeout
     for track in tracks.values():
-        with suppress(AssertionError):  # what is missing is told by the comparison
+        with suppress(AssertionError):  # the comparison reports missing messages
             capture.wait_for(track.topic, len(track), timeout=max(0.0, deadline - time.monotonic()))
     delivered = [one.message for one in capture.delivered("**")]
     here = {message.key for message in delivered}
@@ -83,5 +83,5 @@ def difference_from(
                     log.write(message)
         found = compare_logs(expected, came, wishes, extract=extract)
     if not any(map(len, tracks.values())):
-        found.check_compared()  # else it is a difference that nothing has come
+        found.check_compared()  # otherwise, having received nothing is itself a difference
     return found

@@ -1,4 +1,4 @@
-"""A small campaign within a test: what it finds is the test's failure, explained as far as asked."""
+"""A small campaign within a test: findings fail the test, explained by the requested steps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["EXPLAINED", "explore"]
 
 EXPLAINED = ("minimize", "relevance", "rules")
-"""Steps that say what a failure needs and when it comes; they ask the unit alone."""
+"""Steps that find what a failure needs and when it occurs, with trials of the unit alone."""
 
 
 def explore(
@@ -36,27 +36,27 @@ def explore(
     steps: Sequence[str] = EXPLAINED,
     runners: RunnerFactory | None = None,
 ) -> CampaignRecord:
-    """Test a unit with exceptional values, and explain what fails.
+    """Test a unit with exceptional values, and explain failures.
 
-    Trials that were done for the same code are not done again: they are kept in the output folder.
+    Trials are kept in the output folder and not repeated for the same code.
 
     Args:
         system: Path of riot.toml.
-        out: Folder for everything that is written.
-        unit: The unit; None for the only one.
-        trials: Budget: injected trials.
-        seconds: Budget: time.
-        seed: Seed of everything random.
-        jobs: Trials at once; 0 for what the machine has.
+        out: Output folder.
+        unit: Name of the unit; None for the only one.
+        trials: Budget of trials with injections.
+        seconds: Budget of time, in seconds.
+        seed: Seed of all random choices.
+        jobs: Number of trials at once; 0 for as many as the machine allows.
         steps: Steps of the chain that explain a finding.
-        runners: Give the runners; processes of this machine by default.
+        runners: Factory of the runners; by default, processes on this machine.
 
     Returns:
-        What was tried, and found not to fail.
+        Record of a campaign without failures.
 
     Raises:
-        AssertionError: The unit fails: with the minimal log, the rule and the line that reproduces it.
-        InconclusiveError: No trial failed, and yet nothing can be concluded.
+        AssertionError: The unit fails; the text has the minimal log, the rule and the line that reproduces it.
+        InconclusiveError: No trial failed, but nothing can be concluded.
         ConfigError: riot.toml is wrong, or there is no such unit.
         EnvironmentFaultError: The components do not start.
     """

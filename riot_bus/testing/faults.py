@@ -1,4 +1,4 @@
-r"""What every kind of fault has to hold, as tests to inherit: for authors of kinds for injection plans.
+r"""Conformance tests for kinds of faults in injection plans, for their authors to inherit.
 
     class TestMine(FaultConformance):
         table = 'fault = "mine"\nstrength = 3'
@@ -24,35 +24,35 @@ _COUNT = 60
 
 
 class FaultConformance:
-    """What holds for a kind of fault: it does something, to the selected messages alone, and always the same.
+    """Tests of a kind of fault: it has an effect, only on the selected messages, and is deterministic.
 
     Attributes:
-        table: The keys of an `[[inject]]` table but for `topic`, as TOML; messages are JSON with a number `x`.
+        table: Keys of an `[[inject]]` table without `topic`, as TOML; messages are JSON with a number `x`.
     """
 
     table: ClassVar[str]
 
     def test_it_does_something(self) -> None:
-        """What is delivered is not what was sent."""
+        """The delivered messages differ from the sent ones."""
         assert self._delivered() != self._delivered("[[inject]]\ntopic = 'other'\n" + self.table)
 
     def test_messages_that_are_not_selected_keep_their_bytes(self) -> None:
-        """Another topic, and times and numbers outside of the window."""
+        """Messages of other topics, and those before the first selected number, are delivered unchanged."""
         plan = f"[[inject]]\ntopic = 'a'\nfirst = {_COUNT}\n{self.table}"
         assert self._delivered(plan) == self._delivered("[[inject]]\ntopic = 'other'\n" + self.table)
 
     def test_it_repeats_itself(self) -> None:
-        """Equal messages, plans and seeds give equal results, with a probability, too."""
+        """Equal messages, plans and seeds give equal results, even with a probability."""
         for more in ("", "probability = 0.5\n"):
             plan = f"[[inject]]\ntopic = 'a'\n{more}{self.table}"
             assert self._delivered(plan) == self._delivered(plan)
 
     def test_its_plan_survives_being_written(self) -> None:
-        """`plan_to_toml` and back gives the same injection."""
+        """`plan_to_toml` and `parse_plan` give the same injection back."""
         assert parse_plan(plan_to_toml(self._injections()), name="written") == self._injections()
 
     def test_a_message_that_it_cannot_change_is_passed_on(self) -> None:
-        """Whatever the payload, nothing but PayloadError is raised: the message passes, or is dropped on purpose."""
+        """No payload raises anything but PayloadError: the message passes, or is dropped on purpose."""
         with InterceptorBench(Injector(self._injections())) as bench:
             for number, payload in enumerate((b"", b"{", b"\x00" * 64, b"[1]", b'{"y": 1}')):
                 bench.feed(number * 0.01, payload)

@@ -1,4 +1,4 @@
-"""What one test does with a router: what it intercepts, injects, starts and sees, and whether that has happened."""
+"""The use of a router by one test: what it intercepts, injects, starts and captures, and whether it took effect."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ def router_test(
     types: Sequence[str] = (),
     definitions: Sequence[Path] = (),
 ) -> Iterator[RouterTest]:
-    """Yield what a test works with; afterwards nothing of it is left.
+    """Yield the `RouterTest` of a test, and remove all its effects afterwards.
 
     Args:
         router: The router.
-        folder: Where relative paths of plans start from.
-        out: Folder for what campaigns write.
-        seed: Seed of everything random.
-        log: Records all that passes; closed at the end.
-        types: `TOPIC=TYPE` of the logs that are expected.
+        folder: Base of relative paths of plans.
+        out: Output folder of campaigns.
+        seed: Seed of all random choices.
+        log: Writer that records all messages; closed at the end.
+        types: Types of topics in expected logs, as `TOPIC=TYPE`.
         definitions: Files that define their message types.
     """
     capture = Capture(router.registry, log)
@@ -73,25 +73,25 @@ def router_test(
 
 
 class RouterTest:
-    """One test's use of a router: what is intercepted and injected, what was sent and delivered since it began.
+    """The use of a router by one test: what is intercepted and injected, and the messages since the test began.
 
     Args:
         router: The router.
-        capture: Keeps what crosses.
-        stack: Is unwound when the test ends.
-        folder: Where relative paths start from.
-        out: Folder for what campaigns write.
-        seed: Seed of everything random.
+        capture: Capture of the messages that cross the router.
+        stack: Exit stack that is unwound when the test ends.
+        folder: Base of relative paths.
+        out: Output folder of campaigns.
+        seed: Seed of all random choices.
     """
 
     def __init__(
         self, router: LiveRouter, capture: Capture, stack: ExitStack, *, folder: Path, out: Path, seed: int
     ) -> None:
         self.record = capture
-        """What has crossed: `wait_for(topic, count)`, `await arrived(topic, count)`."""
+        """Messages that crossed the router: `wait_for(topic, count)`, `await arrived(topic, count)`."""
         self.seed = seed
         self.known_types: dict[str, Any] = {}
-        """What is known of the types of expected logs: `types` and `definitions` of `difference_from`."""
+        """Types of expected logs: the arguments `types` and `definitions` of `difference_from`."""
         self._router, self._stack = router, stack
         self._folder, self._out = folder, out
         self._topics: list[str] = []
@@ -109,7 +109,7 @@ class RouterTest:
 
         Args:
             topics: Topics or key expressions; `KEY/@request` for a service's calls.
-            required: Whether the test fails if none of them comes that a component of another segment is to get.
+            required: Whether the test fails if no message of a topic has a subscriber in another segment.
 
         Raises:
             ConfigError: One cannot be intercepted.
@@ -124,11 +124,10 @@ class RouterTest:
 
         Args:
             plans: Files of injection plans, relative to the test's own, or single injections.
-            required: Whether the test fails if one of them is not carried out on a message that a component of another
-                segment is to get.
+            required: Whether the test fails if one is not applied to any message with a subscriber in another segment.
 
         Raises:
-            ConfigError: A file is no plan.
+            ConfigError: A file is not a plan.
         """
         __tracebackhide__ = True
         found: list[Injection] = []
@@ -147,18 +146,18 @@ class RouterTest:
         self._injections += len(found)
 
     def interceptor(self, given: Any, topics: Sequence[str] | None = None, *, required: bool = True) -> Any:
-        """Let an interceptor see messages from now on; a decorator as well.
+        """Let an interceptor see messages from now on; usable as a decorator.
 
         Args:
-            given: A function of an event, an interceptor, or text such as `drop every=5 select=/odom`.
-            topics: What it sees; None for its own topics, or what `intercept` names.
-            required: Whether the test fails if it is never asked.
+            given: Function of an event, interceptor, or text such as `drop every=5 select=/odom`.
+            topics: Topics that it sees; None for its own topics, or those named to `intercept`.
+            required: Whether the test fails if it is never called.
 
         Returns:
-            What was given.
+            The argument `given`.
 
         Raises:
-            ConfigError: It is no interceptor.
+            ConfigError: It is not an interceptor.
         """
         __tracebackhide__ = True
         made = self._interceptor(given)
@@ -171,11 +170,11 @@ class RouterTest:
         return given
 
     def start(self, command: Sequence[str], **options: Any) -> RunningProcess:
-        """Start a process that lives as long as the test, which fails if it ends by itself with an error.
+        """Start a process that runs as long as the test; the test fails if the process exits by itself with an error.
 
         Args:
             command: Program and arguments; the working folder is that of the test's file.
-            options: Those of `LiveRouter.start`.
+            options: Options of `LiveRouter.start`.
         """
         __tracebackhide__ = True
         one = self._stack.enter_context(self._router.start(command, **{"cwd": self._folder, **options}))
@@ -188,11 +187,11 @@ class RouterTest:
         Args:
             topic: Topic name or key.
             payload: Bytes, or an object that is sent as JSON.
-            segment: Where; by default the first one.
+            segment: Segment in which to publish; by default the first one.
             more: Further attributes of the message.
 
         Raises:
-            ConfigError: The topic is no single key, or its messages are no JSON.
+            ConfigError: The topic is not a single key, or its messages are not JSON.
         """
         __tracebackhide__ = True
         registry, where = self._router.registry, segment or next(iter(self._router.segments))
@@ -225,12 +224,12 @@ class RouterTest:
         return self.record.sent(selector, since=since)
 
     def delivered(self, selector: str, *, since: int = 0) -> list[Captured]:
-        """Return what was delivered so far; see `Capture.delivered`."""
+        """Return the messages delivered so far; see `Capture.delivered`."""
         self._router.bus.drain(_SETTLED_S)
         return self.record.delivered(selector, since=since)
 
     def counts(self) -> dict[str, TopicCounts]:
-        """Return what has happened to messages since the test began, by topic."""
+        """Return the message counts since the test began, by topic."""
         now = {topic: _less(now, self._before.get(topic)) for topic, now in self._router.bus.counts().items()}
         return {topic: each for topic, each in now.items() if each != TopicCounts()}
 
@@ -239,7 +238,7 @@ class RouterTest:
 
         Args:
             system: Path of riot.toml; paths are relative to the folder of the test's file.
-            out: Folder for everything that is written; by default one of the test's own beside its log.
+            out: Output folder; by default a folder of this test beside its log.
             options: Further arguments of `explore`.
 
         Returns:
@@ -260,7 +259,7 @@ class RouterTest:
                 `riot_bus.testing.expected_log.difference_from`.
 
         Raises:
-            AssertionError: It is not; it says where.
+            AssertionError: They differ; the text says where.
             ConfigError: The log or a tolerance cannot be used, or nothing can be compared.
         """
         __tracebackhide__ = True
@@ -280,10 +279,10 @@ class RouterTest:
         assert found.same, "\n".join(found.lines())
 
     def unshown(self) -> list[str]:
-        """Return why the test has not shown what it seems to, as far as can be told while messages may still come.
+        """Return reasons why the test does not show what it seems to, as far as is known while messages may still come.
 
-        Nothing came of what was to be intercepted or injected, or it had no receiver in another segment; an interceptor
-        raised; a message was lost on the way; a process that the test has started has ended with an error.
+        A required interception or injection was not applied, or its messages had no subscriber in another segment; an
+        interceptor raised; a message was lost; a process started by the test ended with an error.
         """
         bus = self._router.bus
         found = [f"{what} {why}" for what, told in self._needed if (why := told())]
@@ -296,9 +295,9 @@ class RouterTest:
         return found
 
     def problems(self) -> list[str]:
-        """End all interception and wait until all is through; return `unshown`, and what counts say is not right."""
+        """End interception and wait until all messages have passed; return `unshown` and errors in the counts."""
         bus = self._router.bus
-        told = self.unshown()  # first: what the test has started may end now
+        told = self.unshown()  # first, since processes that the test has started may end later
         self._router.pass_all()
         through, counts = bus.drain(_DRAINED_S), self.counts()
         if not through and not any(each.held for each in counts.values()):
@@ -328,7 +327,7 @@ class RouterTest:
         return SimpleNamespace(name=name, message=given)
 
     def _apply(self, *, topics: Sequence[str] | None = None, interceptors: Sequence[object] | None = None) -> None:
-        """Take these from now on; if they are refused, nothing has changed."""
+        """Use these topics and interceptors from now on; change nothing if they are rejected."""
         topics = self._topics if topics is None else topics
         interceptors = self._interceptors if interceptors is None else interceptors
         bus, registry = self._router.bus, self._router.registry
@@ -360,7 +359,7 @@ class RouterTest:
         return {segment for key, segment in came if registry.matches(topic, key)}
 
     def _missed(self, topic: str) -> str:
-        """Return why it means nothing that messages of a topic are intercepted; empty if all is well."""
+        """Return why intercepting messages of a topic has no effect; empty if it has one."""
         sources = self._sources(topic)
         if not sources:
             return "none was intercepted"
@@ -388,7 +387,7 @@ def _carried_out(injector: Injector, number: int) -> Callable[[], str]:
             return ""
         problems = (
             injector.problems.values() if len(injector.injections) == 1 else ()
-        )  # else whose they are is not known
+        )  # with several injections, it is unknown which one caused a problem
         return "was not carried out" + "".join(f": {problem.message}" for problem in problems)
 
     return told

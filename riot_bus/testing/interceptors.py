@@ -1,4 +1,4 @@
-"""A bench for interceptors, and what every interceptor has to hold, as tests to inherit.
+"""A test bench for interceptors, and conformance tests for their authors to inherit.
 
     class TestMine(InterceptorConformance):
         def make(self):
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["START", "InterceptorBench", "InterceptorConformance"]
 
 START = 1_700_000_000_000_000_000
-"""When the first message of a bench comes, nanoseconds since the epoch."""
+"""Time zero of a bench, in nanoseconds since the epoch."""
 
 _ODD_PAYLOADS = (b"", b"\x00" * 64, b"{", b'{"x": "text"}', b"[1, 2]", b'{"x": 1e999}', b"\xff\xfe\xfd")
 
@@ -33,7 +33,7 @@ class InterceptorBench:
     """Feeds messages to interceptors, without a bus; a context manager.
 
     Args:
-        interceptors: Carried out in this order.
+        interceptors: Interceptors, called in this order.
 
     Example:
         >>> from riot_bus.interceptors.losses import Drop
@@ -56,10 +56,10 @@ class InterceptorBench:
     def feed(
         self, seconds: float = 0.0, payload: bytes | Mapping[str, Any] = b'{"x": 1.5}', key: str = "a", **more: Any
     ) -> Result:
-        """Feed one message; return what became of it.
+        """Feed one message; return the result.
 
         Args:
-            seconds: When it comes, since the first one.
+            seconds: Time of the message since `START`, in seconds.
             payload: Bytes, or an object that is sent as JSON.
             key: Key of the message.
             more: Further attributes of the message.
@@ -74,29 +74,29 @@ class InterceptorBench:
         return [self.feed(seconds, **more) for seconds in times]
 
     def times(self) -> list[float]:
-        """When what was delivered falls due, seconds, in order of arrival."""
+        """Return the delivery times since `START` in seconds, in order of arrival."""
         return [(emission.due - START) / 1e9 for emission in self.delivered]
 
     def payloads(self) -> list[bytes]:
-        """What was delivered, in order of arrival."""
+        """Return the delivered payloads, in order of arrival."""
         return [emission.message.payload for emission in self.delivered]
 
     @property
     def errors(self) -> list[str]:
-        """What interceptors raised, but for PayloadError: that a message lacks a field is no mistake of theirs."""
+        """Errors of interceptors except PayloadError, since a message without a field is not their mistake."""
         texts = (each.first for each in self.pipeline.errors.values())
         return [text for text in texts if "errors.PayloadError: " not in text]
 
 
 class InterceptorConformance:
-    """What holds for an interceptor: it survives any message, is accounted for, and repeats itself."""
+    """Tests of an interceptor: it survives any message, loses none uncounted, and is deterministic."""
 
     def make(self) -> object:
         """Return a new interceptor with options of your choice."""
         raise NotImplementedError
 
     def test_any_payload_is_survived(self) -> None:
-        """Whatever comes, it raises nothing but PayloadError; one that raises is left out for that message."""
+        """No message makes it raise anything but PayloadError; if it raises, that message skips it."""
         with InterceptorBench(self.make()) as bench:
             for number, payload in enumerate(_ODD_PAYLOADS):
                 bench.feed(number * 0.01, payload, key=f"k{number % 2}")
@@ -118,7 +118,7 @@ class InterceptorConformance:
                 assert all(emission.due >= START + number * 10_000_000 for emission in result.emissions)
 
     def test_equal_messages_get_equal_results(self) -> None:
-        """Two new ones do the same with the same messages: what is random comes from a seed."""
+        """Two new interceptors give the same results for the same messages: random choices come from a seed."""
         found = []
         for _ in range(2):
             with InterceptorBench(self.make()) as bench:

@@ -1,7 +1,7 @@
-"""A router for tests that runs in their own process, on free ports, and what each test does with it.
+"""A router for tests that runs in their own process, on free ports.
 
-Everything is intercepted, whatever a test asks for: so routes never change while messages flow, all that passes is
-recorded, and a recorder is no subscriber that could be taken for a component.
+All topics are intercepted, whatever a test asks for: so routes never change while messages flow, all messages are
+recorded, and recording needs no subscriber that could be mistaken for a component.
 """
 
 from __future__ import annotations
@@ -34,33 +34,33 @@ _EVERYTHING = ("**",)
 
 
 class LiveSegment:
-    """How a component gets into a segment.
+    """Access to a segment for components.
 
     Attributes:
-        name: Of the segment.
-        endpoint: Where components connect, such as `tcp/127.0.0.1:41234`.
-        variables: Environment by which a process uses it: programs that call `zenoh.Config.from_env`, ROS 2 nodes with
-            rmw_zenoh, and `riot`.
+        name: Name of the segment.
+        endpoint: Endpoint to which components connect, such as `tcp/127.0.0.1:41234`.
+        variables: Environment variables that connect a process to it: programs that call `zenoh.Config.from_env`,
+            ROS 2 nodes with rmw_zenoh, and `riot`.
     """
 
     def __init__(self, name: str, endpoint: str, exported: Mapping[str, str]) -> None:
         self.name = name
         self.endpoint = endpoint
         self.variables = {**exported, **segment_variables(name, exported)}
-        self.variables.pop("RMW_IMPLEMENTATION", None)  # nodes of other middleware are tests' own matter
+        self.variables.pop("RMW_IMPLEMENTATION", None)  # tests may use nodes of other middleware
 
     @property
     def config_file(self) -> Path:
-        """A Zenoh configuration, for `zenoh.Config.from_file`."""
+        """Path of a Zenoh configuration, for `zenoh.Config.from_file`."""
         return Path(self.variables["ZENOH_CONFIG"])
 
     @property
     def environment(self) -> dict[str, str]:
-        """The whole environment of a process there: that of the tests, without what is riot's own in it."""
+        """Complete environment of a process in the segment: that of the tests without riot's internal variables."""
         return {**environment_of_others(), **self.variables}
 
     def open(self) -> Any:
-        """Return a Zenoh session of a component there; close it."""
+        """Return a Zenoh session of a component in the segment; the caller has to close it."""
         return open_client(self.endpoint).session
 
 
@@ -73,12 +73,12 @@ class RunningProcess:
 
     @property
     def pid(self) -> int:
-        """Its process ID."""
+        """Process ID."""
         return self.process.pid
 
     @property
     def status(self) -> int | None:
-        """Its exit status, negative for a signal; None while it runs."""
+        """Exit status, negative for a signal; None while it runs."""
         return None if self.launcher.alive(self.process) else self.process.status
 
     def wait(self, timeout: float = 10.0) -> int | None:
@@ -90,8 +90,8 @@ class LiveRouter:
     """A router on free ports of loopback; a context manager.
 
     Args:
-        segments: Their names, at least two: where tests publish, and where what they test is.
-        registry: Knows topic names and types.
+        segments: Names of at least two segments: one in which tests publish, and one for the components under test.
+        registry: Registry of topic names and message types.
 
     Raises:
         ConfigError: Fewer than two segments.
@@ -124,13 +124,13 @@ class LiveRouter:
         self._stack.close()
 
     def segment(self, name: str) -> LiveSegment:
-        """Return how to get into a segment; raises ConfigError if there is none of this name."""
+        """Return the segment of this name; raise ConfigError if there is none."""
         self.bus.segment(name)
         return self.segments[name]
 
     @property
     def inner(self) -> LiveSegment:
-        """The last segment, where what is tested is unless somebody says otherwise."""
+        """The last segment, which by default contains the components under test."""
         return list(self.segments.values())[-1]
 
     @contextmanager
@@ -144,21 +144,21 @@ class LiveRouter:
         cwd: Path | None = None,
         env: Mapping[str, str] | None = None,
     ) -> Iterator[RunningProcess]:
-        """Start a process in a segment; at the end it is killed, and whatever it has started.
+        """Start a process in a segment; at the end, kill it and everything that it has started.
 
-        It is killed even if the process of the tests is. What it prints goes where the tests' own output goes.
+        It is killed even if the process of the tests is killed. Its output goes to the output of the tests.
 
         Args:
             command: Program and arguments.
-            segment: Where it is; the last one by default.
-            subscribes: Topics to which it, or another component there, has to subscribe before this returns.
-            timeout: Seconds for that.
-            cwd: Its working folder.
-            env: Added to its environment.
+            segment: Segment of the process; the last one by default.
+            subscribes: Topics to which it, or another component in the segment, has to subscribe before this returns.
+            timeout: Longest time to wait for subscriptions, in seconds.
+            cwd: Working folder of the process.
+            env: Variables added to its environment.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
-            AssertionError: It has ended before, or has not subscribed in time.
+            AssertionError: It ended before it subscribed, or did not subscribe in time.
         """
         __tracebackhide__ = True
         where = self.inner if segment is None else self.segment(segment)
@@ -178,12 +178,12 @@ class LiveRouter:
 
         Args:
             topics: Topics or key expressions.
-            segment: Its name.
-            timeout: Seconds.
-            alive: Says whether waiting still makes sense.
+            segment: Name of the segment.
+            timeout: Longest time to wait, in seconds.
+            alive: Function that tells whether waiting still makes sense.
 
         Raises:
-            AssertionError: They have not in time.
+            AssertionError: They did not subscribe in time.
         """
         __tracebackhide__ = True
         keys = [self.registry.key_expression(topic) for topic in topics]
@@ -193,7 +193,7 @@ class LiveRouter:
 
     @contextmanager
     def capturing(self, capture: Capture) -> Iterator[None]:
-        """Keep all that crosses there; in the end no interceptor is left, and what they have delayed is given up."""
+        """Capture all messages; at the end, remove all interceptors and discard the messages that they delayed."""
         self.bus.gate.change(_begin_anew)
         self._recorder.switch(capture)
         try:
@@ -205,7 +205,7 @@ class LiveRouter:
             capture.forget()
 
     def pass_all(self) -> None:
-        """Ask no interceptor any more."""
+        """Remove all interceptors, so that all messages pass."""
         self.bus.set_interceptors(())
         if self.bus.services:
             self.bus.set_intercept(_EVERYTHING, services=())

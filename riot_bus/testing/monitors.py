@@ -1,4 +1,4 @@
-"""A bench for monitors, and what every monitor has to hold, as tests to inherit.
+"""Conformance tests for monitors, for their authors to inherit, and sample trials for them.
 
     class TestMine(MonitorConformance):
         table = {"kind": "mine", "topic": "odom"}
@@ -44,15 +44,15 @@ def trial_view(
     errors: str = "",
     memory: Sequence[int] = (),
 ) -> TrialView:
-    """Return what a monitor sees of a trial with these outputs.
+    """Return a monitor's view of a trial with these outputs.
 
     Args:
         outputs: Key and payload of each message; an object is sent as JSON.
-        inputs: The same of what was published to the component, at the times of the outputs.
-        step: Time from one message to the next, and before the first and after the last, seconds.
+        inputs: Key and payload of each message to the component, at the times of the outputs.
+        step: Time between messages, and before the first and after the last, in seconds.
         settled: Whether the components came to rest.
-        errors: What the component wrote to stderr.
-        memory: Bytes that it had, before the first message and after each.
+        errors: Output of the component to stderr.
+        memory: Memory of the component before the first message and after each, in bytes.
     """
     gap = round(step * 1e9)
     sent, received = (
@@ -69,13 +69,13 @@ def trial_view(
 
 
 class MonitorConformance:
-    """What holds for a monitor: it tells failing outputs from passing ones, and always in the same words.
+    """Tests of a monitor: it distinguishes failing outputs from passing ones, and its verdicts are deterministic.
 
     Attributes:
         table: A table of `[[monitors]]` in riot.toml, with `kind`.
-        passing: Outputs of a trial that is to pass: key and payload each; or what `trial_view` returns.
-        failing: Outputs of a trial that is to fail, in the same way.
-        step: Time from one message to the next, seconds.
+        passing: Outputs of a trial that has to pass, each a key and a payload; or a view made by `trial_view`.
+        failing: Outputs of a trial that has to fail, in the same form.
+        step: Time between messages, in seconds.
     """
 
     table: ClassVar[Mapping[str, Any]]
@@ -84,19 +84,19 @@ class MonitorConformance:
     step: ClassVar[float] = _STEP_S
 
     def test_it_tells_failing_from_passing(self) -> None:
-        """No violation of what passes, and one at least of what fails."""
+        """The passing trial has no violation, and the failing one at least one."""
         assert self._judged(self.passing) == []
         assert self._judged(self.failing) != []
 
     def test_it_repeats_itself(self) -> None:
-        """It keeps nothing from one trial to the next, and the same failure has the same signature."""
+        """It keeps no state between trials, and the same failure has the same signature."""
         monitor = self._made()
         first = self._judged(self.failing, monitor)
         assert self._judged(self.passing, monitor) == []
         assert self._judged(self.failing, monitor) == first == self._judged(self.failing)
 
     def test_a_violation_says_what_and_who(self) -> None:
-        """Reports and triage need a monitor, a component or topic, and a signature without the values of this trial."""
+        """A violation has a monitor, a component or topic, and a signature of one line for reports and triage."""
         for violation in self._judged(self.failing):
             assert violation.monitor
             assert violation.component
@@ -104,25 +104,25 @@ class MonitorConformance:
             assert "\n" not in violation.signature
 
     def test_it_names_the_topics_that_it_looks_at(self) -> None:
-        """Else nobody records them for it, and it sees nothing; one that looks at components alone names none."""
+        """It names its topics, otherwise they are not recorded; a monitor of components alone names none."""
         topics = self._made().topics
         registry = TypeRegistry()
         seen = [message.key for message in self._view(self.failing).outputs]
         assert not seen or any(registry.matches(topic, key) for topic in topics for key in seen)
 
     def test_a_trial_without_outputs_is_survived(self) -> None:
-        """A unit that said nothing is judged, too: it violates, or there was nothing to judge, and that is said."""
+        """A trial without outputs has a violation, or the monitor reports that it had nothing to judge."""
         monitor = self._made()
         judged = judge(trial_view([], step=self.step), [monitor])
         assert judged.broken == ()
         assert judged.violations or judged.unseen
 
     def test_what_passes_is_something_to_judge(self) -> None:
-        """A trial passes because nothing is wrong, and not because there was nothing."""
+        """The passing trial passes because nothing is wrong, not because there was nothing to judge."""
         assert judge(self._view(self.passing), [self._made()]).unseen == ()
 
     def test_it_is_shown_to_be_able_to_fire(self) -> None:
-        """Its method `forge`, if it has one, makes a failing trial of one that passes, which stays as it is."""
+        """Its method `forge`, if any, turns a passing trial into a failing one without modifying the original."""
         monitor = self._made()
         if isinstance(monitor, Forges):
             view = self._view(self.passing)
@@ -130,7 +130,7 @@ class MonitorConformance:
             assert judge(view, [monitor]).violations == ()
 
     def test_other_topics_and_strange_payloads_are_not_its_fault(self) -> None:
-        """Messages that it does not look at change nothing, whatever they hold."""
+        """Messages of other topics change nothing, whatever their payloads."""
         view = self._view(self.passing)
         strange = [Message(view.begin, "somewhere/else", payload) for payload in _STRANGE]
         judged = judge(replace(view, outputs=[*strange, *view.outputs]), [self._made()])

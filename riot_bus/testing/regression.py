@@ -1,4 +1,4 @@
-"""What the pytest file in a finding's folder asks: does the failure still come?"""
+"""The check in the pytest file of a finding: does the failure still occur?"""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def reproduce_finding(
     """Play the shortest failing log of a finding to fresh components, and leave nothing behind.
 
     Args:
-        folder: The finding.
-        system: Path of riot.toml; if there is none, that of the environment (`RIOT_SYSTEM`), of the finding's record,
-            or in `root`, the first that there is.
+        folder: Folder of the finding.
+        system: Path of riot.toml; if it does not exist, the first existing path of the environment (`RIOT_SYSTEM`),
+            the finding's record, and `root`.
         root: Folder of the project.
-        trials: So many fresh trials; None for as many as it takes.
-        runners: Give the runners; processes of this machine by default.
+        trials: Number of fresh trials; None for as many as needed.
+        runners: Factory of the runners; by default, processes on this machine.
 
     Raises:
         InconclusiveError: The trials do not decide, or show another failure.
@@ -50,7 +50,7 @@ def reproduce_finding(
     with tempfile.TemporaryDirectory(prefix="riot-") as name:
         out = Path(name)
         nominal = folder.resolve().parent.parent / NOMINAL
-        if nominal.is_file():  # what it shows of the unit tells some failures, such as silence
+        if nominal.is_file():  # some failures, such as silence, are only recognised with it
             (out / NOMINAL).symlink_to(nominal)
         with Workspace(file, out, seed=record.seed, runners=runners, fresh=True) as workspace:
             return reproduce(workspace, folder, times=trials)

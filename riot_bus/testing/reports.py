@@ -1,4 +1,4 @@
-"""What every report format has to hold, as tests to inherit: for authors of formats for `riot report --format`.
+"""Conformance tests for formats of `riot report --format`, for their authors to inherit.
 
     class TestMine(ReportConformance):  # CampaignReportConformance, if it has `render_campaign`
         report = MyReport
@@ -112,14 +112,14 @@ FINDING_FILES: dict[str, Any] = {
         "messages": 2,
     },
 }
-"""A whole finding: the JSON files as docs/findings.md describes them, in the order of the steps."""
+"""A complete finding: the JSON files described in docs/findings.md, in the order of the steps."""
 
 HOSTILE_TEXT = "</code></style><script>alert(1)</script>\"'><b onclick=alert(2)>\n{{ 7*7 }}\x1b[2J\r\u202e\x00$|`*_#"
-"""What anybody on the network may call a node, a topic or an error."""
+"""Hostile text that anyone on the network may use as the name of a node, a topic or an error."""
 
 _STEP_OF = {step.kind.FILE: step.name for step in STEPS}
-_KEPT_KEYS = {"kind", "ends"}  # their values are some of a few words
-_FREE_KEYS = {"values", "others", "found", "nominal", "scale", "injections"}  # their keys are names
+_KEPT_KEYS = {"kind", "ends"}  # keys with a fixed set of values
+_FREE_KEYS = {"values", "others", "found", "nominal", "scale", "injections"}  # keys of objects whose own keys are names
 
 
 def _poisoned(what: Any, key: str = "") -> Any:
@@ -132,7 +132,7 @@ def _poisoned(what: Any, key: str = "") -> Any:
 
 
 def _stages() -> dict[str, dict[str, Any]]:
-    """Return the files of a finding by stage of progress; text stands for a file that is no JSON."""
+    """Return the files of a finding by stage of progress; text stands for a file that is not JSON."""
     names = list(FINDING_FILES)
     found = {f"until {_STEP_OF[name]}": dict(list(FINDING_FILES.items())[: at + 1]) for at, name in enumerate(names)}
     for name in names[1:]:
@@ -211,12 +211,12 @@ def campaign_at(name: str, folder: Path) -> CampaignView:
 
 
 def campaign_with_baseline(name: str, folder: Path, *, note: str = "ticket 12") -> CampaignView:
-    """Write and read a campaign as `campaign_at` does, the first finding of which is known and the second was fixed.
+    """Write and read a campaign as `campaign_at` does, with the first finding marked as known and the second as fixed.
 
     Args:
         name: One of `CAMPAIGNS`.
         folder: An empty folder.
-        note: What people say of them, and what was learnt besides.
+        note: Note on both findings, and remark on the campaign.
     """
     view = campaign_at(name, folder)
     entries = [KnownFinding.of(one.finding, since="2026-03-01", note=note) for one in view.findings]
@@ -238,13 +238,13 @@ def view_at(stage: str, folder: Path) -> FindingView:
 
 
 class ReportConformance:
-    """What holds for a report format: it reports any stage of progress, and nobody's names do anything in it.
+    """Tests of a report format: it reports any stage of progress, and names in it have no effect.
 
     Attributes:
-        report: The class, or what else makes the format.
+        report: The class or other factory of the format.
         markup: Whether the report is HTML or XML, where names must not become tags.
-        markdown: Whether it is Markdown, where names must not become markup.
-        binary: Whether it is no text.
+        markdown: Whether the report is Markdown, where names must not become markup.
+        binary: Whether the report is not text.
     """
 
     report: ClassVar[Callable[[], ReportFormat | CampaignFormat]]
@@ -253,23 +253,23 @@ class ReportConformance:
     binary: ClassVar[bool] = False
 
     def test_its_file_is_a_name_of_its_own(self) -> None:
-        """It is written into the finding's folder, over none of the finding's files, or to stdout."""
+        """The report's file, in the finding's folder, overwrites none of the finding's own files."""
         file = type(self).report().file
         assert Path(file).name == file
         assert file not in {*_STEP_OF, "campaign.json", "nominal.mcap"}
 
     @pytest.mark.parametrize("stage", STAGES)
     def test_every_stage_is_reported(self, stage: str, tmp_path: Path) -> None:
-        """Nothing is raised whichever files are missing or broken, something is said, and nothing is written."""
+        """Missing or broken files raise nothing, the report is not empty, and no file is written."""
         self._is_reported(view_at(stage, tmp_path), tmp_path)
 
     def test_it_is_deterministic(self, tmp_path: Path) -> None:
-        """The same files give the same report, whoever makes it."""
+        """The same files give the same report."""
         view = view_at("until activate", tmp_path)
         assert self._report(view) == self._report(load(tmp_path))
 
     def test_hostile_names_stay_text(self, tmp_path: Path) -> None:
-        """They neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
+        """Names neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
         self._is_harmless(tmp_path, view_at, "until activate")
 
     def _report(self, view: FindingView | CampaignView) -> str | bytes:
@@ -301,20 +301,20 @@ class ReportConformance:
 
     @staticmethod
     def _text(content: str | bytes) -> str:
-        """Return a report as text; what is not UTF-8 is an error."""
+        """Return a report as text; raise an error if it is not UTF-8."""
         return content.encode().decode() if isinstance(content, str) else content.decode()
 
 
 class CampaignReportConformance(ReportConformance):
-    """What holds besides for a format that reports campaigns: it reports them however they have ended, or have not."""
+    """Additional tests of a format that reports campaigns: it reports them however they ended, even unfinished ones."""
 
     @pytest.mark.parametrize("campaign", CAMPAIGNS)
     def test_every_campaign_is_reported(self, campaign: str, tmp_path: Path) -> None:
-        """Nothing is raised whatever it has come to, something is said, and nothing is written."""
+        """No result of a campaign raises anything, the report is not empty, and no file is written."""
         self._is_reported(campaign_at(campaign, tmp_path), tmp_path)
 
     def test_campaigns_that_differ_are_told_apart(self, tmp_path: Path) -> None:
-        """One that was not finished, or from which nothing can be concluded, does not look like a clean one."""
+        """An unfinished or inconclusive campaign does not look like a clean one."""
         told = []
         for number, name in enumerate(("nothing found", "nothing done", "inconclusive", "not judged")):
             view = campaign_at(name, _made(tmp_path / str(number) / "out"))
@@ -322,16 +322,16 @@ class CampaignReportConformance(ReportConformance):
         assert len(set(told)) == len(told)
 
     def test_hostile_names_of_campaigns_stay_text(self, tmp_path: Path) -> None:
-        """They neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
+        """Names neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
         self._is_harmless(tmp_path, campaign_at, "finished")
 
     @pytest.mark.parametrize("campaign", CAMPAIGNS)
     def test_every_campaign_is_reported_beside_a_baseline(self, campaign: str, tmp_path: Path) -> None:
-        """Nothing is raised, whatever a baseline says of its findings."""
+        """Nothing is raised, whatever a baseline says about its findings."""
         self._is_reported(campaign_with_baseline(campaign, tmp_path), tmp_path)
 
     def test_notes_of_a_baseline_stay_text(self, tmp_path: Path) -> None:
-        """Whoever may write into the baseline cannot write into a terminal, a job or a page."""
+        """Notes of a baseline cannot inject control characters or markup into a terminal, a job or a page."""
 
         def made(name: str, folder: Path) -> CampaignView:
             return campaign_with_baseline("several", folder, note=HOSTILE_TEXT if name == "hostile" else "ticket 12")
@@ -345,7 +345,7 @@ def _made(folder: Path) -> Path:
 
 
 def _page_of(markdown: str) -> str:
-    """Return Markdown as a page, with tables and whatever HTML there is in it."""
+    """Return Markdown as an HTML page, with its tables and embedded HTML."""
     from markdown_it import MarkdownIt
 
     return str(MarkdownIt("commonmark").enable("table").render(markdown))

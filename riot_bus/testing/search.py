@@ -1,4 +1,4 @@
-"""What every search method has to hold, as tests to inherit: for authors of methods for `riot activate --search`.
+"""Conformance tests for methods of `riot activate --search`, for their authors to inherit.
 
     class TestMine(SearchConformance):
         method = MyMethod
@@ -30,13 +30,13 @@ _ROUNDS = 60
 
 
 class SearchConformance:
-    """What holds for a search method: it stays in bounds, repeats itself for equal seeds, and gets nearer.
+    """Tests of a search method: it stays in bounds, is deterministic for equal seeds, and approaches the optimum.
 
-    Before it is asked, the history has the nominal vector and four probes along each axis, as in a real search.
+    Before it is asked, the history contains the nominal vector and four probes along each axis, as in a real search.
 
     Attributes:
-        method: What makes the method: the class, or a `staticmethod` of a function.
-        rounds: So many answers suffice for an easy function.
+        method: Factory of the method: the class, or a `staticmethod` of a function.
+        rounds: Number of answers that suffice for an easy function.
     """
 
     method: ClassVar[SearchMethod]
@@ -44,14 +44,14 @@ class SearchConformance:
 
     @pytest.mark.parametrize("size", _SIZES)
     def test_it_stays_in_bounds(self, size: int) -> None:
-        """Vectors have the shape (n,), are finite and within [0, 1], also where the best is in a corner."""
+        """Vectors have the shape (n,), are finite and within [0, 1], even if the optimum is in a corner."""
         for vector in self._vectors(size, lambda vector: float(vector.sum())):
             assert np.shape(vector) == (size,)
             assert ((vector >= 0) & (vector <= 1)).all(), vector
 
     @pytest.mark.parametrize("size", _SIZES)
     def test_it_gives_as_many_as_are_asked_for(self, size: int) -> None:
-        """There is a next vector whenever all answers are there, and later ones do not change earlier ones."""
+        """There is a next vector whenever all are answered, and later vectors do not modify earlier ones."""
         pairs = [(vector, vector.copy()) for vector in self._vectors(size, _bowl)]
         assert len(pairs) == self.rounds
         assert all(np.array_equal(vector, then) for vector, then in pairs)
@@ -64,19 +64,19 @@ class SearchConformance:
 
     @pytest.mark.parametrize("size", _SIZES)
     def test_it_gets_nearer_than_its_start(self, size: int) -> None:
-        """On a bowl, it finds less than three quarters of the value at the nominal vector."""
+        """On a quadratic bowl, it finds a value below three quarters of that at the nominal vector."""
         found = [_bowl(vector) for vector in self._vectors(size, _bowl)]
         assert min(found) < 0.75 * _bowl(np.full(size, 0.5))
 
     @pytest.mark.parametrize("answer", [math.nan, math.inf, -math.inf, 1e300, 0.0])
     def test_any_answer_is_survived(self, answer: float) -> None:
-        """Whatever it is told, it goes on, in bounds."""
+        """It continues within bounds after any answer."""
         vectors = list(self._vectors(2, lambda vector: answer))
         assert len(vectors) == self.rounds
         assert all(((vector >= 0) & (vector <= 1)).all() for vector in vectors)
 
     def test_several_may_be_out_at_once(self) -> None:
-        """It gives more vectors before an answer comes, or None; answers may come in any order."""
+        """Asked again before an answer, it gives another vector or None; answers may arrive in any order."""
         history, (method,) = self._begun(2, _bowl, 3)
         for _ in range(self.rounds // 4):
             out = [vector for vector in (method.ask() for _ in range(4)) if vector is not None]
@@ -86,7 +86,7 @@ class SearchConformance:
                 method.tell(vector, _bowl(vector))
 
     def _vectors(self, size: int, value: Callable[[Floats], float], *, seed: int = 0) -> Iterator[Floats]:
-        """Yield what the method proposes when each of its vectors is answered at once."""
+        """Yield the vectors that the method proposes if each is answered at once."""
         if size < getattr(type(self).method, "least_size", 1):
             pytest.skip(f"it needs more than {size} dimensions")
         history, (method,) = self._begun(size, value, seed)
@@ -95,7 +95,7 @@ class SearchConformance:
             assert vector is not None, "it waits though all answers are there"
             yield vector
             answer = value(vector)
-            if math.isfinite(answer):  # the history has no others
+            if math.isfinite(answer):  # the history contains only finite values
                 history.add(vector, answer)
             method.tell(vector, answer)
 
@@ -108,5 +108,5 @@ class SearchConformance:
 
 
 def _bowl(vector: Floats) -> float:
-    """Return the squared distance to a vector that no probe comes near."""
+    """Return the squared distance to a vector that is not near any probe."""
     return float(((vector - 0.83) ** 2).sum())

@@ -1,4 +1,4 @@
-"""What every step of the chain has to hold, as tests to inherit: for authors of steps for `riot step NAME`.
+"""Conformance tests for steps of the chain (`riot step NAME`), for their authors to inherit.
 
     class TestMine(StepConformance):
         step = MINE
@@ -55,15 +55,15 @@ class FailingRunner:
         return self
 
     def baseline(self, *_: Any) -> Baseline:
-        """Return that nothing is known: nothing is played."""
+        """Return the unknown baseline without playing anything."""
         return UNKNOWN
 
     def in_system(self, *_: Any) -> Baseline:
-        """Return that nothing is known: nothing is run."""
+        """Return the unknown baseline without running anything."""
         return UNKNOWN
 
     def keep_evidence(self, *_: Any, **__: Any) -> bool:
-        """Keep nothing."""
+        """Keep no evidence and return False."""
         return False
 
     def run(self, cases: Sequence[TestCase]) -> list[Outcome]:
@@ -71,11 +71,11 @@ class FailingRunner:
         return [Outcome(Verdict.FAIL, (Violation("crash", "unit", _SIGNATURE),)) for _ in cases]
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Do nothing, since nothing was started."""
 
 
 def write_finding(out: Path) -> Path:
-    """Write a finding with its failing and its minimal log, of JSON messages, and the system that it is of.
+    """Write a finding with its failing and its minimal log, both of JSON messages, and its system file.
 
     Args:
         out: Folder to write into.
@@ -106,20 +106,20 @@ def write_finding(out: Path) -> Path:
 
 
 class StepConformance:
-    """What holds for a step: it is told by its data, writes one file of its own, and says so in a line.
+    """Tests of a step: its data are complete, it writes one file of its own, and it has a summary of one line.
 
     It is carried out on a small finding, with a runner that fails every trial.
 
     Attributes:
-        step: The step, as its entry point names it.
-        options: Options to carry it out with.
+        step: The step to which its entry point refers.
+        options: Options of its execution.
     """
 
     step: ClassVar[ChainStep]
     options: ClassVar[Mapping[str, Any]] = {}
 
     def test_its_data_are_complete(self) -> None:
-        """Names, help, a record with a file of its own, and a function that takes the options."""
+        """It has names, help, a record with a file of its own, and a function that accepts the options."""
         step = self.step
         assert step.name.isidentifier()
         assert step.title
@@ -137,7 +137,7 @@ class StepConformance:
         assert find_step(self.step.name) is self.step
 
     def test_it_writes_its_record_and_says_what_it_has_come_to(self, tmp_path: Path) -> None:
-        """The file is there, can be read again, and the summary is one line."""
+        """The file exists and can be read again, and the summary is one line."""
         folder = write_finding(tmp_path)
         before = {path.name for path in folder.iterdir()}
         runners: Any = FailingRunner()

@@ -1,4 +1,4 @@
-"""What every message type has to hold, as tests to inherit: for authors of codecs.
+"""Conformance tests for message types, for authors of codecs to inherit.
 
     class TestMine(TypeConformance):
         kind = MyType()
@@ -46,13 +46,13 @@ SETTINGS = settings(
 
 
 class HostileConformance:
-    """What holds for any bytes: nothing is raised but `PayloadError`, and work and memory are bounded.
+    """Tests with arbitrary bytes: nothing but `PayloadError` is raised, and work and memory are bounded.
 
     Attributes:
-        kind: The type.
+        kind: The message type.
         payloads: Some of its payloads, from which hostile ones are made.
-        lines: So many lines of Python may be executed for a payload, and as many again for each of its bytes.
-        memory: So many bytes of memory may be taken for a payload, and 1024 more for each of its bytes.
+        lines: Largest number of Python lines executed for a payload, and in addition for each of its bytes.
+        memory: Largest memory for a payload in bytes, and 1024 more for each of its bytes.
     """
 
     kind: ClassVar[MessageType]
@@ -69,14 +69,14 @@ class HostileConformance:
     @SETTINGS
     @given(data=st.data())
     def test_hostile_bytes(self, data: st.DataObject) -> None:
-        """Broken samples and random bytes are read, or refused with PayloadError."""
+        """Broken samples and random bytes are read or rejected with PayloadError."""
         payload = data.draw(hostile(self.payloads))
         self._exercise(payload, data.draw(st.sampled_from(self._paths())))
 
     @SETTINGS
     @given(data=st.data())
     def test_opaque_agrees_with_leaves(self, data: st.DataObject) -> None:
-        """`opaque` says what `leaves` raises, and raises nothing."""
+        """`opaque` returns the message of the error that `leaves` raises, and raises nothing."""
         payload = data.draw(hostile(self.payloads))
         raised = None
         try:
@@ -89,13 +89,13 @@ class HostileConformance:
     @SETTINGS
     @given(data=st.data())
     def test_any_path(self, data: st.DataObject) -> None:
-        """Whatever a user writes as a path is read, or refused with PayloadError."""
+        """Any text given as a path is read or rejected with PayloadError."""
         steps = st.from_regex(r"(\[[0-9]{1,3}\]|\.[a-z]|\[-1\]|\[\"){0,3}", fullmatch=True)
         path = data.draw(st.text(max_size=12) | st.sampled_from(self._paths())) + data.draw(steps)
         self._exercise(data.draw(st.sampled_from(self.payloads)), path)
 
     def test_memory_is_bounded(self) -> None:
-        """Counts that lie do not take memory."""
+        """False counts in a payload do not make it allocate memory."""
         for payload in self.payloads:
             for at in range(min(len(payload), 64)):
                 for filler in (b"\xff" * 4, b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"\xff" * 9 + b"\x01"):
@@ -138,22 +138,22 @@ class HostileConformance:
 
 
 class TypeConformance(HostileConformance):
-    """What holds for a type whose payloads can be taken apart.
+    """Tests of a type whose payloads can be decoded into fields.
 
     Attributes:
-        widest: A number takes so many bytes at most.
+        widest: Largest size of a number in bytes.
     """
 
     widest: ClassVar[int] = _WIDEST
 
     def test_samples_have_fields(self) -> None:
-        """The samples are none that are opaque, and they tell something."""
+        """No sample is opaque, and at least one has fields."""
         for payload in self.payloads:
             assert self.kind.opaque(payload) is None
         assert any(self.kind.leaves(payload) for payload in self.payloads)
 
     def test_what_is_listed_is_read(self) -> None:
-        """Each field is listed once, has a value of its type, and is read as it is listed."""
+        """Each field is listed once, has a value of its type, and reads as the listed value."""
         for payload in self.payloads:
             leaves = self.kind.leaves(payload, elements=_ELEMENTS)
             assert len({leaf.path for leaf in leaves}) == len(leaves)
@@ -162,7 +162,7 @@ class TypeConformance(HostileConformance):
                 assert same(self.kind.read(payload, leaf.path), leaf.value), leaf
 
     def test_few_elements_are_listed(self) -> None:
-        """`elements` cuts arrays and nothing else."""
+        """`elements` limits the listed elements of arrays and nothing else."""
         for payload in self.payloads:
             every = [leaf.path for leaf in self.kind.leaves(payload, elements=_ELEMENTS)]
             for most in (0, 1, 2):
@@ -176,7 +176,7 @@ class TypeConformance(HostileConformance):
     @SETTINGS
     @given(data=st.data())
     def test_patch_changes_one_field(self, data: st.DataObject) -> None:
-        """A scalar is patched in place, or refused with the advice to rebuild; nothing else changes."""
+        """A scalar is patched in place, or rejected with the advice to rebuild; nothing else changes."""
         payload, leaf = self._scalar(data)
         value = data.draw(values_of(leaf.type))
         rebuilt = self.kind.rebuild(payload, {leaf.path: value})
@@ -189,7 +189,7 @@ class TypeConformance(HostileConformance):
     @SETTINGS
     @given(data=st.data(), value=st.integers(-(1 << 70), 1 << 70))
     def test_integers_wrap(self, data: st.DataObject, value: int) -> None:
-        """Integers out of range are cut to the bits of their field."""
+        """Integers out of range are truncated to the bits of their field."""
         payload, leaf = self._scalar(data, *_INTEGERS)
         after = self.kind.read(self.kind.rebuild(payload, {leaf.path: value}), leaf.path)
         assert isinstance(after, int)
@@ -260,7 +260,7 @@ class TypeConformance(HostileConformance):
 
     @pytest.mark.parametrize("length", [-1, True, 1.5, "3", b"3", 1 << 32, (1 << 32) - 1])
     def test_lengths_that_are_none(self, length: Scalar) -> None:
-        """A length is an integer that makes no payload too large; it is never patched in place."""
+        """Invalid or far too large lengths are rejected, and a length is never patched in place."""
         for payload in self.payloads:
             for leaf in self.kind.leaves(payload):
                 if leaf.path.startswith("len("):
@@ -270,7 +270,7 @@ class TypeConformance(HostileConformance):
                         self.kind.patch(payload, {leaf.path: leaf.value})
 
     def test_nothing_to_change(self) -> None:
-        """Without changes, and with the values that are there, the payload stays."""
+        """Without changes the payload stays the same, and writing the existing values keeps all fields."""
         for payload in self.payloads:
             assert self.kind.patch(payload, {}) == self.kind.rebuild(payload, {}) == payload
             for leaf in self._scalars(payload):
@@ -279,7 +279,7 @@ class TypeConformance(HostileConformance):
                 assert after is None or all(map(same_leaf, self.kind.leaves(after, elements=_ELEMENTS), before))
 
     def test_fields_without_a_payload(self) -> None:
-        """What a type says of its fields agrees with its payloads."""
+        """A type's description of its fields agrees with its payloads."""
         if not isinstance(self.kind, DescribesFields):
             pytest.skip("this type does not describe its fields")
         fields = {field.path: field for field in self.kind.fields()}
@@ -305,7 +305,7 @@ class TypeConformance(HostileConformance):
             assert np.array_equal(found, np.array(expected, np.float64), equal_nan=True)
 
     def _check_span(self, payload: bytes, patched: bytes, leaf: Leaf, value: Scalar) -> None:
-        """Check that what differs is as short as a field is."""
+        """Check that the differing bytes are no more than one field takes."""
         same_start = _common(payload, patched)
         rest = min(len(payload), len(patched)) - same_start
         same_end = _common(payload[::-1][:rest], patched[::-1][:rest])
@@ -377,7 +377,7 @@ def hostile(draw: st.DrawFn, payloads: Sequence[bytes]) -> bytes:
 
 
 def values_of(kind: str) -> st.SearchStrategy[Any]:
-    """Return values of a type, as `Leaf` names it."""
+    """Return a strategy for the values of a type, named as in `Leaf`."""
     if kind in _INTEGERS:
         bits, signed = _INTEGERS[kind]
         return st.integers(-(1 << (bits - 1)) if signed else 0, (1 << (bits - signed)) - 1)
@@ -404,7 +404,7 @@ def same_leaf(one: Leaf, other: Leaf) -> bool:
 
 
 def narrowed(value: float, kind: str) -> float:
-    """Return what becomes of a number in a field of type float32 or float64."""
+    """Return a number as it is stored in a field of type float32 or float64."""
     form = "<f" if kind == "float32" else "<d"
     try:
         return float(struct.unpack(form, struct.pack(form, float(value)))[0])
@@ -421,20 +421,20 @@ def _is_of(kind: str, value: Scalar) -> bool:
 
 
 def _index_in(path: str, array: str) -> int | None:
-    """Return which element of an array a path leads into, None if into none."""
+    """Return the index of the array element that contains a path, None if no element does."""
     rest = path.removeprefix("len(")
     match = re.match(r"\[(\d+)\]", rest[len(array) :]) if rest.startswith(array) else None
     return int(match.group(1)) if match is not None else None
 
 
 def _common(one: bytes, other: bytes) -> int:
-    """Return how many bytes are the same at the beginning."""
+    """Return the length of the common prefix."""
     pairs = zip(one, other, strict=False)
     return next((at for at, (left, right) in enumerate(pairs) if left != right), min(len(one), len(other)))
 
 
 def _size(value: Scalar) -> int:
-    """Return how many bytes a text takes at most, with what is around it."""
+    """Return the largest encoded size of a string or bytes, with its delimiters; 0 for other values."""
     if isinstance(value, str):
         return 16 + 12 * len(value)
     return 16 + len(value) if isinstance(value, bytes) else 0
@@ -445,7 +445,7 @@ class _TooMuchWorkError(AssertionError):
 
 
 def _bounded(act: Callable[[], object], most: int) -> object:
-    """Call a function that may execute so many lines of Python."""
+    """Call a function; raise an error if it executes more than `most` lines of Python."""
     left = most
 
     def count(frame: FrameType, event: str, arg: Any) -> Any:

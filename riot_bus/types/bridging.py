@@ -1,6 +1,6 @@
-"""What joins other middleware to a segment: what a bridge is, and what `riot bridge NAME` gives to its command.
+"""Interfaces of bridges, which connect other middleware to a segment, and of their host, `riot bridge NAME`.
 
-A bridge is an adapter package's. Its command is a function that typer can read, found by the entry points
+A bridge is part of an adapter package. Its command is a function for typer, found by the entry points
 `riot_bus.bridges`; the attribute `obj` of its `typer.Context` is a `BridgeHost`. Parameters called `system`, `cfg` and
 `form` get riot's own options.
 """
@@ -22,14 +22,14 @@ __all__ = ["Bridge", "BridgeHost", "BridgedLink", "LinkedBridge", "OwnRouter"]
 
 @dataclass(frozen=True, slots=True)
 class BridgedLink:
-    """A link of a bridge in the router's own process: to the bus, it is what is at its other end.
+    """A link of a bridge in the router's own process; to the bus, it represents the systems at its other end.
 
     Attributes:
         segment: Name of its segment.
-        name: Its name.
-        addresses: Where its other ends are.
-        publishes: Keys of what came over it, and by which of the systems behind it.
-        subscribes: Key expression of what can go out over it; empty if nothing can.
+        name: Name of the link.
+        addresses: Addresses of its other ends.
+        publishes: Systems behind the link that published over it, by key.
+        subscribes: Key expression of messages that can be sent over it; empty if none can.
     """
 
     segment: str
@@ -40,29 +40,29 @@ class BridgedLink:
 
 
 class Bridge(Protocol):
-    """What adapters bridge with: a context manager that starts and ends it."""
+    """A bridge of an adapter: a context manager that starts and ends it."""
 
     @property
     def failure(self) -> RiotError | None:
-        """Why it has ended by itself."""
+        """Error that ended the bridge by itself."""
 
     def wait(self, timeout: float) -> bool:
-        """Wait until it is to end; return whether it is."""
+        """Wait until the bridge has to end; return whether it has to."""
 
     def stop(self) -> None:
-        """End soon."""
+        """End the bridge soon."""
 
     def status(self) -> dict[str, Any]:
-        """Return what is going on, as JSON values."""
+        """Return the current state, as JSON values."""
 
     def ready(self) -> str:
         """Return a line that says what is bridged."""
 
     def summary(self) -> Sequence[str]:
-        """Return lines that say what crossed."""
+        """Return lines that say what crossed the bridge."""
 
     def words(self) -> Mapping[str, str]:
-        """Return what stands for `{WORD}` in the command of a program behind it."""
+        """Return the values of `{WORD}` in the command of a program behind the bridge, by word."""
 
     def __enter__(self) -> Self: ...
 
@@ -71,18 +71,18 @@ class Bridge(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class OwnRouter:
-    """What the router in a bridge's own process is to do, as written on the command line.
+    """Options of the router in a bridge's own process, as written on the command line.
 
     Attributes:
-        system: riot.toml; None for the one in the working folder, if there is one.
-        listen: `NAME=ENDPOINT[,...]`, segments; none for those of riot.toml or of `riot router`.
-        intercept: Key expressions of what goes through interceptors.
-        interceptors: As of `riot router`.
-        inject: An injection plan.
-        record: A log of all that passes.
+        system: Path of riot.toml; None for the one in the working folder, if there is one.
+        listen: Segments as `NAME=ENDPOINT[,...]`; empty for those of riot.toml or of `riot router`.
+        intercept: Key expressions of messages that pass through interceptors.
+        interceptors: Interceptors as in `riot router`.
+        inject: Path of an injection plan.
+        record: Path of a log of all messages.
         definitions: Files that define message types.
-        adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
-        carried: Key expressions that are intercepted besides, since the bridge carries them.
+        adapters: Adapters that replace those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
+        carried: Key expressions that are also intercepted, since the bridge carries them.
     """
 
     system: Path | None = None
@@ -97,50 +97,50 @@ class OwnRouter:
 
 
 class LinkedBridge(Bridge, Protocol):
-    """A bridge that says what its links are, so that it can be its own router."""
+    """A bridge that lists its links, so that it can run in one process with a router."""
 
     def links(self) -> Collection[BridgedLink]:
-        """Return the links as they are now; called on any thread."""
+        """Return the current links; called on any thread."""
 
 
 class BridgeHost(Protocol):
-    """What riot does for the command of a bridge, which knows nothing of Zenoh."""
+    """Services of riot for the command of a bridge, which does not know Zenoh."""
 
     def ports(
         self, segments: Mapping[str, str | None], *, system: Path | None = None, cfg: Sequence[str] = ()
     ) -> Mapping[str, AbstractContextManager[Any]]:
-        """Return segments in terms of bytes, which connect when they are entered.
+        """Return ports of segments, which exchange bytes and connect when they are entered.
 
         Args:
-            segments: Endpoint of each segment by name; None for one of riot.toml, or of a router without one.
-            system: riot.toml; None for the one in the working folder, if there is one.
-            cfg: `KEY=VALUE`, further Zenoh settings.
+            segments: Endpoint of each segment by name; None for one of riot.toml, or of a router without riot.toml.
+            system: Path of riot.toml; None for the one in the working folder, if there is one.
+            cfg: Further Zenoh settings, as `KEY=VALUE`.
 
         Raises:
             ConfigError: There is no such segment, or a setting is wrong.
         """
 
     def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
-        """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; say what crossed.
+        """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; print what crossed.
 
         Args:
             bridge: The bridge; it is started and ended here.
-            program: Its command and arguments, none if empty; `{WORD}` stands for what `bridge.words()` says.
-            as_json: Say it as lines of JSON.
+            program: Command and arguments of the program; empty for none; `{WORD}` is replaced using `bridge.words()`.
+            as_json: Whether to print lines of JSON.
 
         Returns:
             The program's exit status, 0 if it was still running or there is none; a signal that ended it ends this
             process, too.
 
         Raises:
-            RiotError: It does not start, or has failed.
+            RiotError: The bridge does not start, or has failed.
         """
 
     def segments(self, asked: OwnRouter) -> Sequence[str]:
         """Return the names of the segments that a router would have.
 
         Args:
-            asked: The router.
+            asked: Options of the router.
 
         Raises:
             ConfigError: The system file or an option is wrong.
@@ -157,14 +157,14 @@ class BridgeHost(Protocol):
         """Route and bridge in one process, until the same events as `run`.
 
         Args:
-            bridge_of: Makes the bridge from open ports of the segments, by name.
-            asked: The router.
-            program: Command and arguments, as of `run`.
-            as_json: Say it as lines of JSON, as of `run`.
+            bridge_of: Function that makes the bridge from open ports of the segments, by name.
+            asked: Options of the router.
+            program: Command and arguments, as in `run`.
+            as_json: Whether to print lines of JSON, as in `run`.
 
         Returns:
-            As `run`.
+            The same exit status as `run`.
 
         Raises:
-            RiotError: It does not start, has failed, or messages were lost.
+            RiotError: The bridge does not start or has failed, or messages were lost.
         """

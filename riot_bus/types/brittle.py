@@ -1,7 +1,7 @@
 """Fields that are better left alone.
 
-A wrong stamp, sequence number, checksum or signature makes a component reject the message at its door, which hides the
-faults behind it. Such fields are injected only when the user names them.
+A wrong timestamp, sequence number, checksum or signature makes a component reject the whole message early, which hides
+other faults. Such fields are injected only when the user names them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["STAMPS", "is_brittle", "why_brittle"]
 
 STAMPS = ("header stamp", "timestamp")
-"""Reasons of fields that are times."""
+"""Reasons that apply to time fields."""
 
 _REASONS = {
     "header stamp": r"stamps?",
@@ -40,11 +40,11 @@ _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 @lru_cache(maxsize=1 << 14)
 def is_brittle(path: str, type_name: str | None = None) -> str | None:
-    """Return why a field should be left alone unless it was asked for, None if it may be injected.
+    """Return why a field should be left alone unless the user names it, None if it may be injected.
 
     Args:
         path: Field path; every part counts, so `header.stamp.sec` is brittle because of `stamp`.
-        type_name: Type of the message, where the type says it all (`rosgraph_msgs/msg/Clock`).
+        type_name: Type of the message; all fields of some types are brittle (`rosgraph_msgs/msg/Clock`).
     """
     if type_name is not None:
         reason = _TYPES.get(type_name.replace("/msg/", "/"))
@@ -60,7 +60,7 @@ def is_brittle(path: str, type_name: str | None = None) -> str | None:
 
 
 def why_brittle(path: str, kind: MessageType | None = None) -> str | None:
-    """Return why a field should be left alone: by its type if that tells, else by its name; None if it may be injected.
+    """Return why a field should be left alone, according to its type or else its name; None if it may be injected.
 
     Args:
         path: Field path.

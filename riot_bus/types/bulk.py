@@ -1,4 +1,4 @@
-"""One field of many payloads at once: in bulk where the type can, message by message where it cannot."""
+"""One field of many payloads: read in bulk if the type supports that, otherwise one payload at a time."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _EXACT = 1 << 53
 
 
 def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
-    """Return one field of many payloads; what does not decode, or lacks the field, is not valid.
+    """Return one field of many payloads; payloads that cannot be decoded, or lack the field, are marked as not valid.
 
     Args:
-        kind: Their type.
-        payloads: n of them.
-        path: A field, or `len(path)`.
+        kind: Type of the payloads.
+        payloads: The payloads.
+        path: Path of a field, or `len(path)`.
 
     Raises:
         PayloadError: The type has no such field, whatever the payload.
@@ -50,11 +50,11 @@ def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
 
 @lru_cache(maxsize=256)
 def _has_bulk(kind: type[MessageType]) -> bool:
-    return issubclass(kind, GathersFields)  # which takes 40 us
+    return issubclass(kind, GathersFields)  # takes 40 us, hence the cache
 
 
 def as_array(values: list[Scalar | None]) -> Gathered:
-    """Return scalars as an array of the narrowest type that holds all of them exactly; None where there is none.
+    """Return scalars as an array of the narrowest type that holds all of them exactly; None marks a missing value.
 
     The types are bool, int64, uint64, float64 and object (text, bytes, mixtures); without any value, float64.
     """
@@ -68,7 +68,7 @@ def as_array(values: list[Scalar | None]) -> Gathered:
 
 
 def join(parts: list[Gathered]) -> Gathered:
-    """Return arrays of one field after each other, in a type that holds all values exactly."""
+    """Concatenate arrays of one field into one array whose type holds all values exactly."""
     valid = np.concatenate([part.valid for part in parts]) if parts else np.zeros(0, np.bool_)
     arrays = [part.values for part in parts if part.valid.any()] or [part.values for part in parts]
     dtypes = {array.dtype for array in arrays}

@@ -1,4 +1,4 @@
-"""Work on payloads that is done once for each of them."""
+"""A cache of results that depend only on a payload and its type."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _T = TypeVar("_T")
 
 
 class ByPayload(Generic[_T]):
-    """Keeps what was worked out of payloads: the messages of one trial are nearly those of another.
+    """Caches results by payload, since different trials have nearly the same messages.
 
-    By the type's identity, as types of others need not be hashable, and the payload's checksum.
+    Its keys are the identity of the type, as types of adapters need not be hashable, and the payload's hash.
 
     Args:
-        make: Works it out.
-        most: Payloads of which it is kept.
+        make: Function that computes a result.
+        most: Largest number of cached results.
     """
 
     def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
@@ -32,12 +32,12 @@ class ByPayload(Generic[_T]):
         self._known: dict[tuple[int, bytes], tuple[MessageType | None, _T]] = {}
 
     def __call__(self, message: Message, registry: TypeRegistry) -> _T:
-        """Return what was worked out of a message's payload."""
+        """Return the result for a message's payload."""
         kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
         key = id(kind), blake2b(message.payload, digest_size=16).digest()
         known = self._known.get(key)
         if known is None:
-            known = kind, self._make(kind, message.payload)  # the type is kept, and so its identity
+            known = kind, self._make(kind, message.payload)  # keeping the type keeps its identity unique
             if len(self._known) >= self._most:
                 self._known.clear()
             self._known[key] = known

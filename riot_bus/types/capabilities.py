@@ -1,7 +1,8 @@
-"""What adapters and message types can do besides what they must do, each as one optional protocol.
+"""Optional capabilities of adapters and message types, each as one protocol.
 
-Nothing registers for these: an object that has the methods and attributes of a protocol offers it. What an adapter must
-have is `riot_bus.types.model.Adapter`, a type `riot_bus.types.model.MessageType`. Who asks for what: docs/adapters.md.
+No registration is needed: an object with the methods and attributes of a protocol has the capability. The mandatory
+protocols are `riot_bus.types.model.Adapter` and `riot_bus.types.model.MessageType`. docs/adapters.md tells which part
+of riot uses which capability.
 """
 
 from __future__ import annotations
@@ -63,10 +64,10 @@ __all__ = [
 
 @runtime_checkable
 class TakesFiles(Protocol):
-    """Files with these endings define this adapter's types; an adapter without it gets all that no other takes.
+    """Files with these endings define this adapter's types; adapters without it get all files that no other takes.
 
     Attributes:
-        endings: Such as `(".xml",)`.
+        endings: Endings of file names, such as `(".xml",)`.
     """
 
     endings: Sequence[str]
@@ -74,45 +75,45 @@ class TakesFiles(Protocol):
 
 @runtime_checkable
 class ListsTypes(Protocol):
-    """Lists its types; a codec that is a `TypeSource` can do it too."""
+    """Lists its types; a codec that is a `TypeSource` can do so too."""
 
     def type_names(self) -> Iterable[str]:
-        """Return the names of all types that need no search in files."""
+        """Return the names of all types that are known without searching files."""
         ...
 
 
 @runtime_checkable
 class ReadsTypesFromKeys(Protocol):
-    """Keys say more of a type than its name, such as a hash."""
+    """Reads more about a type from a key than its name, such as a hash."""
 
     def type_of_key(self, key: str) -> MessageType | None:
-        """Return the type that a key names, None if the key names none that is known."""
+        """Return the type that a key names, None if it names no known type."""
         ...
 
 
 Ask = Callable[[str, bytes, bytes], Iterable[bytes]]
-"""Returns the payloads of the replies to a query, from its key, payload and attachment; in bounded time."""
+"""Function that sends a query (key, payload, attachment) and returns the payloads of the replies, in bounded time."""
 
 
 @runtime_checkable
 class DiscoversTypes(Protocol):
-    """Asks participants of the bus for types that nothing here defines.
+    """Asks participants of the bus for types without a local definition.
 
     Both methods may take long, so nothing that handles messages calls them.
     """
 
     def missing(self, key: str) -> bool:
-        """Return whether a key names a type whose definition is not known here, and for which one can ask."""
+        """Return whether a key names a type without a known definition that participants can be asked for."""
         ...
 
     def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> MessageType | None:
         """Ask the users of a key for its type, and remember it; None if none of them knows, or none can be asked now.
 
         Args:
-            key: One that is missing.
+            key: Key whose type is `missing`.
             tokens: Keys of all present liveliness tokens.
-            heard: Attachments of some messages of the key, which may tell who takes which questions.
-            ask: Puts a question.
+            heard: Attachments of some messages of the key, which may tell which participant answers which query.
+            ask: Function that sends a query.
         """
         ...
 
@@ -124,18 +125,18 @@ Role = Literal["publishes", "subscribes", "serves", "calls"]
 
 @dataclass(frozen=True, slots=True)
 class Announcement:
-    """What one liveliness token says.
+    """Contents of one liveliness token.
 
     Attributes:
-        zid: Id of the session that made it.
-        role: What it announces; None for a node.
+        zid: Id of the session that declared it.
+        role: Role of the announced participant; None for a node.
         key: Key or key expression; empty for a node.
         node: Full name of the node.
-        topic: What people call the topic or service.
-        type_name: Its type.
-        source: `ros2 token`, `bridge token` or `advanced token`.
-        action: The action that the topic or service belongs to, or that is announced itself.
-        action_type: Type of that action, as far as the token tells.
+        topic: Name of the topic or service.
+        type_name: Type of the topic or service.
+        source: Kind of token: `ros2 token`, `bridge token` or `advanced token`.
+        action: The action to which the topic or service belongs, or that is announced itself.
+        action_type: Type of that action, if the token contains it.
     """
 
     zid: str
@@ -151,7 +152,7 @@ class Announcement:
 
 @runtime_checkable
 class ParsesTokens(Protocol):
-    """Reads what nodes, publishers, subscribers, services and actions announce by liveliness tokens.
+    """Reads the liveliness tokens of nodes, publishers, subscribers, services and actions.
 
     Attributes:
         announcements: Key expressions of these tokens.
@@ -160,7 +161,7 @@ class ParsesTokens(Protocol):
     announcements: Sequence[str]
 
     def announcement(self, token: str) -> Announcement | None:
-        """Return what a token's key says, None if it is of another kind; never raises."""
+        """Return the announcement in a token's key, None if it is of another kind; never raise."""
         ...
 
 
@@ -169,17 +170,17 @@ class HasServices(Protocol):
     """The middleware has services; their requests and replies are messages (`riot_bus.types.serve`).
 
     Attributes:
-        services: Key expressions of services whose callers only ask those who call themselves complete
-            (Zenoh's target `ALL_COMPLETE`), as all their servers do.
+        services: Key expressions of services whose servers all declare themselves complete, and whose callers query
+            only complete servers (Zenoh's target `ALL_COMPLETE`).
     """
 
     services: Sequence[str]
 
     def action_parts(self, name: str) -> str | None:
-        """Return what topics and services are called of which an action of this name consists; None if it has none.
+        """Return the name of the topics and services of an action; None if it has none.
 
         Args:
-            name: As people write it; it may have wildcards.
+            name: Name of the action as users write it; may contain wildcards.
         """
         ...
 
@@ -195,10 +196,10 @@ class HasServices(Protocol):
 
 @runtime_checkable
 class AnnouncesServers(Protocol):
-    """Says by which liveliness tokens callers know that a service is there: some wait for it before they call."""
+    """Makes the liveliness tokens that announce a service, for which some callers wait before they call."""
 
     def server_tokens(self, key: str, zid: str, entity: int) -> Sequence[str]:
-        """Return the keys of the tokens of a server and its node; empty if the key is none of a service of its kind.
+        """Return the keys of the tokens of a server and its node; empty if the key is not a service of this adapter.
 
         Args:
             key: Key of the service.
@@ -210,12 +211,12 @@ class AnnouncesServers(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HeardSystem:
-    """What was heard of a system on its links.
+    """What was learnt about a system by listening to its links.
 
     Attributes:
-        toml: The text of a first system file.
-        facts: What was heard, as JSON values.
-        lines: What was heard, for people.
+        toml: Text of a first system file.
+        facts: Findings as JSON values.
+        lines: Findings as lines of text for users.
     """
 
     toml: str
@@ -225,7 +226,7 @@ class HeardSystem:
 
 @runtime_checkable
 class ListensToLinks(Protocol):
-    """Hears systems on links that are none of Zenoh's, for `riot init`."""
+    """Listens to systems on links other than Zenoh's, for `riot init`."""
 
     def listen(
         self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]
@@ -233,10 +234,10 @@ class ListensToLinks(Protocol):
         """Listen to links for a while; send nothing.
 
         Args:
-            links: As users write them.
-            seconds: Time to listen, seconds.
-            unit: What is to be tested, as users write it; None if they do not say.
-            warn: Called with a line about what does not work.
+            links: Links as users write them.
+            seconds: Time to listen, in seconds.
+            unit: Unit to test, as users write it; None if they do not name one.
+            warn: Function that is called with a line about each problem.
 
         Raises:
             ConfigError: A link or the unit is wrong.
@@ -249,12 +250,12 @@ class ListensToLinks(Protocol):
 
 
 class Stamp(NamedTuple):
-    """What a message says of itself.
+    """Metadata that a message carries.
 
     Attributes:
-        sequence: Its number at its publisher; the next one's is one more.
-        time: When it was published, nanoseconds since the Unix epoch.
-        publisher: Id of that publisher.
+        sequence: Sequence number at its publisher, incremented by one for each message.
+        time: Time of publication, in nanoseconds since the Unix epoch.
+        publisher: Id of the publisher.
     """
 
     sequence: int
@@ -264,7 +265,7 @@ class Stamp(NamedTuple):
 
 @runtime_checkable
 class ReadsMetadata(Protocol):
-    """Reads what messages and publishers say of themselves, for logs and graphs.
+    """Reads metadata of messages and publishers, for logs and graphs.
 
     Attributes:
         tokens: Key expression of the liveliness tokens that announce publishers.
@@ -273,38 +274,38 @@ class ReadsMetadata(Protocol):
     tokens: str
 
     def stamp(self, attachment: bytes) -> Stamp | None:
-        """Return what an attachment says, None if it is of another kind; never raises."""
+        """Return the metadata in an attachment, None if it is of another kind; never raise."""
         ...
 
     def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
         """Return metadata for the key's channel in a log, such as the offered quality of service.
 
         Args:
-            key: One of this adapter's kind.
+            key: A key of this adapter.
             tokens: Keys of all present tokens.
         """
         ...
 
     def definition(self, key: str) -> tuple[Schema, str] | None:
-        """Return schema and encoding of a log's channel for a key whose type is not known here; None if there is none.
+        """Return schema and encoding of a log's channel for a key of unknown type; None if there is none.
 
         Args:
-            key: One of this adapter's kind.
+            key: A key of this adapter.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """What a log says of a topic.
+    """A topic as a log describes it.
 
     Attributes:
-        name: What people call it, such as `/odom`.
-        key: Its Zenoh key; the name where the log knows no keys.
-        keyed: Whether the log knows keys: riot_bus has recorded it.
-        schema: The type's definition, empty if there is none.
-        encoding: MCAP's message encoding, such as `cdr`.
-        details: All that the log's channel says, such as `offered_qos_profiles`.
+        name: Name of the topic, such as `/odom`.
+        key: Its Zenoh key; the name if the log has no keys.
+        keyed: Whether the log has keys, which means that riot_bus recorded it.
+        schema: Definition of the type, empty if there is none.
+        encoding: Message encoding of MCAP, such as `cdr`.
+        details: Metadata of the log's channel, such as `offered_qos_profiles`.
     """
 
     name: str
@@ -317,12 +318,12 @@ class RecordedTopic:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A publisher as its subscribers know it.
+    """The identity of a publisher as its subscribers see it.
 
     Attributes:
         tokens: Keys of the liveliness tokens that announce it.
-        attachment: Returns the attachment of a message, from the recorded one (or None), the message's number at this
-            publisher (1, 2, ...) and the present time in nanoseconds.
+        attachment: Function that returns the attachment of a message, from the recorded one (or None), the sequence
+            number at this publisher (1, 2, ...) and the present time in nanoseconds.
     """
 
     tokens: Sequence[str] = ()
@@ -335,10 +336,10 @@ class Offer:
 
     Attributes:
         key: Zenoh key.
-        depth: Late joiners get so many of the last messages; None if they get none.
-        reliable: Whether what was lost is sent again to those who ask.
-        block: Whether a slow subscriber holds up the publisher, whatever was recorded.
-        identify: Returns who publishes, from the session's id and the publisher's number in it.
+        depth: Number of last messages that late joiners get; None if they get none.
+        reliable: Whether lost messages are sent again on request.
+        block: Whether a slow subscriber blocks the publisher, whatever was recorded.
+        identify: Function that returns the publisher's identity, from the session's id and its number in the session.
     """
 
     key: str
@@ -350,12 +351,12 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class SimClock:
-    """How time is told to those who follow a simulated clock.
+    """A clock topic for nodes that follow simulated time.
 
     Attributes:
-        name: What people call the topic; a recorded one of this name is not played beside it.
+        name: Name of the topic; a recorded topic of this name is not played in addition.
         offer: How to publish it.
-        payload: Returns the payload for a time in nanoseconds.
+        payload: Function that returns the payload for a time in nanoseconds.
     """
 
     name: str
@@ -365,41 +366,41 @@ class SimClock:
 
 @runtime_checkable
 class PublishesAs(Protocol):
-    """Says how a recorded topic is published again, so that its subscribers take it for the original."""
+    """Tells how to publish a recorded topic so that its subscribers take it for the original."""
 
     def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
-        """Return how to publish a topic, None if it is not of this adapter's kind.
+        """Return how to publish a topic, None if it does not belong to this adapter.
 
         Args:
-            topic: What was recorded.
+            topic: The recorded topic.
             name: Another name for it.
-            domain: Another domain for it, in middleware that has such.
+            domain: Another domain for it, in middleware with domains.
         """
         ...
 
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock | None:
-        """Return how to tell the time, None if this middleware has no simulated time.
+        """Return how to publish the time, None if this middleware has no simulated time.
 
         Args:
-            topics: What is played.
-            domain: Another domain than theirs.
+            topics: Topics that are played.
+            domain: Domain to use instead of theirs.
         """
         ...
 
 
 class Unpacker(Protocol):
-    """Takes one file apart, piece by piece; never raises on hostile bytes."""
+    """Decodes one file piece by piece; never raises on hostile bytes."""
 
     def feed(self, data: bytes) -> Sequence[Message]:
-        """Return the messages that are complete with these bytes, under the keys that they have on the bus."""
+        """Return the messages that these bytes complete, under the keys that they have on the bus."""
         ...
 
     def end(self) -> Sequence[Message]:
-        """Return what is left when the file has ended."""
+        """Return the remaining messages at the end of the file."""
         ...
 
     def loss(self) -> str:
-        """Return what could not be read so far, empty if nothing."""
+        """Return a description of what could not be read so far; empty if nothing was lost."""
         ...
 
 
@@ -414,7 +415,7 @@ class ConvertsFiles(Protocol):
     archives: Sequence[str]
 
     def unpacker(self) -> Unpacker:
-        """Return what takes one file apart."""
+        """Return a new decoder for one file."""
         ...
 
     def packed(self, message: Message) -> bytes | None:
@@ -427,18 +428,18 @@ class ConvertsFiles(Protocol):
 
 @runtime_checkable
 class DescribesFields(Protocol):
-    """The payloads of the type always have the same fields."""
+    """Describes its fields, which are the same in all payloads of the type."""
 
     def fields(self) -> Sequence[FieldType]:
         """List the fields in payload order, `riot_bus.types.fields.MOST_FIELDS` at most.
 
         Raises:
-            PayloadError: The type has parts that are not known.
+            PayloadError: The type has unknown parts.
         """
         ...
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers (`ranges`) of many payloads, some payloads at a time.
+        """Yield the elements of an array of numbers (`ranges`) of many payloads, in batches of payloads.
 
         Raises:
             PayloadError: There is no such array.
@@ -451,7 +452,7 @@ class GathersFields(Protocol):
     """Finds one field of many payloads at once."""
 
     def gather(self, payloads: Payloads, path: str) -> Gathered:
-        """Return the values that `read` would return; doubtful ones are left to it.
+        """Return the values that `read` would return; payloads marked as doubtful are left to `read`.
 
         Raises:
             PayloadError: No payload of this type has such a field.
@@ -460,16 +461,16 @@ class GathersFields(Protocol):
 
 
 MOST_PARTS = 1_000
-"""`ListsParts.parts` lists no more than this many parts of one type."""
+"""Largest number of parts of one type that `ListsParts.parts` lists."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessagePart:
-    """A message within others.
+    """A message nested in another one.
 
     Attributes:
-        path: Such as `pose.pose`, or `poses[*].header` for those in each element of an array; empty for the whole.
-        type_name: Its type.
+        path: Path such as `pose.pose`, or `poses[*].header` for each element of an array; empty for the whole message.
+        type_name: Type of the nested message.
     """
 
     path: str
@@ -478,13 +479,13 @@ class MessagePart:
 
 @runtime_checkable
 class ListsParts(Protocol):
-    """Messages of the type are made of messages, so that what is known of a part is used wherever it stands."""
+    """Lists nested messages, so that knowledge about a nested type is used wherever the type occurs."""
 
     def parts(self) -> Sequence[MessagePart]:
-        """List the whole and all messages in it, outer ones first, `MOST_PARTS` at most.
+        """List the whole message and all messages in it, outer ones first, `MOST_PARTS` at most.
 
         Raises:
-            PayloadError: The type has parts that are not known.
+            PayloadError: The type has unknown parts.
         """
         ...
 
@@ -499,35 +500,35 @@ class SuggestedValue:
 
 @runtime_checkable
 class SuggestsValues(Protocol):
-    """Definitions tell more of values than their type does."""
+    """Suggests values of fields from definitions that say more than the field's type."""
 
     def exceptional(self, payload: bytes, path: str) -> Sequence[SuggestedValue]:
         """Return values of a field that are worth trying: unusual, at limits, beyond limits, undefined.
 
         Args:
-            payload: A sample; what a field means may depend on others.
-            path: A field of it.
+            payload: Sample payload, since the meaning of a field may depend on others.
+            path: Path of a field in it.
 
         Returns:
-            Values that the field can hold, none if nothing tells or there is no such field.
+            Values that the field can hold, empty if there are no suggestions or no such field.
         """
         ...
 
 
 def suggested_values(kind: MessageType | None, payload: bytes, path: str) -> Sequence[SuggestedValue]:
-    """Return the values that a field's definition suggests, none if its type suggests nothing."""
+    """Return the values that a field's definition suggests, empty if its type makes no suggestions."""
     return kind.exceptional(payload, path) if isinstance(kind, SuggestsValues) else ()
 
 
 @runtime_checkable
 class KnowsBrittleFields(Protocol):
-    """Knows what makes receivers refuse a message."""
+    """Knows fields whose change makes receivers reject a message."""
 
     def brittle(self, path: str) -> str | None:
-        """Return why a field should be left alone unless it was asked for.
+        """Return why a field should be left alone unless the user names it.
 
         Returns:
-            The reason, empty if it may be changed, None if nothing tells; then its name decides.
+            The reason, empty if the field may be changed, None if unknown; then its name decides.
         """
         ...
 
@@ -537,29 +538,29 @@ class AllowsNonFinite(Protocol):
     """Knows fields in which NaN or an infinity is a regular value, such as "not known" or "nothing in reach"."""
 
     def allows_non_finite(self, path: str) -> bool:
-        """Return whether a field is such a one.
+        """Return whether NaN or an infinity is a regular value of a field.
 
         Args:
-            path: A field, or an element of an array.
+            path: Path of a field or of an array element.
         """
         ...
 
 
 def allows_non_finite(kind: MessageType | None, path: str) -> bool:
-    """Return whether NaN or an infinity is a regular value of a field, False if nothing tells."""
+    """Return whether NaN or an infinity is a regular value of a field, False if unknown."""
     return kind is not None and isinstance(kind, AllowsNonFinite) and kind.allows_non_finite(path)
 
 
 StandIn = Literal["null", "list", "map"]
-"""What may stand in place of a field: null, a list or a map without anything in it."""
+"""Replacement of a field: null, an empty list or an empty map."""
 
 
 @runtime_checkable
 class OmitsFields(Protocol):
-    """No definition says which fields a payload has: each may be missing, null, or of another type (by `patch`)."""
+    """Has fields without a definition: each may be missing, null, or of another type (by `patch`)."""
 
     def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
-        """Return the payload without a field of a map (a scalar, a list or a map), or with something in its place.
+        """Return the payload without a field of a map (a scalar, a list or a map), or with a replacement for it.
 
         Raises:
             PayloadError: There is no such field.

@@ -1,7 +1,7 @@
 """CBOR payloads (RFC 8949): a scanner finds each scalar's span of bytes, so that a patch touches nothing else.
 
-Tags are looked through: the field is what they enclose, and they stay. Null, undefined and other simple values are no
-fields. Containers and strings of indefinite length are read; a string that is patched gets a definite length.
+Tags are transparent: the field is the value that they enclose, and they are kept. Null, undefined and other simple
+values are not fields. Containers and strings of indefinite length are read; a patched string gets a definite length.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _SIZES = {24: 1, 25: 2, 26: 4, 27: 8}
 _INDEFINITE = 31
 _ELEMENT, _KEY, _VALUE = -1, -2, -3
 _NEXT = {_ELEMENT: _ELEMENT, _KEY: _VALUE, _VALUE: _KEY}
-"""What comes after an element, a key or a value, in containers that end with a break."""
+"""Next state after an element, a key or a value, in containers that end with a break."""
 _MOST_OPEN = 1000
 _FLOATS = {0xF9: ">e", 0xFA: ">f", 0xFB: ">d"}
 _FEW_TAGS = 16
 
 
 def _whole_size(code: int) -> int:
-    """Return how many bytes an item has if its first byte alone tells, else 0."""
+    """Return the size of an item in bytes if its first byte determines it, otherwise 0."""
     major, info = code >> 5, code & 31
     if major in (_BIN, _STR):
         return 1 + info if info < 24 else 0
@@ -70,7 +70,7 @@ class CborType(DocumentType):
         return _skip(payload, at)
 
     def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
-        """Return the key of a map's entry and where its value begins; short text, as most keys are, at once."""
+        """Return the key of a map's entry and where its value begins, with a fast path for keys of short text."""
         code = payload[at] if at < len(payload) else 0
         end = at + 1 + (code & 31)
         if _SHORT_TEXT <= code < _LONG_TEXT and end <= len(payload):
@@ -78,7 +78,7 @@ class CborType(DocumentType):
         return super().key(payload, at)
 
     def value(self, payload: bytes, item: Item) -> Scalar | None:
-        """Return a scalar's value; text that is no UTF-8 becomes surrogates, an integer below 64 bits a float."""
+        """Return a scalar's value, with surrogates for invalid UTF-8 and a float for integers below the int64 range."""
         code = payload[item.start]
         data = payload[item.body : item.end]
         match item.kind:
@@ -149,7 +149,7 @@ def _head(payload: bytes, at: int) -> tuple[int, int, int, int]:
 
 
 def _item(payload: bytes, at: int, major: int, info: int, body: int, number: int) -> Item:
-    """Return an item that is not tagged; what is of indefinite length is measured."""
+    """Return an item without tags; measure it if its length is indefinite."""
     kind = _KINDS[major]
     if major in (_UINT, _INT):
         return Item(kind, at, at + 1, body)
@@ -171,7 +171,7 @@ def _item(payload: bytes, at: int, major: int, info: int, body: int, number: int
 
 
 def _count(payload: bytes, at: int) -> int:
-    """Return how many items stand before the break."""
+    """Return the number of items before the break."""
     number = 0
     while payload[at : at + 1] != b"\xff":
         at = _skip(payload, at)
@@ -182,8 +182,8 @@ def _count(payload: bytes, at: int) -> int:
 def _skip(payload: bytes, at: int) -> int:
     """Return where the item ends, with everything in it.
 
-    `open_` holds how many items are to come in each container that is open; if it ends with a break, a state instead.
-    Items of definite containers are added to those around them, so only the others are nested.
+    `open_` has the number of remaining items of each open container, or a state if the container ends with a break.
+    Items of definite containers are added to the count of the enclosing one, so only indefinite containers nest.
     """
     size = _WHOLE[payload[at]] if at < len(payload) else 0
     if size and at + size <= len(payload):
@@ -247,7 +247,7 @@ def _chunks(payload: bytes, item: Item) -> bytes:
 
 
 def _counted(major: int, number: int, width: int) -> bytes:
-    """Return a head whose number takes at least so many bytes, 0 if it may stand in the first byte."""
+    """Return a head whose number takes at least `width` bytes; with width 0, it may fit into the first byte."""
     if not width and number < 24:
         return bytes([major << 5 | number])
     info, size = next((info, size) for info, size in _SIZES.items() if size >= width and number < 1 << (8 * size))

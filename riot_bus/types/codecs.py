@@ -1,4 +1,4 @@
-"""Encodings by name, found by the entry points `riot_bus.types`; each is loaded when something names it."""
+"""Codecs by name, found by the entry points `riot_bus.types`; each is loaded when it is first named."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Codec", "Codecs"]
 
 Codec = MessageType | TypeSource
-"""What a codec's class makes: the type of all payloads of an encoding that describes itself, or a source of types."""
+"""Instance of a codec's class: the one type of a self-describing encoding, or a source of types."""
 
 _DEFINITIONS = {".binpb": "protobuf", ".desc": "protobuf"}
 _PREFIXES = ("application/", "text/", "vnd.", "x-", "google.")
@@ -32,7 +32,7 @@ class Codecs:
         return list(CODECS.targets())
 
     def loaded(self) -> list[Codec]:
-        """Return the codecs that something has named."""
+        """Return the codecs loaded so far."""
         return list(self._loaded.values())
 
     def load(self, name: str) -> Codec:
@@ -40,7 +40,7 @@ class Codecs:
 
         Raises:
             ConfigError: There is none of this name, or it cannot be loaded.
-            MissingExtraError: It lacks its optional dependency.
+            MissingExtraError: Its optional dependency is not installed.
         """
         found = self._loaded.get(name)
         if found is None:
@@ -50,11 +50,11 @@ class Codecs:
     def of_encoding(self, encoding: str) -> Codec | None:
         """Return the codec of an encoding, None if there is none.
 
-        The codec `cbor` is that of `cbor`, `application/cbor`, `application/x-cbor` and the like. One that cannot be
-        loaded is replaced by a type that says why.
+        The codec `cbor` serves `cbor`, `application/cbor`, `application/x-cbor` and similar encodings. A codec that
+        cannot be loaded is replaced by an opaque type that says why.
 
         Args:
-            encoding: MCAP's or Zenoh's, without a schema.
+            encoding: Encoding of MCAP or Zenoh, without a schema.
         """
         name = encoding.lower()
         for prefix in _PREFIXES:
@@ -69,7 +69,7 @@ class Codecs:
             return self._loaded[name]
 
     def of_type(self, type_name: str) -> Codec | None:
-        """Return the codec that the name of a type begins with: `cbor`, or `raw(...)`; None if there is none.
+        """Return the codec whose name begins the name of a type, such as `cbor` or `raw(...)`; None if there is none.
 
         Raises:
             ConfigError: It cannot be loaded.
@@ -78,7 +78,7 @@ class Codecs:
         return self.load(name) if name in self._loaded or (name.isidentifier() and name in CODECS.targets()) else None
 
     def of_file(self, file: Path) -> TypeSource | None:
-        """Return the codec whose types a file defines, which its ending tells; None if it is an adapter's.
+        """Return the codec whose types a file defines, by the file's ending; None if the file is for an adapter.
 
         Raises:
             ConfigError: It cannot be loaded.
@@ -96,7 +96,7 @@ def _made(name: str) -> Codec:
         made = kind()
     except RiotError:
         raise
-    except Exception as error:  # the package is somebody else's and may raise anything
+    except Exception as error:  # a third-party package may raise anything
         hint = "fix or uninstall the package"
         raise ConfigError(f"codec {name!r} cannot be loaded: {error}", where=where, hint=hint) from error
     if not isinstance(made, MessageType | TypeSource):

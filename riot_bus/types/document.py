@@ -1,7 +1,7 @@
 """Payloads that describe themselves in binary items: MessagePack and CBOR, walked in place.
 
-Map keys that are integers are written `[3]`; entries with keys of other kinds than string and integer, nil and what has
-no scalar value are no fields. Of duplicate keys the last one counts; a payload that is no map is called `value`.
+Integer map keys are written `[3]`. Entries whose keys are neither strings nor integers, nil, and items without a scalar
+value are not fields. The last of duplicate keys counts; a payload that is not a map is called `value`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MAX_DEPTH = 64
 
 
 class Item(NamedTuple):
-    """One item's head: from `start`, a scalar from `body` to `end`, `entries` of a container from `body`."""
+    """An item whose head is at `start`: a scalar from `body` to `end`, or a container with `entries` from `body`."""
 
     kind: str
     start: int
@@ -44,11 +44,11 @@ class Item(NamedTuple):
 
 
 class DocumentType(ABC):
-    """A `MessageType` for all documents of one encoding; subclasses say how items are written.
+    """A `MessageType` for all documents of one encoding; subclasses define how items are encoded.
 
     Attributes:
-        title: What people call the encoding.
-        stand_ins: Items that stand in place of others.
+        title: Name of the encoding for users.
+        stand_ins: Encoded replacements of fields.
     """
 
     name = ""
@@ -67,7 +67,7 @@ class DocumentType(ABC):
         return found
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart, None if it can."""
+        """Return why the payload cannot be decoded, None if it can."""
         return why_opaque(self, payload)
 
     def read(self, payload: bytes, path: str) -> Scalar:
@@ -86,8 +86,8 @@ class DocumentType(ABC):
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced; every byte outside of them stays as it is.
 
-        Numbers keep their format where the new value fits, else they get the next wider one; integers outside of 64
-        bits wrap. A float may be written into an integer, as encoders shorten 1.0 to 1.
+        Numbers keep their format if the new value fits, otherwise they get the next wider one; integers of more than 64
+        bits wrap. A float may be written into an integer field, since encoders shorten 1.0 to 1.
         """
         splices: dict[tuple[int, int], bytes] = {}
         for path, value in changes.items():
@@ -112,7 +112,7 @@ class DocumentType(ABC):
         return self.patch(payload, scalars) if scalars else payload
 
     def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
-        """Return the payload without a field of a map, or with something else in its place."""
+        """Return the payload without a field of a map, or with a replacement for it."""
         item = self._find(payload, path)
         if parse_path(path).length:
             raise PayloadError("a length cannot be left out", where=path)
@@ -134,15 +134,15 @@ class DocumentType(ABC):
 
     @abstractmethod
     def head(self, payload: bytes, at: int) -> Item:
-        """Return the item that begins here; raises PayloadError if there is none."""
+        """Return the item that begins here; raise PayloadError if there is none."""
 
     @abstractmethod
     def skip(self, payload: bytes, at: int) -> int:
-        """Return where the item that begins here ends, with everything in it; raises PayloadError if it does not."""
+        """Return where the item that begins here ends, contents included; raise PayloadError if it is incomplete."""
 
     @abstractmethod
     def value(self, payload: bytes, item: Item) -> Scalar | None:
-        """Return a scalar's value, None if the item is none."""
+        """Return a scalar's value, None if the item is not a scalar."""
 
     @abstractmethod
     def leaf_type(self, payload: bytes, item: Item, value: Scalar) -> str:
@@ -157,7 +157,7 @@ class DocumentType(ABC):
         """Return the head of an array or map with another number of entries."""
 
     def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
-        """Return the key of a map's entry, None if it is of another kind, and where its value begins."""
+        """Return the key of a map's entry, None if it is neither string nor integer, and where its value begins."""
         item = self.head(payload, at)
         value = self.value(payload, item) if item.kind in ("str", "int", "uint") else None
         return (value if isinstance(value, str | int) else None), self.skip(payload, at)
@@ -180,7 +180,7 @@ class DocumentType(ABC):
             found.append(Leaf(path, self.leaf_type(payload, item, value), value))
 
     def _members(self, payload: bytes, item: Item) -> Iterator[tuple[str | int | None, int]]:
-        """Yield each entry of a map: its key (None if of another kind) and where its value begins."""
+        """Yield the key of each entry of a map, as `key` returns it, and where its value begins."""
         at = item.body
         for _ in range(item.entries):
             key, at = self.key(payload, at)

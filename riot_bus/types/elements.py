@@ -1,4 +1,4 @@
-"""Elements of arrays read as a whole, and quantities of them read like fields."""
+"""Reading of all elements of an array, and of quantities of them, such as their maximum, like fields."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_field(kind: MessageType, payload: bytes, path: str) -> Scalar:
     """Return a field's value, or a quantity of elements such as `max(ranges[*])`.
 
     Raises:
-        PayloadError: There is no such field or array, or the array has too many elements, or other ones than numbers.
+        PayloadError: There is no such field or array, or the array has too many elements, or not only numbers.
     """
     quantity = quantity_of(path)
     if quantity is None:
@@ -32,7 +32,7 @@ def read_elements(kind: MessageType, payload: bytes, path: str) -> Elements:
     """Return the elements of an array, or one field of its records; `path` has one `[*]`, as in `poses[*].x`.
 
     Raises:
-        PayloadError: See `read_field`.
+        PayloadError: There is no such array, or it has too many elements, or not only numbers.
     """
     pattern = _pattern(path)
     leaves = kind.leaves(payload, elements=MOST_ELEMENTS + 1)

@@ -1,4 +1,4 @@
-"""The fields that all messages of a type have: what a type can say about itself without a payload."""
+"""The fields that all messages of a type have, known without a payload."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 __all__ = ["MOST_FIELDS", "FieldType", "of_numbers"]
 
 MOST_FIELDS = 10_000
-"""So many are listed of one type."""
+"""Largest number of fields listed for one type."""
 
 _OBJECTS = frozenset({"string", "bytes"})
 
@@ -17,12 +17,13 @@ class FieldType:
     """A scalar field, or the elements of an array.
 
     Attributes:
-        path: Such as `pose.position.x`, `len(ranges)` or, for the elements of an array, `ranges[*]`.
-        type: As in `riot_bus.types.model.Leaf`.
-        length: Of an array whose length is fixed, 0 otherwise; of nested arrays, of the innermost.
-        low: Smallest value, where the definition says more than the type.
-        high: Largest value, likewise; of text and bytes the most bytes, of `len(ranges)` the most elements.
-        unit: Such as `m/s`, empty if nothing tells.
+        path: Field path such as `pose.position.x`, `len(ranges)` or, for the elements of an array, `ranges[*]`.
+        type: Type name as in `riot_bus.types.model.Leaf`.
+        length: Length of an array of fixed length (of the innermost of nested arrays), otherwise 0.
+        low: Smallest value, if the definition restricts the type.
+        high: Largest value, if the definition restricts the type; for text and bytes the largest number of bytes, for
+            `len(ranges)` the largest number of elements.
+        unit: Unit such as `m/s`, empty if unknown.
     """
 
     path: str
@@ -34,5 +35,5 @@ class FieldType:
 
 
 def of_numbers(field: FieldType) -> bool:
-    """Return whether this stands for the elements of one array of numbers."""
+    """Return whether a field represents the elements of one array of numbers."""
     return field.path.endswith("[*]") and field.path.count("[*]") == 1 and field.type not in _OBJECTS

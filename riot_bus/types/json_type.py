@@ -1,7 +1,7 @@
 """JSON payloads: scalars are read by the standard library and patched by splicing their span of text.
 
-Keys that are no identifiers appear quoted (`a["odd key"]`); a payload that is no object is called `value`. Of duplicate
-keys the last one counts, as in Python's `json`. Grammar: RFC 8259, plus the tokens NaN, Infinity and -Infinity.
+Keys that are not identifiers are quoted (`a["odd key"]`); a payload that is not an object is called `value`. The last
+of duplicate keys counts, as in Python's `json`. Grammar: RFC 8259, plus the tokens NaN, Infinity and -Infinity.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ class JsonType:
     schema: Schema | None = None
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
-        """List the scalar fields in payload order; `null` is no field."""
+        """List the scalar fields in payload order; `null` is not a field."""
         document = _parse(payload)[1]
         found: list[Leaf] = []
         _collect(document, "" if isinstance(document, dict) else ROOT, elements, 0, found)
         return found
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart, None if it can."""
+        """Return why the payload cannot be decoded, None if it can."""
         return why_opaque(self, payload)
 
     def read(self, payload: bytes, path: str) -> Scalar:
@@ -76,7 +76,7 @@ class JsonType:
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced; every byte outside of their tokens stays as it is.
 
-        A number written into an integer may be a float, for JSON does not tell them apart; integers wrap to 64 bits.
+        A float may be written into an integer field, since JSON does not distinguish them; integers wrap to 64 bits.
         """
         text, document = _parse(payload)
         spans = _spans(text)
@@ -103,7 +103,7 @@ class JsonType:
         return self.patch(payload, scalars) if scalars else payload
 
     def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
-        """Return the payload without a member of an object, or with something else in its place."""
+        """Return the payload without a member of an object, or with a replacement for it."""
         text, document = _parse(payload)
         field = parse_path(path)
         _walk(document, field, path)
@@ -199,10 +199,10 @@ def _token(old: Scalar, new: Scalar, path: str) -> str:
 def _spans(
     text: str, elements: dict[int, list[Span]] | None = None, containers: dict[int, Span] | None = None
 ) -> Spans:
-    """Return the document with each scalar replaced by where it stands; `text` is known to be JSON.
+    """Return the document with each scalar replaced by its span; `text` is known to be JSON.
 
-    Where `elements` is given, it is filled with where the elements of each array stand, by the array's `id`, and
-    `containers` with where arrays and objects stand.
+    If given, `elements` is filled with the spans of the elements of each array, and `containers` with the spans of
+    arrays and objects, by the `id` of the returned array or object.
     """
     root: list[Spans] = []
     if elements is not None:
@@ -238,12 +238,12 @@ def _spans(
             if containers is not None:
                 containers[id(node)] = match.span()
             if elements is not None:
-                elements[id(node)] = []  # a container that a duplicate key has replaced may have had the same id
+                elements[id(node)] = []  # a container replaced by a duplicate key may have had the same id
     return root[0]
 
 
 def _resized(payload: bytes, path: str, count: int) -> bytes:
-    """Return the document with elements cut from the end of an array, or the last one repeated there."""
+    """Return the document with an array of `count` elements: truncated, or with its last element repeated."""
     text, document = _parse(payload)
     field = parse_path(path)
     array = _walk(document, field, path)

@@ -1,4 +1,4 @@
-"""What rules are about at any message of a log: fields of the latest messages and those before, and their order."""
+"""Inputs of rules at each message of a log: fields of the latest and earlier messages, and the messages' order."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NAME = re.compile(r"(?P<topic>.+?)(?:\[(?P<place>\d{1,6})\])?:(?P<path>[^:]*)\Z
 
 
 class FieldPlace(NamedTuple):
-    """Which message of a topic a field is of: the latest one, or the one so many before it."""
+    """A field of the latest message of a topic, or of the message `back` places before it."""
 
     topic: str
     back: int
@@ -31,17 +31,17 @@ class FieldPlace(NamedTuple):
 
 
 def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
-    """Return which field a name means.
+    """Return the field to which a name refers.
 
-    A name is `topic:path`, or `topic[i]:path` where a short log holds several messages of the topic. Of such a log's n
-    messages of a topic, number n - 1 is the latest one, number n - 2 the one before, and so on.
+    A name is `topic:path`, or `topic[i]:path` if a short log has several messages of the topic. Of n messages of a
+    topic, number n - 1 is the latest one, number n - 2 the one before, and so on.
 
     Args:
-        name: Of a field, or of a quantity of elements.
-        topics: Topic of each message of the short log; for those without a number in their name it may lack.
+        name: Name of a field or of a quantity of elements.
+        topics: Topic of each message of the short log; topics used only without a number may be missing.
 
     Raises:
-        ConfigError: It is not the name of a field, or the log has no message of its number.
+        ConfigError: It is not the name of a field, or the log has no message with this number.
     """
     found = _NAME.fullmatch(name)
     if found is None:
@@ -54,7 +54,7 @@ def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
 
 
 def in_words(name: str, topics: Sequence[str]) -> str:
-    """Return a name as people say it: `previous /odom:x` for the message before the latest one."""
+    """Return a name in words: `previous /odom:x` for the message before the latest one."""
     if order_of(name) or _NAME.fullmatch(name) is None:
         return name
     topic, back, path = place_of(name, topics)
@@ -62,17 +62,17 @@ def in_words(name: str, topics: Sequence[str]) -> str:
 
 
 class LatestFields:
-    """Takes messages in turn and tells what named fields are at that moment, each by the latest messages of its topic.
+    """Takes messages in turn and returns the current values of named fields, from the latest messages of their topics.
 
-    An order is told at each message of its second topic.
+    The value of an order is returned at each message of its second topic.
 
     Args:
-        names: The fields and orders; see `place_of`.
-        topics: Topic of each message of the short log in which they are named.
-        registry: Names topics and knows types.
+        names: Names of fields and orders; see `place_of`.
+        topics: Topic of each message of the short log to which the names refer.
+        registry: Registry of topic names and message types.
 
     Raises:
-        ConfigError: A name is none, or has a number that the log has no message for.
+        ConfigError: A name is invalid, or has a number for which the log has no message.
     """
 
     def __init__(self, names: Iterable[str], topics: Sequence[str], *, registry: TypeRegistry) -> None:
@@ -93,9 +93,9 @@ class LatestFields:
             self._seen[topic] = deque(maxlen=1 + max(place.back for _, place in wanted))
 
     def take(self, message: Message) -> Mapping[str, Scalar] | None:
-        """Return the value of each field that can be read after this message; None if it is of none of the topics.
+        """Return the value of each field that can be read after this message; None if its topic is not a wanted one.
 
-        A field is not among them before enough messages of its topic came, or where its message does not have it.
+        A field is missing until enough messages of its topic were taken, and if its message does not have it.
         """
         topic = self._registry.topic(message.key)
         if topic not in self._seen or message.kind == "delete":

@@ -1,4 +1,4 @@
-"""Which types are known, and what fields their messages have."""
+"""Descriptions of known types and the fields of their messages."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class TypeListing:
     """A type and the fields of its messages.
 
     Attributes:
-        name: Such as `nav_msgs/msg/Odometry`.
-        encoding: Such as `cdr`.
-        fields: In payload order; none if only payloads can tell.
-        problem: Why there are none, if they should be known.
+        name: Name of the type, such as `nav_msgs/msg/Odometry`.
+        encoding: Encoding of its payloads, such as `cdr`.
+        fields: Fields in payload order; empty if only payloads show them.
+        problem: Reason why the fields are unknown although the type describes them.
     """
 
     name: str
@@ -36,7 +36,7 @@ class TypeListing:
 
 
 def describe(kind: MessageType) -> TypeListing:
-    """Return the fields that a type says it has."""
+    """Return a type with the fields that it describes."""
     if not isinstance(kind, DescribesFields):
         return TypeListing(kind.name, kind.encoding)
     try:

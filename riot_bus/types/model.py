@@ -1,4 +1,4 @@
-"""What a message type can do, whatever its encoding, and what an adapter brings."""
+"""Interfaces of message types, independent of the encoding, and of adapters."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ __all__ = [
 ]
 
 MOST_BYTES = 1 << 26
-"""No payload is made larger than this."""
+"""Largest size to which a payload may grow, in bytes."""
 
 REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
-"""Hint of what `MessageType.patch` refuses and `MessageType.rebuild` does."""
+"""Hint of errors for changes that `MessageType.patch` rejects but `MessageType.rebuild` supports."""
 
 ROOT = "value"
-"""What the whole of a payload is called that is no map: `value`, `value[3]`, `len(value)`."""
+"""Path of the whole payload if it is not a map: `value`, `value[3]`, `len(value)`."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _STEP = re.compile(r'(?:^|\.)([A-Za-z_][A-Za-z0-9_]*)|\[(-?[0-9]{1,20})\]|\[("(?:[^"\\]|\\.)*")\]')
@@ -71,7 +71,7 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class TopicName:
-    """What people call a key, and the type that the key itself names."""
+    """The topic name of a key, and the message type that the key contains, if any."""
 
     name: str
     type_name: str | None = None
@@ -79,7 +79,7 @@ class TopicName:
 
 @runtime_checkable
 class MessageType(Protocol):
-    """Reads and changes the payloads of one type. Never raises on hostile bytes but `PayloadError`."""
+    """Reads and changes the payloads of one type; hostile bytes never raise anything but `PayloadError`."""
 
     @property
     def name(self) -> str:
@@ -93,16 +93,16 @@ class MessageType(Protocol):
 
     @property
     def schema(self) -> Schema | None:
-        """Definition for the log, None where the encoding describes itself."""
+        """Definition for the log, None if the encoding is self-describing."""
         ...
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
         """List the scalar fields in payload order.
 
         Args:
-            payload: One message.
-            elements: Of each array or sequence at most so many elements are listed; for sequences of variable
-                length also the pseudo-field `len(path)`.
+            payload: Payload of one message.
+            elements: Largest number of elements listed of each array or sequence; sequences of variable length also
+                have the pseudo-field `len(path)`.
 
         Raises:
             PayloadError: The payload is opaque.
@@ -110,9 +110,9 @@ class MessageType(Protocol):
         ...
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart, None if it can; never raises.
+        """Return why the payload cannot be decoded, None if it can; never raise.
 
-        Where there is a reason, `leaves` raises it. `why_opaque` does this for any type.
+        If there is a reason, `leaves` raises it. `why_opaque` is an implementation for any type.
         """
         ...
 
@@ -130,17 +130,17 @@ class MessageType(Protocol):
         Integers outside the type's range wrap to its bit width; floats that overflow become infinite.
 
         Raises:
-            PayloadError: There is no such field, the value is of another kind, or it does not fit in place; then
-                `rebuild` can do it.
+            PayloadError: There is no such field, the value is of another kind, or it does not fit in place; in the
+                last case, use `rebuild`.
         """
         ...
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the payload with fields changed that may change its size; what fits is patched in place.
+        """Return the payload with changed fields, which may change its size; values that fit are patched in place.
 
-        Besides what `patch` does: text and bytes of any size, and lengths of sequences (`len(path)`), which are changed
-        before scalars. Elements are cut from the end or added there; new ones repeat the last one, and are zero or
-        empty if there was none. Bounds that the type declares are not enforced.
+        In addition to `patch`, it supports text and bytes of any size, and lengths of sequences (`len(path)`), which
+        are changed before scalars. Elements are removed or added at the end; new ones repeat the last one, and are zero
+        or empty if there was none. Bounds that the type declares are not enforced.
 
         Raises:
             PayloadError: There is no such field, the value is of another kind, or the result exceeds `MOST_BYTES`.
@@ -150,12 +150,12 @@ class MessageType(Protocol):
 
 @runtime_checkable
 class TypeSource(Protocol):
-    """What knows types by name and by the schemas of logs: an adapter, or an encoding whose types are defined apart."""
+    """A source of types by name and by log schema: an adapter, or an encoding whose types are defined separately."""
 
     name: str
 
     def load(self, files: Sequence[Path]) -> None:
-        """Take in type definitions that the user named; raises ConfigError with the place of an error."""
+        """Load type definitions that the user named; raise ConfigError with the place of an error."""
         ...
 
     def type_named(self, type_name: str) -> MessageType | None:
@@ -168,23 +168,23 @@ class TypeSource(Protocol):
 
 
 class Adapter(TypeSource, Protocol):
-    """What a middleware or protocol brings: naming of topics and types of messages.
+    """Support for a middleware or protocol: names of topics and types of messages.
 
-    What one can do besides: `riot_bus.types.capabilities`. A class with the attribute `on_request = True` is loaded
-    only where it is named.
+    Optional capabilities are in `riot_bus.types.capabilities`. A class with the attribute `on_request = True` is loaded
+    only if the user names it.
     """
 
     def topic(self, key: str) -> TopicName | None:
-        """Return how people call this key, None if it is not of this adapter's kind."""
+        """Return the topic name of a key, None if the key does not belong to this adapter."""
         ...
 
     def key_expression(self, topic: str) -> str | None:
-        """Return the key expression that a topic name stands for, None if the name is not of this adapter's kind."""
+        """Return the key expression of a topic name, None if the name does not belong to this adapter."""
         ...
 
 
 def why_opaque(kind: MessageType, payload: bytes) -> str | None:
-    """Return why a payload cannot be taken apart, None if it can: what `MessageType.opaque` does, if slowly."""
+    """Return why a payload cannot be decoded, None if it can: a slow implementation of `MessageType.opaque`."""
     try:
         kind.leaves(payload)
     except PayloadError as error:
@@ -193,7 +193,7 @@ def why_opaque(kind: MessageType, payload: bytes) -> str | None:
 
 
 def wanted_length(value: Scalar, path: str) -> int:
-    """Return a value that a length is to be set to; raises PayloadError if it is none."""
+    """Return a value that is meant as a length; raise PayloadError if it is not a valid one."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 32:
         raise PayloadError(f"{value!r} is no length", where=path, hint="write an integer from 0 to 4294967295")
     return value
@@ -243,15 +243,15 @@ def _unquote(text: str, path: str) -> str:
         raise PayloadError(f"{text} in {path!r} is not a quoted key") from error
 
 
-@lru_cache(1 << 12)  # the same fields come with each message
+@lru_cache(1 << 12)  # each message has the same fields
 def member_path(parent: str, key: str) -> str:
-    """Return the path of a member; keys that are no identifiers are quoted as in JSON: `a["odd key"]`."""
+    """Return the path of a member; keys that are not identifiers are quoted as in JSON: `a["odd key"]`."""
     if _NAME.fullmatch(key) is None:
         return f"{parent}[{json.dumps(key, ensure_ascii=False)}]"
     return f"{parent}.{key}" if parent else key
 
 
 def wrap_integer(value: int, *, bits: int, signed: bool) -> int:
-    """Return what is left of an integer in so many bits of two's complement."""
+    """Return an integer wrapped to `bits` bits (two's complement if signed)."""
     value &= (1 << bits) - 1
     return value - (1 << bits) if signed and value >> (bits - 1) else value

@@ -1,6 +1,6 @@
 """MessagePack payloads: a scanner finds each scalar's span of bytes, so that a patch touches nothing else.
 
-Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Extension types are no fields.
+Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Extension types are not fields.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FIXEXT = {0xD4: 1, 0xD5: 2, 0xD6: 4, 0xD7: 8, 0xD8: 16}
 
 
 def _whole_size(code: int) -> int:
-    """Return how many bytes an item has if its first byte alone tells, else 0."""
+    """Return the size of an item in bytes if its first byte determines it, otherwise 0."""
     if 0xA0 <= code < 0xC0:
         return 1 + (code & 31)
     kind, size = _CODES.get(code, ("fixint" if code < 0x80 or code >= 0xE0 else "", 0))
@@ -63,7 +63,7 @@ class MsgpackType(DocumentType):
         return _skip(payload, at)
 
     def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
-        """Return the key of a map's entry and where its value begins; short text, as most keys are, at once."""
+        """Return the key of a map's entry and where its value begins, with a fast path for keys of short text."""
         code = payload[at] if at < len(payload) else 0
         end = at + 1 + (code & 31)
         if 0xA0 <= code < 0xC0 and end <= len(payload):
@@ -71,7 +71,7 @@ class MsgpackType(DocumentType):
         return super().key(payload, at)
 
     def value(self, payload: bytes, item: Item) -> Scalar | None:
-        """Return a scalar's value; text that is no UTF-8 becomes surrogates."""
+        """Return a scalar's value, with surrogates for invalid UTF-8."""
         code = payload[item.start]
         data = payload[item.body : item.end]
         match item.kind:
@@ -112,7 +112,7 @@ class MsgpackType(DocumentType):
 
 
 def is_container(payload: bytes) -> bool:
-    """Return whether the payload is one MessagePack map or array, not empty, and nothing else."""
+    """Return whether the payload is exactly one non-empty MessagePack map or array."""
     try:
         return _head(payload, 0).entries > 0 and _skip(payload, 0) == len(payload)
     except PayloadError:
@@ -207,7 +207,7 @@ def _float(code: int, value: float) -> bytes:
 
 
 def _sized(code: int, kind: str, data: bytes) -> bytes:
-    """Return a string or binary with the old head's size of count where the new count fits."""
+    """Return a string or binary whose count is as wide as in the old head, if it fits."""
     old_kind, old_size = _CODES.get(code, ("str", 0))
     if kind == "str" and len(data) < 32 and not (old_kind == "str" and old_size):
         return bytes([0xA0 | len(data)]) + data

@@ -20,9 +20,9 @@ class Payloads:
     """Many payloads in one buffer.
 
     Attributes:
-        buffer: Such as the decompressed data of a chunk.
-        offsets: Where each payload begins, shape (n,).
-        lengths: How many bytes each has, shape (n,); none goes beyond the buffer.
+        buffer: Bytes such as the decompressed data of a chunk.
+        offsets: Offset of each payload in the buffer, shape (n,).
+        lengths: Size of each payload in bytes, shape (n,); none extends beyond the buffer.
     """
 
     buffer: bytes
@@ -38,14 +38,14 @@ class Payloads:
             yield buffer[start : start + length]
 
     def take(self, rows: NDArray[Any]) -> Payloads:
-        """Return some of them, by number or by mask."""
+        """Return some of the payloads, by number or by mask."""
         return Payloads(self.buffer, self.offsets[rows], self.lengths[rows])
 
 
 class Gathered(NamedTuple):
-    """A field's values, shape (n,), and where there are any: elsewhere a float is NaN, a number 0, an object None.
+    """A field's values, shape (n,), and where they are valid: invalid floats are NaN, other numbers 0, objects None.
 
-    `doubtful` marks payloads of which the type cannot tell in bulk; `gather` reads those one by one.
+    `doubtful` marks payloads that the type cannot read in bulk; `gather` reads those one by one.
     """
 
     values: NDArray[Any]

@@ -1,7 +1,7 @@
-"""What a bridge of an adapter needs of a segment, so that it needs no Zenoh; `riot_bus.bridge` implements it.
+"""Access of an adapter's bridge to a segment, independent of Zenoh; implemented by `riot_bus.bridge`.
 
-Methods are described there. `BridgePort` is what a bridge has that is its own router; `SegmentAccess` is what one has
-that connects to a segment of a router elsewhere.
+Methods are described there. `BridgePort` is for a bridge in one process with its router, `SegmentAccess` for a bridge
+that connects to a segment of another router.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ __all__ = ["BridgePort", "Closeable", "PortPublisher", "PortQuery", "SegmentAcce
 
 
 class Closeable(Protocol):
-    """Something that was declared."""
+    """A declared entity, such as a subscriber or a token."""
 
     def close(self) -> None:
-        """Take it away."""
+        """Undeclare it."""
 
 
 class PortPublisher(Closeable, Protocol):
     """A publisher."""
 
     def put(self, payload: bytes, attachment: bytes) -> None:
-        """Publish."""
+        """Publish a message."""
 
     def matched(self) -> bool:
-        """Return whether somebody elsewhere subscribes."""
+        """Return whether there is a remote subscriber."""
 
 
 class PortQuery(Protocol):
@@ -36,25 +36,25 @@ class PortQuery(Protocol):
 
     @property
     def payload(self) -> bytes:
-        """What is asked."""
+        """Payload of the request."""
 
     @property
     def attachment(self) -> bytes | None:
-        """What was sent with it."""
+        """Attachment of the request."""
 
     def answer(self, payload: bytes, attachment: bytes | None) -> None:
-        """Answer."""
+        """Send the response."""
 
     def fail(self, reason: str) -> None:
-        """Answer that there is no answer."""
+        """Reply with an error."""
 
 
 class BridgePort(Protocol):
-    """A segment to publish on and to subscribe to."""
+    """A segment in which to publish and subscribe."""
 
     @property
     def endpoint(self) -> str:
-        """Where it is connected, to be shown: without what stands behind `#`."""
+        """Endpoint for display, without the part after `#`."""
 
     def publisher(
         self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
@@ -65,14 +65,14 @@ class BridgePort(Protocol):
         """Publish many messages, each with one of this port's publishers; return how many could not be published."""
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
-        """Subscribe to what others put."""
+        """Subscribe to messages of others."""
 
     def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
-        """Subscribe to what others put, several messages at once."""
+        """Subscribe to messages of others, taking several at once."""
 
 
 class SegmentAccess(Protocol):
-    """A segment with all that ROS 2 nodes do there: latched topics, tokens, services."""
+    """A segment with everything that ROS 2 nodes use: latched topics, tokens, services."""
 
     @property
     def zid(self) -> str:
@@ -80,7 +80,7 @@ class SegmentAccess(Protocol):
 
     @property
     def endpoint(self) -> str:
-        """Where it is connected, to be shown: without what stands behind `#`."""
+        """Endpoint for display, without the part after `#`."""
 
     def publisher(
         self, key: str, *, reliable: bool, latched: int | None = None, changed: Callable[[], None] = lambda: None
@@ -90,16 +90,16 @@ class SegmentAccess(Protocol):
     def subscribe(
         self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None
     ) -> Closeable:
-        """Subscribe to what others put."""
+        """Subscribe to messages of others."""
 
     def announce(self, token: str) -> Closeable:
-        """Show a liveliness token."""
+        """Declare a liveliness token."""
 
     def watch(self, expression: str, take: Callable[[str, bool], None]) -> Closeable:
-        """Follow liveliness tokens."""
+        """Subscribe to liveliness tokens."""
 
     def serve(self, key: str, take: Callable[[PortQuery], None]) -> Closeable:
-        """Answer the questions of others."""
+        """Answer the requests of others."""
 
     def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Closeable:
-        """Ask the servers of a key; return what gives up."""
+        """Send a request to the servers of a key; closing the result cancels it."""

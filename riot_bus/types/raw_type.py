@@ -1,7 +1,7 @@
-"""Payloads that are not taken apart, and such whose layout is written beside their name: packed C structures.
+"""Opaque payloads, and packed C structures whose layout is part of the type's name.
 
-`raw` are bytes without fields; `raw(uint32 seq, float32[3] gyro, int16be temperature @20)` are fields one after the
-other, or from a byte on.
+`raw` means bytes without fields; `raw(uint32 seq, float32[3] gyro, int16be temperature @20)` means consecutive fields,
+or fields at a byte offset (`@`).
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature 
 
 
 class OpaqueType:
-    """A type whose payloads are never taken apart.
+    """A type whose payloads are never decoded.
 
     Args:
         name: Name of the type.
-        encoding: MCAP's message encoding.
-        reason: Why.
+        encoding: Message encoding of MCAP.
+        reason: Reason why payloads cannot be decoded.
     """
 
     schema: Schema | None = None
@@ -55,7 +55,7 @@ class OpaqueType:
         self.reason = reason
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart."""
+        """Return why the payload cannot be decoded."""
         del payload
         return self.reason
 
@@ -82,7 +82,7 @@ class OpaqueType:
 
 
 class RawType(OpaqueType):
-    """Bytes that nobody describes; as a source of types, such whose names describe them."""
+    """The type of undescribed bytes, and the source of types whose names describe their layout."""
 
     def __init__(self) -> None:
         super().__init__("raw", "raw", "raw bytes have no fields")
@@ -95,7 +95,7 @@ class RawType(OpaqueType):
         """Return the type of `raw(FIELDS)`, None for other names.
 
         Raises:
-            ConfigError: The fields are not written as they should be.
+            ConfigError: The description of the fields is invalid.
         """
         if not (type_name.startswith("raw(") and type_name.endswith(")")):
             return None
@@ -108,7 +108,7 @@ class RawType(OpaqueType):
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a field is; `length` is None unless it is an array."""
+    """The place of a field; `length` is None unless it is an array."""
 
     offset: int
     type: str
@@ -124,11 +124,11 @@ class _Place:
 
 
 class StructType:
-    """Fields at fixed places: numbers, and arrays of them, packed without padding, little-endian unless they say `be`.
+    """Fields at fixed offsets: numbers and arrays of them, without padding, little-endian unless marked with `be`.
 
     Args:
-        name: `raw(TYPE NAME, ...)`, where TYPE is bool, int8 ... uint64, float32 or float64, may end with `be`
-            for big-endian and with `[N]` for an array, and `@ BYTE` after the name says where it is.
+        name: Name `raw(TYPE NAME, ...)`, where TYPE is bool, int8 ... uint64, float32 or float64, may end with `be`
+            for big-endian and with `[N]` for an array, and `@ BYTE` after NAME gives the offset.
 
     Raises:
         ConfigError: The name is not of this form.
@@ -152,7 +152,7 @@ class StructType:
         return self._fields
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array, as `riot_bus.types.capabilities.DescribesFields` says."""
+        """Yield the elements of an array; see `riot_bus.types.capabilities.DescribesFields`."""
         place = self._places.get(path)
         if place is None or place.length is None:
             raise PayloadError("there is no such array", where=f"{self.name}: {path}")
@@ -174,7 +174,7 @@ class StructType:
         return found
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart, None if it can."""
+        """Return why the payload cannot be decoded, None if it can."""
         return None if len(payload) >= self._size else self._short(payload)
 
     def read(self, payload: bytes, path: str) -> Scalar:
@@ -216,7 +216,7 @@ class StructType:
         return place.end
 
     def _place(self, path: str) -> _Place | int:
-        """Return where a field is, or the length that is asked for."""
+        """Return the place of a field, or the length of an array if the path asks for it."""
         place = self._places.get(path)
         if place is not None and place.length is None:
             return place

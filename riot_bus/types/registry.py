@@ -1,4 +1,4 @@
-"""Which type the messages of a key have: declared by the user, named by the key, known from a log, or inferred."""
+"""The registry of message types by key: declared by the user, named by the key, known from a log, or inferred."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "te
 
 
 class TypeRegistry:
-    """Names keys as people do and finds the type of their messages; a few dictionary lookups per message.
+    """Finds topic names of keys and types of their messages, with a few dictionary lookups per message.
 
     Args:
-        adapters: Asked in this order.
+        adapters: Adapters, asked in this order.
         declared: Type names by topic name or key expression, as in `riot.toml`.
-        definitions: Files that define types; a codec or an adapter takes those whose ending is its own, the other
-            adapters take the others.
+        definitions: Files that define types; codecs and adapters take files with their own endings, adapters without
+            endings take the rest.
 
     Raises:
         ConfigError: A declared type is unknown, or a file does not define one.
-        MissingExtraError: A codec that is needed for them is not installed.
+        MissingExtraError: A required codec is not installed.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class TypeRegistry:
         definitions: Sequence[Path] = (),
     ) -> None:
         self._adapters = tuple(adapters)
-        # Looked up once: to ask whether something has the methods of a protocol takes many times a dictionary lookup.
+        # Looked up once: checking whether an object implements a protocol is far slower than a dictionary lookup.
         self._token_parsers = [each for each in self._adapters if isinstance(each, ParsesTokens)]
         self._key_readers = [each for each in self._adapters if isinstance(each, ReadsTypesFromKeys)]
         self._discoverers = [each for each in self._adapters if isinstance(each, DiscoversTypes)]
@@ -95,7 +95,7 @@ class TypeRegistry:
             self._declared[topic] = found
 
     def topic(self, key: str) -> str:
-        """Return what people call the key; the key itself if no adapter knows it."""
+        """Return the topic name of a key; the key itself if no adapter knows it."""
         return self._name(key).name
 
     def key_expression(self, topic: str) -> str:
@@ -121,15 +121,15 @@ class TypeRegistry:
         return answer
 
     def type_of(self, key: str, *, payload: bytes | None = None, encoding: str = "") -> MessageType | None:
-        """Return the type of the key's messages, None if nothing tells.
+        """Return the type of the key's messages, None if it is unknown.
 
-        In order: declared, from a log's schema for this key, named by the key, from a log's schema for a topic of its
-        name, named by a log that has no definition, named by the encoding, inferred from the payload.
+        Sources in order: declared, from a log's schema for this key, named by the key, from a log's schema for a topic
+        of its name, named by a log without definition, named by the encoding, inferred from the payload.
 
         Args:
             key: Key of a message.
-            payload: A sample from which JSON and MessagePack may be inferred.
-            encoding: Zenoh's or MCAP's encoding string.
+            payload: Sample payload from which JSON and MessagePack may be inferred.
+            encoding: Encoding string of Zenoh or MCAP.
         """
         known = self._settled
         try:
@@ -149,7 +149,7 @@ class TypeRegistry:
         return inferred
 
     def add_schema(self, key_or_topic: str, schema: Schema, encoding: str) -> MessageType | None:
-        """Take in what a log says about a topic's type.
+        """Add what a log says about a topic's type.
 
         Args:
             key_or_topic: Key or topic name of the log's channel.
@@ -166,7 +166,7 @@ class TypeRegistry:
         for adapter in self._adapters:
             found = found or adapter.type_of_schema(schema)
         if found is not None:
-            by_name = not schema.data and found.schema is not None and found.schema.data  # of the log there is no more
+            by_name = not schema.data and found.schema is not None and found.schema.data  # only from the log
             (self._named_in_logs if by_name else self._from_logs)[key_or_topic] = found
             self._types.setdefault(found.name, found)
             self._forget()
@@ -177,7 +177,7 @@ class TypeRegistry:
         return list(dict.fromkeys(text for each in self._token_parsers for text in each.announcements))
 
     def announcement(self, token: str) -> Announcement | None:
-        """Return what a liveliness token says, None if no adapter knows; an adapter may learn a key's type from it."""
+        """Return a token's announcement, None if no adapter reads it; an adapter may learn a key's type from it."""
         for adapter in self._token_parsers:
             found = adapter.announcement(token)
             if found is not None:
@@ -187,22 +187,22 @@ class TypeRegistry:
         return None
 
     def missing(self, key: str) -> bool:
-        """Return whether the type of a key is not defined here, but those who use the key can be asked for it."""
+        """Return whether the type of a key is unknown, but participants that use the key can be asked for it."""
         if self._declared_for(key, self._name(key)) is not None:
             return False
         return any(each.missing(key) for each in self._discoverers)
 
     def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> bool:
-        """Ask those who use a key for its type; takes long.
+        """Ask participants that use a key for its type, which may take long.
 
         Args:
-            key: One that is missing.
+            key: Key whose type is `missing`.
             tokens: Keys of all present liveliness tokens.
             heard: Attachments of some messages of the key.
-            ask: Puts a question.
+            ask: Function that sends a query.
 
         Returns:
-            Whether somebody has told; then `type_of` knows, for all keys that name the same type.
+            Whether the type was learnt; then `type_of` knows it, for all keys that name the same type.
         """
         told = any(each.learn(key, tokens, heard, ask) is not None for each in self._discoverers if each.missing(key))
         if told:
@@ -219,15 +219,15 @@ class TypeRegistry:
         return list(dict.fromkeys(chain.from_iterable(found)))
 
     def publishing_adapters(self) -> list[PublishesAs]:
-        """Return the adapters that say how topics are published."""
+        """Return the adapters that know how topics are published."""
         return list(self._publishing)
 
     def metadata_adapters(self) -> list[ReadsMetadata]:
-        """Return the adapters that read what messages and publishers say of themselves."""
+        """Return the adapters that read metadata of messages and publishers."""
         return list(self._metadata_readers)
 
     def metadata_adapter(self, key: str) -> ReadsMetadata | None:
-        """Return the one that does so for a key, None if there is none."""
+        """Return the adapter that reads metadata for a key, None if there is none."""
         return next((adapter for adapter in self._metadata_readers if adapter.topic(key) is not None), None)
 
     def type_named(self, name: str) -> MessageType | None:
@@ -246,7 +246,7 @@ class TypeRegistry:
         return found
 
     def type_names(self) -> list[str]:
-        """Return the names of all types that are known, as far as their sources can tell."""
+        """Return the names of all known types, from sources that can list them."""
         found = {name for name in self._codecs.names() if name != "protobuf"}
         for source in self._sources():
             found.update(source.type_names() if isinstance(source, ListsTypes) else ())
@@ -265,7 +265,7 @@ class TypeRegistry:
         return name
 
     def _part(self, key: str, part: str) -> TopicName:
-        """Return how people call a part of a service's calls, and its type."""
+        """Return the name and the type of a part of a service's calls."""
         name = self._name(key)
         types = [each.call_type(name.type_name, part) for each in self._with_services if name.type_name is not None]
         return TopicName(f"{name.name}/{part}", next((each for each in types if each is not None), None))
@@ -289,7 +289,7 @@ class TypeRegistry:
         return next((found for text, found in self._declared.items() if self.matches(text, key)), None)
 
     def _forget(self) -> None:
-        """Look types up again; whoever is at it writes what may have become wrong where nobody reads it."""
+        """Forget cached types; lookups in progress write outdated results to the old dictionaries, which are unused."""
         self._settled, self._encoded = {}, {}
 
     def _by_key(self, key: str, name: TopicName) -> MessageType | None:
@@ -308,12 +308,12 @@ class TypeRegistry:
             found = codec if isinstance(codec, MessageType) else None
             if found is None and schema:
                 found = self._named_by_peer(schema)
-            if len(encoding) <= _LONGEST_ENCODING:  # peers may call theirs what they like
+            if len(encoding) <= _LONGEST_ENCODING:  # peers may use any text as encoding
                 _remember(known, encoding, found)
             return found
 
     def _named_by_peer(self, name: str) -> MessageType | None:
-        """Return the type that a message says it has; None also if that makes no sense."""
+        """Return the type that a message names; None if it is unknown or invalid."""
         try:
             return self.type_named(name)
         except ConfigError:
@@ -351,7 +351,7 @@ class TypeRegistry:
 
 
 def _endings(adapter: Adapter) -> Sequence[str]:
-    """Return the endings of the files that an adapter takes, empty if it takes all that no other does."""
+    """Return the endings of the files that an adapter takes, empty if it takes all files that no other takes."""
     return adapter.endings if isinstance(adapter, TakesFiles) else ()
 
 
@@ -362,10 +362,10 @@ def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:
 
 
 def chosen_adapters(otherwise: Iterable[str] | None = None) -> list[str] | None:
-    """Return the adapters that the environment's `RIOT_ADAPTERS` names, separated by commas.
+    """Return the adapters named in the environment variable `RIOT_ADAPTERS`, separated by commas.
 
     Args:
-        otherwise: What riot.toml names; None for all that are loaded unasked.
+        otherwise: Adapters to return if there are none, such as those of riot.toml; None for the default ones.
     """
     named = [name.strip() for name in os.environ.get(_VARIABLE, "").split(",") if name.strip()]
     return named or (None if otherwise is None else list(otherwise))
@@ -375,12 +375,12 @@ def load_adapters(names: Iterable[str] | None = None) -> list[Adapter]:
     """Load adapters by the entry points `riot_bus.adapters`.
 
     Args:
-        names: Which, as `NAME` or `NAME:ARGUMENT`; None for those that `RIOT_ADAPTERS` names, else for all whose
-            dependencies are installed and that do not ask to be named (`on_request`).
+        names: Adapters as `NAME` or `NAME:ARGUMENT`; None for those in `RIOT_ADAPTERS`, or if there are none, for all
+            whose dependencies are installed and that are not marked `on_request`.
 
     Raises:
         ConfigError: A named adapter does not exist, or cannot be loaded.
-        MissingExtraError: A named adapter lacks its optional dependency.
+        MissingExtraError: The optional dependency of a named adapter is not installed.
     """
     named = chosen_adapters() if names is None else list(names)
     loaded: list[Adapter] = []

@@ -1,8 +1,8 @@
-"""Requests to services and their replies as messages: their keys say what they are, so that selectors can choose them.
+"""Requests to services and their replies as messages, with keys by which selectors can choose them.
 
-A request for `KEY` is a message on `KEY/@request`, a reply one on `KEY/@reply`, and a reply that tells of an error one
-on `KEY/@error`. The last chunk is one that no wildcard of Zenoh matches, so `**` means none of them. Nobody publishes
-on such keys: they are names for the pipeline, for counts and for logs.
+A request for `KEY` is a message on `KEY/@request`, a reply a message on `KEY/@reply`, and an error reply a message on
+`KEY/@error`. Zenoh's wildcards do not match the last chunk, so `**` includes none of them. Such keys are never
+published: they are names for the pipeline, for counts and for logs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Request(Message):
     """A request.
 
     Attributes:
-        parameters: What stands behind the question mark of its selector.
+        parameters: Text after the question mark of its Zenoh selector.
     """
 
     parameters: str = ""
@@ -32,7 +32,7 @@ class Request(Message):
 
 
 def part_of(key: str) -> tuple[str, str] | None:
-    """Return the service's key or name, and which part of a call a key or name means; None if it is a topic's.
+    """Return the service's key or name, and the part of a call; None if the key or name is that of a topic.
 
     Example:
         >>> part_of("/add_two_ints/@request")

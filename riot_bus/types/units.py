@@ -1,4 +1,4 @@
-"""Units of measurement, as people write them beside a field: in comments of definitions, in descriptions of schemas."""
+"""Recognition of units of measurement in comments of definitions and descriptions of schemas."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["unit_in"]
 
-# Symbol -> words for it. Symbols are taken as they are written, words whatever their case.
+# Symbol -> words for it. Symbols are case-sensitive, words are not.
 _WORDS = {
     "m": "metre metres meter meters",
     "mm": "millimetre millimetres millimeter millimeters",
@@ -68,7 +68,7 @@ _UNITS = {word.lower(): symbol for symbol, words in _WORDS.items() for word in w
     "deg c": "degC",
 }
 _AFTER_IN = frozenset(_WORDS) - {"g", "h", "N", "J", "W", "V", "A", "T", "K", "bit", "bar", "min"}
-"""Symbols that are no other words after `in`."""
+"""Symbols that cannot be other words after `in`."""
 _MOST_TEXT = 4096
 _BRACKETS = re.compile(r"\[([^\[\]]{1,20})\]|\(([^()]{1,20})\)")
 _NAMED = re.compile(r"\bunits?\s?[:=]\s?([^\s,;]{1,20})", re.IGNORECASE)
@@ -76,9 +76,9 @@ _IN = re.compile(r"\bin (degrees celsius|[^\s,;()\[\]]{1,20})", re.IGNORECASE)
 
 
 def unit_in(comment: str) -> str:
-    """Return the unit that a comment on a field names, empty if there is none or several.
+    """Return the unit that a comment on a field names, empty if it names none or several.
 
-    Known are the forms `[m/s]`, `(rad)`, `unit: Hz` and `in metres`, in this order.
+    The forms `[m/s]`, `(rad)`, `unit: Hz` and `in metres` are recognised, in this order.
 
     >>> unit_in("start angle of the scan [rad]")
     'rad'

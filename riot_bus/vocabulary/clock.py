@@ -1,4 +1,4 @@
-"""Time comes from an injected clock, so that tests and offline runs never wait."""
+"""Clocks, which are passed as arguments so that tests and offline runs never wait."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["Clock", "ManualClock", "SystemClock"]
 
 
 class Clock(Protocol):
-    """Where time comes from."""
+    """A source of time."""
 
     def now(self) -> int:
         """Return nanoseconds since the Unix epoch."""
@@ -49,5 +49,5 @@ class ManualClock:
         self._now = max(self._now, when)
 
     def advance(self, nanoseconds: int) -> None:
-        """Move forward."""
+        """Move the clock forward."""
         self._now += nanoseconds

@@ -1,4 +1,4 @@
-"""Counts as people write them."""
+"""Counts with a noun, for texts."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ def counted(count: int, noun: str, *, mark: str = "") -> str:
     """Return `1 message`, `2 messages`, `12345 messages`.
 
     Args:
-        count: How many there are.
-        noun: What, in the singular; its plural has an s more.
-        mark: What stands between thousands.
+        count: Number of things.
+        noun: Noun in the singular; its plural adds an s.
+        mark: Separator of thousands.
     """
     return f"{count:,}".replace(",", mark) + f" {noun}{'' if count == 1 else 's'}"

@@ -1,6 +1,6 @@
-"""Arrays of numbers as a whole, and what a rule tells of their elements: the largest, the smallest, whether any is NaN.
+"""Arrays of numbers, and quantities of their elements for rules: the largest, the smallest, whether any is NaN.
 
-Such a quantity is written `max(ranges[*])`, or `max(poses[*].x)` of records, and read like a field.
+Such a quantity is written `max(ranges[*])`, or `max(poses[*].x)` for arrays of records, and read like a field.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from riot_bus.vocabulary.message import Scalar
 __all__ = ["MOST_ELEMENTS", "QUANTITIES", "Elements", "Quantity", "Setting", "is_counted", "quantity_of"]
 
 MOST_ELEMENTS = 1024
-"""Arrays with more elements than this are not judged: images and point clouds would take seconds a message."""
+"""Largest number of elements that is judged: images and point clouds would take seconds for each message."""
 
 
 class Elements(tuple[int | float, ...]):
@@ -24,7 +24,7 @@ class Elements(tuple[int | float, ...]):
 
     @cached_property
     def key(self) -> str:
-        """What tells it from other ones bit by bit (NaN equals itself, -0.0 is not 0.0, 1.0 is not 1)."""
+        """Key for exact comparison (NaN equals itself, -0.0 is not 0.0, 1.0 is not 1)."""
         return repr(tuple(self))
 
     @cached_property
@@ -33,12 +33,12 @@ class Elements(tuple[int | float, ...]):
 
     @cached_property
     def largest(self) -> int | float:
-        """The largest element that is a number; NaN if none is."""
+        """Largest element that is not NaN; NaN if there is none."""
         return max(self._numbers, default=math.nan)
 
     @cached_property
     def smallest(self) -> int | float:
-        """The smallest element that is a number; NaN if none is."""
+        """Smallest element that is not NaN; NaN if there is none."""
         return min(self._numbers, default=math.nan)
 
     @property
@@ -53,7 +53,7 @@ class Elements(tuple[int | float, ...]):
 
 
 Setting = Scalar | Elements
-"""What a field, or the elements of an array, can be set to."""
+"""Value to which a field, or the elements of an array, can be set."""
 
 QUANTITIES: Final[Mapping[str, Callable[[Elements], Scalar]]] = {
     "max": lambda elements: elements.largest,
@@ -61,7 +61,7 @@ QUANTITIES: Final[Mapping[str, Callable[[Elements], Scalar]]] = {
     "isnan": lambda elements: elements.any_nan,
     "nonfinite": lambda elements: elements.any_odd,
 }
-"""By name: the largest and the smallest of the elements that are numbers (NaN where none is); whether any is odd."""
+"""Quantities by name: the largest and the smallest element that is not NaN; whether any is NaN, or not finite."""
 
 _QUANTITY = re.compile(
     r"(?P<topic>(?:.*:)?)(?P<kind>max|min|isnan|nonfinite)\((?P<path>[^:]*\[\*\][^:]*)\)\Z", re.DOTALL
@@ -69,12 +69,12 @@ _QUANTITY = re.compile(
 
 
 def is_counted(name: str) -> bool:
-    """Return whether a name is of something that is read from an array, and cannot be set: its length, its largest."""
+    """Return whether a name means the length or a quantity of an array, which can be read but not set."""
     return name.rpartition(":")[2].startswith("len(") or quantity_of(name) is not None
 
 
 class Quantity(NamedTuple):
-    """A name taken apart: `/scan:max(ranges[*])` is of the topic `/scan:` the `max` of `ranges[*]`."""
+    """The parts of a quantity's name: `/scan:max(ranges[*])` has topic `/scan:`, kind `max` and path `ranges[*]`."""
 
     topic: str
     kind: str
@@ -82,7 +82,7 @@ class Quantity(NamedTuple):
 
 
 def quantity_of(name: str) -> Quantity | None:
-    """Return the parts of the name of a quantity of elements, with or without a topic; None if it is another name."""
+    """Return the parts of a quantity's name, with or without a topic; None for any other name."""
     if "[*]" not in name:
         return None
     found = _QUANTITY.match(name)

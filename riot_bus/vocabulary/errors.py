@@ -1,6 +1,6 @@
 """Errors that say what, where, which value, and what to do.
 
-One root, few children: each child stands for one exit code of the command line (`riot_bus.cli`).
+All derive from one root; each class has an exit code of the command line (`riot_bus.cli`).
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ __all__ = [
 
 
 class RiotError(Exception):
-    """Root of every error that riot_bus raises on purpose; secrets in its texts are left out.
-
-    Secrets that an endpoint may hold are left out of its texts.
+    """Root of every error that riot_bus raises on purpose; secrets of endpoints are left out of its texts.
 
     Args:
         message: What went wrong, with the offending value.
@@ -50,7 +48,7 @@ class RiotError(Exception):
 
 
 class ConfigError(RiotError):
-    """A file, option, plan or selector that a person wrote is not usable: mend it and run again."""
+    """A file, option, plan or selector of the user is not usable: correct it and run again."""
 
 
 class MissingExtraError(ConfigError):
@@ -61,7 +59,7 @@ class MissingExtraError(ConfigError):
 
 
 class PayloadError(RiotError, ValueError):
-    """A payload does not decode as its type says, or a field path does not exist in it."""
+    """A payload cannot be decoded as its type, or a field path does not exist in it."""
 
 
 class DataLossError(RiotError):
@@ -71,7 +69,7 @@ class DataLossError(RiotError):
 
 
 class EnvironmentFaultError(RiotError):
-    """The surroundings failed: a port is in use, a component does not start, a router is unreachable."""
+    """The environment failed: a port is in use, a component does not start, a router is unreachable."""
 
     exit_code = 4
 
@@ -83,7 +81,7 @@ class InconclusiveError(RiotError):
 
 
 class OutOfTimeError(RiotError):
-    """The time that was given is over before an answer was there: give more, or run the same command again to go on."""
+    """The time budget ended before there was an answer: give more time, or run the same command again to continue."""
 
     exit_code = 5
 
@@ -92,8 +90,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     """Return a hint that names the nearest known words, or lists a few of them.
 
     Args:
-        word: What the user wrote.
-        known: What would have been accepted.
+        word: Word that the user wrote.
+        known: Words that would have been accepted.
     """
     from difflib import get_close_matches
 

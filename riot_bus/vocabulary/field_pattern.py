@@ -8,11 +8,11 @@ __all__ = ["names_field"]
 
 
 def names_field(pattern: str, name: str) -> bool:
-    """Return whether a pattern names a field.
+    """Return whether a pattern matches the name of a field.
 
     Args:
-        pattern: `topic:path`, where `*` stands for any text and `?` for any letter; brackets are indices.
-        name: `topic:path` of the field.
+        pattern: Pattern `topic:path`, where `*` matches any text and `?` any character; brackets are indices.
+        name: Name `topic:path` of the field.
 
     Example:
         >>> names_field("scan:ranges[3]", "scan:ranges[3]"), names_field("scan:ranges[*]", "scan:ranges[12]")

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 __all__ = ["PARAMETERS", "Curve", "Formula", "Injection", "Signal"]
 
 PARAMETERS = "#param"
-"""Topic of injections that set a parameter of commands by its name, and no field of messages: no key is called so."""
+"""Topic of injections that set a parameter of commands instead of a field of messages; no key has this name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
     """A random piecewise-constant signal over the messages of one topic (RIOT II-C: perturbation of system inputs).
 
-    The value depends on the seed and the per-topic index alone, never on arrival order across topics.
+    The value depends only on the seed and the per-topic index, never on arrival order across topics.
 
     Attributes:
         center: Middle of the range, in the field's unit.
@@ -32,8 +32,8 @@ class Signal:
         hold: Number of messages for which a value is kept.
         seed: Seed of this signal.
         integer: Whether values are rounded.
-        choices: What is set instead of a whole number: the choice at this place, the first one being 0; none if the
-            number is set.
+        choices: Values to set instead of the number, which is rounded and used as their index (from 0); empty to set
+            the number itself.
     """
 
     center: float
@@ -50,22 +50,22 @@ class Signal:
         return float(round(value)) if self.integer else value
 
     def injected(self, index: int) -> Scalar:
-        """Return what the topic's `index`-th message gets."""
+        """Return the value or choice that the topic's `index`-th message gets."""
         value = self.value(index)
         return self.choices[min(max(round(value), 0), len(self.choices) - 1)] if self.choices else value
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A value over the time of the messages: straight lines between points, level before the first and after the last.
+    """A value over time, linear between points, and constant before the first and after the last point.
 
     Attributes:
-        times: Of the points, in seconds since the first message that the pipeline saw, each later than the one before.
-        values: Of the points, in the field's unit.
+        times: Times of the points, in seconds since the first message that the pipeline saw, strictly increasing.
+        values: Values at the points, in the field's unit.
         integer: Whether values are rounded.
 
     Raises:
-        ValueError: There is no point, there are not as many values as times, or the times do not rise.
+        ValueError: There is no point, the numbers of values and times differ, or the times do not increase.
     """
 
     times: tuple[float, ...]
@@ -94,8 +94,8 @@ class Formula:
     """A value that depends on other fields of the message, as they were before any injection: `width + 1`.
 
     Attributes:
-        text: See `riot_bus.inject.formula`.
-        base: Path of the part of the message whose fields the text names; empty for the whole.
+        text: Text of the formula; see `riot_bus.inject.formula`.
+        base: Path of the part of the message whose fields the text names; empty for the whole message.
     """
 
     text: str
@@ -110,17 +110,16 @@ class Injection:
         topic: Topic name or key expression of the messages.
         field: Field path that is set; None for a timing fault.
         value: Value that is set, or a `Signal`, `Curve` or `Formula` that gives one per message.
-        fault: What happens to a selected message: `set`, `omit`, `truncate`, `drop`, `delay`, `duplicate`, or another
-            package's kind.
-        start: Earliest time, seconds since the first message that the pipeline saw.
-        end: Latest time (exclusive), seconds; None for ever.
+        fault: Kind of fault: `set`, `omit`, `truncate`, `drop`, `delay`, `duplicate`, or a kind of another package.
+        start: Earliest time, in seconds since the first message that the pipeline saw.
+        end: Latest time (exclusive), in seconds; None for no limit.
         first: First per-topic message index.
-        last: Last per-topic message index (inclusive); None for ever.
+        last: Last per-topic message index (inclusive); None for no limit.
         where: Predicate on the message's fields, such as `mode == 2 and speed > 1.5`; None for always.
         probability: Share of the selected messages, chosen by the message's content and the seed.
-        delay: Seconds, for `fault = "delay"`.
-        copies: Extra copies, for `fault = "duplicate"`.
-        seed: Seed of the choice.
+        delay: Delay in seconds, for `fault = "delay"`.
+        copies: Number of extra copies, for `fault = "duplicate"`.
+        seed: Seed of the choice of messages.
         options: Names and values of further options, for kinds of faults that have some.
     """
 
@@ -140,7 +139,7 @@ class Injection:
     options: tuple[tuple[str, Scalar], ...] = ()
 
     def row(self) -> dict[str, Any]:
-        """Return it as findings and digests hold it: what there was not always is left out where there is none."""
+        """Return the form for findings and digests, where attributes added in later versions are omitted if empty."""
         row = asdict(self)
         if not self.options:
             del row["options"]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 __all__ = ["Message", "Qos", "Scalar"]
 
 Scalar = bool | int | float | str | bytes
-"""What one field can hold."""
+"""Value of one scalar field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Message:
     """One put or delete.
 
     Attributes:
-        time: Reception, nanoseconds since the Unix epoch.
+        time: Time of reception, in nanoseconds since the Unix epoch.
         key: Zenoh key without wildcards.
         payload: Bytes exactly as on the wire.
         kind: `put` or `delete`.
@@ -68,7 +68,7 @@ class Message:
         )
 
     def digest(self) -> bytes:
-        """Return a hash of what a receiver can see (not of times and numbers)."""
+        """Return a hash of what a receiver can see (without times and sequence numbers)."""
         digest = hashlib.sha256(self.key.encode())
         for part in (self.kind.encode(), self.encoding.encode(), self.attachment or b"", self.payload):
             digest.update(len(part).to_bytes(8, "little"))

@@ -1,4 +1,4 @@
-"""The order of two messages as something that a rule tells: `/arm before /config`."""
+"""The order of two messages as a condition of a rule: `/arm before /config`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ORDER = re.compile(r"(?P<first>[^:\[\]]+) before (?P<once>the first )?(?P<secon
 
 
 class Order(NamedTuple):
-    """A message of one topic has come before one of another, or, with `once`, before the first one of the other."""
+    """A message of topic `first` comes before one of topic `second`, or, with `once`, before the first one of it."""
 
     first: str
     second: str
@@ -22,6 +22,6 @@ class Order(NamedTuple):
 
 
 def order_of(name: str) -> Order | None:
-    """Return the order that a name stands for; None if it is the name of a field."""
+    """Return the order that a name describes; None if it is the name of a field."""
     found = _ORDER.fullmatch(name)
     return Order(found["first"], found["second"], found["once"] is not None) if found else None

@@ -77,11 +77,11 @@ class _Junction:
 
 @dataclass(frozen=True, slots=True)
 class Predicate:
-    """A parsed predicate: ask it with a function that reads fields.
+    """A parsed predicate, to be called with a function that reads fields.
 
     Attributes:
-        text: As the user wrote it.
-        fields: Every path that it may read, in order of appearance.
+        text: Predicate as the user wrote it.
+        fields: Paths that it may read, in order of appearance.
     """
 
     text: str
@@ -89,11 +89,11 @@ class Predicate:
     _root: _Comparison | _Junction
 
     def __call__(self, read: Callable[[str], Scalar]) -> bool:
-        """Return whether the message meets the predicate; raises PayloadError when a field cannot be compared."""
+        """Return whether the message meets the predicate; raise PayloadError if a field cannot be compared."""
         return self._root(read)
 
     def candidates(self) -> dict[str, list[Scalar]]:
-        """Return for each field values of which some meet the predicate: those it is compared with, beside, between."""
+        """Return values of each field, some of which meet the predicate: compared values, and ones near or between."""
         found: dict[str, list[Scalar]] = {path: [] for path in self.fields}
         parts: list[_Comparison | _Junction] = [self._root]
         while parts:

@@ -1,4 +1,4 @@
-"""What is kept or shown of texts from elsewhere: no secrets of endpoints, and nothing that a terminal would obey."""
+"""Sanitising of texts before they are stored or shown: no secrets of endpoints, no control characters."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 __all__ = ["escape_control_chars", "redacted"]
 
-# Compiled when they are first used: every command imports this module, and few have anything to show.
+# Compiled at first use: every command imports this module, but few need the patterns.
 _MARK = r"(?a:#|(?:password|private_key_base64|private_key_pem)=(?!@))"
 _ENDPOINT = r"(?i:(?:^|[^\w.+-])(?:tcp|tls|quic|udp|ws|wss|unixsock-stream|unixpipe|serial|vsock)/)"
 _SETTING = r"(?a:\w+=)"
@@ -20,10 +20,10 @@ _PUNCTUATION = ",:;)]"
 def redacted(text: str) -> str:
     """Return a text in which no endpoint shows its configuration or a password.
 
-    Behind a quote a secret ends with the quote, else at white space. What is a file (`password=@FILE`) stays.
+    A quoted secret ends at the closing quote, any other at white space. Names of files (`password=@FILE`) are kept.
 
     Args:
-        text: An endpoint, or a longer text with endpoints and settings in it.
+        text: An endpoint, or a longer text that contains endpoints and settings.
 
     Example:
         >>> redacted("nobody answers at tls/host:1#a=b;c=d: is it there?")
@@ -52,11 +52,11 @@ def _end(text: str, start: int, quote: str) -> int:
 
 
 def escape_control_chars(text: object, *, keep: str = "") -> str:
-    r"""Return text with escapes in place of what a terminal would obey.
+    r"""Return text with escape sequences in place of characters that are not printable.
 
     Args:
-        text: Any.
-        keep: What stays as it is nevertheless, such as line breaks.
+        text: Any text, or an object that is converted to text.
+        keep: Characters that are kept nevertheless, such as line breaks.
 
     Example:
         >>> escape_control_chars("a\x1b[31m")

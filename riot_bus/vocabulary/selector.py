@@ -22,7 +22,7 @@ _ANY_CHUNKS = r"(?:/(?!@)[^/]*)"
 
 @dataclass(frozen=True, slots=True)
 class Selector:
-    """Which messages (`topic`, `where`) and which field of them."""
+    """A choice of messages (`topic`, `where`), and of one of their fields."""
 
     topic: str
     field: str | None = None
@@ -49,7 +49,7 @@ def parse_selector(text: str) -> Selector:
 
 
 def split_field(text: str) -> tuple[str, str]:
-    """Return the topic of `KEYEXPR[:FIELD]`, and what stands behind its colon, empty if there is nothing.
+    """Return the topic and the field of `KEYEXPR[:FIELD]`; the field is empty if there is none.
 
     Example:
         >>> split_field("0/odom/nav_msgs::msg::dds_::Odometry_/*:pose.x")
@@ -66,8 +66,8 @@ def split_field(text: str) -> tuple[str, str]:
 def _pattern(expression: str) -> re.Pattern[str]:
     """Compile a key expression to a pattern whose matching never backtracks over more than one wildcard.
 
-    What stands between two wildcards is matched where it comes first, in an atomic group: a later place could not help
-    the rest. So the time grows with the length of the key, not by powers of it, however many wildcards there are.
+    The text between two wildcards is matched at its first occurrence, in an atomic group: a later one could not help
+    the rest. So the time does not grow with powers of the key's length, however many wildcards there are.
     """
     groups: list[str] = [""]  # chunks between two `**`
     for chunk in expression.split("/"):

@@ -1,4 +1,4 @@
-"""Writing TOML whose texts come from elsewhere, such as the network."""
+"""Writing of TOML with untrusted texts, such as from the network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["toml_string", "toml_value"]
 
 
 def toml_value(value: object) -> str:
-    """Return a TOML value: text, a truth value, a number, a list, or an inline table whose keys are plain words."""
+    """Return a TOML value: a string, a boolean, a number, a list, or an inline table whose keys are bare keys."""
     if isinstance(value, str):
         return toml_string(value)
     if isinstance(value, bool):

@@ -24,22 +24,22 @@ __all__ = ["SEVERITIES", "Ask", "Outcome", "Progress", "Runner", "Scalar", "Seri
 
 
 SEVERITIES = ("catastrophic", "restart", "abort", "silent", "hindering")
-"""The CRASH scale of robustness testing (Koopman and DeVale, 1999), the worst first."""
+"""The CRASH scale of robustness testing (Koopman and DeVale, 1999), most severe first."""
 
 QuestionT = TypeVar("QuestionT")
 
 Ask = Callable[[Sequence[QuestionT]], Sequence[bool]]
-"""A batch of questions to the system: one answer each, in order, True where the failure under study happened."""
+"""Function that puts a batch of questions to the system: one answer each, in order, True if the failure occurred."""
 
 Progress = Callable[[int, int | None, str], None]
-"""Called with (trials done, trials expected or None, what is going on)."""
+"""Function called with (trials done, trials expected or None, current activity)."""
 
 
 class Verdict(StrEnum):
-    """How one trial ended.
+    """The verdict on one trial.
 
-    After an `ERROR` the same case may be tried again. `UNJUDGED` is a case that several processes of riot did not
-    outlive, one after the other: whether what it tests fails is not known.
+    After an `ERROR` the same case may be tried again. `UNJUDGED` is a case during which several processes of riot died
+    one after the other, so that it is unknown whether the tested component fails.
     """
 
     PASS = "pass"  # noqa: S105
@@ -50,9 +50,9 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """What one monitor saw go wrong in one trial.
+    """A failure that one monitor found in one trial.
 
-    `signature` identifies the failure across trials (monitor, component, place), `detail` is for people.
+    `signature` identifies the failure across trials (monitor, component, place), `detail` is for users.
     """
 
     monitor: str
@@ -74,9 +74,9 @@ class TestCase:
     """A log (or part of one) + injections + seed.
 
     `messages` are played to the system under test; empty means that its own external components drive it. `again`
-    numbers fresh trials of one case: it is asked anew, and nothing else changes. `ordered` says that a message waits
-    until the unit has taken in those of other topics before it. `paced` says that the times between messages decide,
-    too: where a unit is not fed as fast as it takes them.
+    numbers fresh trials of one case: the case is executed again, and nothing else changes. `ordered` means that a
+    message waits until the unit has taken the earlier ones of other topics. `paced` means that the times between
+    messages affect the outcome, too, because the unit is not fed as fast as it takes messages.
     """
 
     __test__ = False  # not a pytest class
@@ -103,11 +103,11 @@ class TestCase:
 
 
 _hashed: list[tuple[tuple[Message, ...], hashlib._Hash]] = [((), hashlib.sha256())]
-"""The messages that were hashed last: nearly all cases of a campaign have the same."""
+"""Cache of the last hashed messages: nearly all cases of a campaign have the same messages."""
 
 
 def _hash_of(messages: tuple[Message, ...]) -> hashlib._Hash:
-    """Return a hash that has taken in messages."""
+    """Return a hash object updated with the messages."""
     known, state = _hashed[0]
     if known is not messages:
         state = hashlib.sha256()
@@ -119,9 +119,9 @@ def _hash_of(messages: tuple[Message, ...]) -> hashlib._Hash:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one trial showed.
+    """The outcome of one trial.
 
-    `observed` holds the watched fields (`topic:field`) as they arrived at the system's inputs and inside it.
+    `observed` contains the watched fields (`topic:field`) as they arrived at the system's inputs and inside it.
     """
 
     verdict: Verdict
@@ -133,14 +133,14 @@ class Outcome:
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def without(self, leave: Callable[[Violation], bool]) -> Outcome:
-        """Return the outcome without some violations; one that has failed passes if none is left."""
+        """Return the outcome without some violations; a failed outcome passes if no violation is left."""
         kept = tuple(each for each in self.violations if not leave(each))
         verdict = Verdict.PASS if self.verdict is Verdict.FAIL and not kept else self.verdict
         return replace(self, violations=kept, verdict=verdict)
 
     @property
     def judged(self) -> bool:
-        """Whether it tells something of what was tested."""
+        """Whether the trial passed or failed, so that there is a verdict on what was tested."""
         return self.verdict in (Verdict.PASS, Verdict.FAIL)
 
     def failed_as(self, signature: str | None) -> bool:
@@ -148,10 +148,10 @@ class Outcome:
         return self.verdict is Verdict.FAIL and (signature is None or self.violation_as(signature) is not None)
 
     def violation_as(self, signature: str) -> Violation | None:
-        """Return the violation that has a signature, None if none has.
+        """Return the violation with a signature, None if there is none.
 
-        A hang, or a crash by a signal, whose place could not be told, as in runs of a whole system, is taken for one
-        whose place is known.
+        A hang, or a crash by a signal, at an unknown place, as in runs of a whole system, also matches a signature with
+        a known place.
         """
         for each in self.violations:
             end = _before_place(each)
@@ -161,9 +161,9 @@ class Outcome:
 
 
 def _before_place(violation: Violation) -> str:
-    """Return what would come before the place in a signature that has none; empty where another one may lack nothing.
+    """Return the text that would precede the place in a signature without a place; empty for other signatures.
 
-    It is `hang of NAME`, and `crash in NAME: SIGNAL`; a crash with a line of Python has one more `: ` in it.
+    Those without a place are `hang of NAME` and `crash in NAME: SIGNAL`; a crash at a line of Python has one more `: `.
     """
     if violation.monitor == "hang":
         return "" if ": " in violation.signature else ": "
@@ -175,7 +175,7 @@ class Runner(Protocol):
 
     @property
     def parallelism(self) -> int:
-        """How many cases are worth asking at once."""
+        """Number of cases worth running at once."""
         ...
 
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:

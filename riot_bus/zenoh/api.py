@@ -1,4 +1,4 @@
-"""Zenoh's Python API. All other rooms name its types and functions through this module, so that one room imports it."""
+"""Zenoh's Python API; all other packages use it through this module, so that only this package imports it."""
 
 from zenoh import (
     CancellationToken,

@@ -1,4 +1,4 @@
-"""Listens to a key just long enough to hear how its publishers sign their messages."""
+"""A short subscription to a key that collects the attachments of its messages."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _CACHE_S = 2.0
 
 
 class AttachmentProbe:
-    """Hears the attachments of a key's messages, also of those that publishers keep for late joiners.
+    """Collects attachments of a key's messages, including those that publishers keep for late joiners.
 
     Args:
-        key: What to listen to.
-        sessions: Sessions that listen.
-        heard: Called, on a thread of Zenoh's, when there is something new.
+        key: Key to subscribe to.
+        sessions: Sessions that subscribe.
+        heard: Function called on a thread of Zenoh for each new attachment.
 
     Attributes:
-        attachments: What was heard, the first few.
+        attachments: The first attachments received.
     """
 
     def __init__(self, key: str, sessions: Sequence[zenoh.Session], heard: Callable[[], None]) -> None:
@@ -55,7 +55,7 @@ class AttachmentProbe:
                 continue
 
     def close(self) -> None:
-        """Listen no more; safe to call twice."""
+        """End the subscriptions; safe to call twice."""
         listeners, self._listeners = self._listeners, []
         release(*listeners)
 

@@ -1,7 +1,7 @@
 """A subscription whose messages are received in batches.
 
-A full channel of Zenoh's wakes its sender for each single message that is taken out, and a callback takes the
-interpreter for each: neither keeps up with a sender that is fast.
+A full channel of Zenoh wakes its sender for each message that is taken out, and a callback takes the interpreter lock
+for each message: neither keeps up with a fast sender.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _MOST_BYTES = 1 << 24
 
 
 class Batches:
-    """Subscribes when it is made; for one thread that receives.
+    """A subscription from its construction on, for one receiving thread.
 
     Args:
         session: Session that receives.
-        expression: Key expression of what is received.
+        expression: Key expression to subscribe to.
     """
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:
@@ -42,7 +42,7 @@ class Batches:
         self._closed = False
 
     def receive(self) -> list[Any]:
-        """Wait for samples and return them; none when it is closed, or the session is, and all were received."""
+        """Wait for samples and return them; empty if this or the session is closed and all were received."""
         fetch = self._channel.try_recv
         try:
             samples = [self._channel.recv()]
@@ -59,7 +59,7 @@ class Batches:
         return samples
 
     def close(self) -> None:
-        """Let nothing more come in; safe to call twice."""
+        """Stop receiving; safe to call twice."""
         if not self._closed:
             self._closed = True
             release(self._subscriber)

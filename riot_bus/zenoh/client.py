@@ -27,11 +27,11 @@ Subscription = Any
 
 
 class Client:
-    """A client session in terms of messages; a context manager.
+    """A client session that publishes and receives messages; a context manager.
 
     Attributes:
-        session: The Zenoh session, for what messages cannot say.
-        lost: Messages per key that a slow callback left no room for.
+        session: The Zenoh session, for everything else.
+        lost: Number of messages lost because of a slow callback, by key.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -59,7 +59,7 @@ class Client:
         return self.session.declare_subscriber(text, lambda sample: deliver(callback, convert(sample)))
 
     def put(self, message: Message) -> None:
-        """Publish a message: put or delete, with its QoS; its time and sequence stay here."""
+        """Publish a message: put or delete, with its QoS but without its time and sequence number."""
         self._outlets.publish(message)
 
     def declare(self, key: str, qos: Qos = Qos()) -> None:  # noqa: B008 - immutable
@@ -86,11 +86,11 @@ def open_client(endpoint: str, *, config: Mapping[str, Any] | None = None) -> Cl
     """Connect to a router.
 
     Args:
-        endpoint: Where it listens, such as `tcp/127.0.0.1:7447`.
+        endpoint: Endpoint of the router, such as `tcp/127.0.0.1:7447`.
         config: Further Zenoh configuration.
 
     Raises:
-        EnvironmentFaultError: Nobody answers there.
+        EnvironmentFaultError: There is no answer from the endpoint.
     """
     prepare_runtime()
     return Client(open_session(client_config(endpoint, extra=config), purpose="client"))

@@ -1,4 +1,4 @@
-"""Files that a Zenoh configuration names: made absolute, missed before Zenoh misses them, and secrets for one user."""
+"""Files named in a Zenoh configuration: paths are made absolute, and missing files and exposed secrets are errors."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 
 
 def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, name: str) -> SegmentSettings:
-    """Return a segment of a riot.toml with Zenoh keys checked and taken apart, and paths absolute.
+    """Return a segment of a riot.toml with Zenoh keys checked and flattened, and with absolute paths.
 
     Args:
         segment: The segment's table as the user wrote it.
-        root: Folder that relative paths start from.
-        path: The riot.toml, for errors.
-        text: Its text.
-        name: The segment's name.
+        root: Base folder of relative paths.
+        path: Path of riot.toml, for errors.
+        text: Text of riot.toml.
+        name: Name of the segment.
 
     Raises:
-        ConfigError: Zenoh does not know a key or refuses its value, or a file is missing.
+        ConfigError: Zenoh does not know a key or rejects its value, or a file is missing.
     """
     table = ["router", "segments", name]
     config = {}
@@ -73,16 +73,16 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
 
 
 def settings_of_text(key: str, text: str, root: Path, *, where: str) -> dict[str, Any]:
-    """Return what `KEY=TEXT` of a command line sets: `@FILE` is replaced by what the file holds, paths are absolute.
+    """Return the settings of `KEY=TEXT` on a command line, with `@FILE` replaced by its contents, and absolute paths.
 
     Args:
-        key: As Zenoh has it.
-        text: JSON5, or text where Zenoh takes it as such, or `@FILE`.
-        root: Folder that relative paths start from.
-        where: The option, for errors.
+        key: Key of Zenoh's configuration.
+        text: JSON5, plain text if Zenoh accepts it, or `@FILE`.
+        root: Base folder of relative paths.
+        where: Name of the option, for errors.
 
     Raises:
-        ConfigError: Zenoh does not know the key or refuses its value, or a file is missing or readable by others.
+        ConfigError: Zenoh does not know the key or rejects its value, or a file is missing or readable by others.
     """
     if not text.startswith("@"):
         value = value_of(key, text, where=where)
@@ -145,7 +145,7 @@ def _existing(text: str, root: Path, *, where: str, secret: bool) -> Path:
         raise ConfigError(f"there is no file {path}", where=where, hint=hint)
     if secret:
         _check_private(path, where=where)
-    return path.absolute()  # links stay links: certificates are renewed behind them
+    return path.absolute()  # symbolic links are kept, since renewed certificates change their targets
 
 
 def _check_private(path: Path, *, where: str) -> None:
@@ -157,7 +157,7 @@ def _check_private(path: Path, *, where: str) -> None:
 
 
 def _is_credential(path: Path) -> bool:
-    """Whether systemd keeps it (`LoadCredential=`), where only this service may look; its mode shows an ACL."""
+    """Return whether it is a systemd credential (`LoadCredential=`) only for this service; its mode shows an ACL."""
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
     return folder is not None and path.resolve().is_relative_to(Path(folder).resolve())
 

@@ -1,4 +1,4 @@
-"""Keys and values of Zenoh's configuration, as the installed Zenoh itself judges them."""
+"""Validation of keys and values of Zenoh's configuration by the installed Zenoh itself."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _VALUES = "values are JSON; keys and values are those of Zenoh's DEFAULT_CONFIG.
 
 
 def leaves(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration with every table taken apart, down to the values that Zenoh takes as a whole.
+    """Return a configuration with every table flattened, down to the values that Zenoh takes as a whole.
 
-    A table given to Zenoh replaces all keys below it, those that the router needs among them.
+    A table given to Zenoh would replace all keys below it, including those that the router needs.
     """
     return dict(pair for key, value in config.items() for pair in _leaves(key.strip("/"), value))
 
@@ -33,11 +33,11 @@ def check_config(config: Mapping[str, Any], *, where: str) -> None:
     """Check every key and value of a segment.
 
     Args:
-        config: Keys joined by `/`, and JSON values.
-        where: Place for errors; the key is added.
+        config: JSON values by key, whose parts are joined by `/`.
+        where: Place for errors.
 
     Raises:
-        ConfigError: Zenoh does not know a key, or refuses a value, or riot cannot work with it.
+        ConfigError: Zenoh does not know a key or rejects a value, or riot cannot work with it.
     """
     for key, value in config.items():
         why = forbidden(key, value)
@@ -49,17 +49,17 @@ def check_config(config: Mapping[str, Any], *, where: str) -> None:
 
 
 def value_of(key: str, text: str, *, where: str) -> Any:
-    """Return the value that a person wrote on a command line: JSON5, or text without quotes.
+    """Return the value that a user wrote on a command line: JSON5, or text without quotes.
 
-    What Zenoh takes as JSON5 is JSON5, all else is text: `true`, `[1, 2]`, `cert.pem`, and `1234` for a password.
+    If Zenoh accepts it as JSON5, it is JSON5, otherwise text: `true`, `[1, 2]`, `cert.pem`, and `1234` for a password.
 
     Args:
-        key: The key that it is meant for.
+        key: Key of the value.
         text: The value as the user wrote it.
         where: Place for errors.
 
     Raises:
-        ConfigError: Zenoh does not know the key, or takes neither.
+        ConfigError: Zenoh does not know the key, or accepts neither form.
     """
     problem = _refusal(key, text)
     if problem is None:
@@ -70,15 +70,15 @@ def value_of(key: str, text: str, *, where: str) -> Any:
 
 
 def value_of_file(key: str, text: str, *, where: str) -> Any:
-    """Return the value that a file holds: its text, or JSON5 where Zenoh takes no text. Errors do not show it.
+    """Return the value in a file: its text, or JSON5 if Zenoh accepts no text; errors do not show it.
 
     Args:
-        key: The key that it is meant for.
-        text: What the file holds.
+        key: Key of the value.
+        text: Contents of the file.
         where: Place for errors.
 
     Raises:
-        ConfigError: Zenoh does not know the key, or takes neither.
+        ConfigError: Zenoh does not know the key, or accepts neither form.
     """
     problem = _refusal(key, json.dumps(text))
     if problem is None:

@@ -1,4 +1,4 @@
-"""Zenoh's samples to messages and back."""
+"""Conversion of Zenoh's samples to messages and back."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CACHED_KEYS = 1 << 16
 _SHARED_BYTES = 1 << 26  # of which only what is in use takes memory
 
 FEW = 2
-"""How many messages of a key are published without declaring it."""
+"""Number of messages of a key that are published without declaring a publisher."""
 
 
 class Converter:
@@ -49,8 +49,8 @@ class Converter:
         """Return the message that the sample carries.
 
         Args:
-            sample: A sample that came in.
-            now: When it came, nanoseconds since the Unix epoch.
+            sample: A received sample.
+            now: Time of reception, in nanoseconds since the Unix epoch.
         """
         encoding = str(sample.encoding)
         attachment = sample.attachment
@@ -89,10 +89,10 @@ def is_droppable(sample: zenoh.Sample) -> bool:
 
 
 class Occasional:
-    """Publishes on a key that may never come again, without declaring it.
+    """Publishes on a key that may not be used again, without declaring a publisher.
 
-    To declare a publisher takes far longer than to publish, and the longer the more there are: somebody who invents
-    keys would hold up everybody.
+    Declaring a publisher takes far longer than publishing, and longer the more publishers there are: a component that
+    keeps inventing keys would delay all others.
     """
 
     __slots__ = ("_encoding", "_key", "_qos", "_session")
@@ -111,10 +111,10 @@ class Occasional:
 
 
 class Outlets:
-    """Publishes messages into one session, through publishers that are declared once per key and QoS that comes again.
+    """Publishes messages into one session, through publishers declared once for each recurring key and QoS.
 
-    Neither Zenoh's timestamp nor its source information is set: an advanced subscriber drops what does not increase, so
-    copies, delays and replays would vanish. The session stamps by itself.
+    Neither Zenoh's timestamp nor its source information is set: advanced subscribers drop messages in which these do
+    not increase, so copies, delays and replays would be lost. The session adds timestamps itself.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -128,7 +128,7 @@ class Outlets:
         """Longest time that one publication took."""
 
     def publish(self, message: Message) -> None:
-        """Put or delete; raises zenoh.ZError when the session is closed."""
+        """Put or delete; raise zenoh.ZError if the session is closed."""
         publisher = self._publishers.get((message.key, message.qos)) or self._seldom(message.key, message.qos)
         began = time.monotonic()
         if message.kind == "delete":
@@ -143,12 +143,12 @@ class Outlets:
             self.longest_s = seconds
 
     def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | str | None = None) -> zenoh.Publisher:
-        """Return the publisher of a key; declare it, if that was not done.
+        """Return the publisher of a key; declare it if necessary.
 
         Args:
             key: Key without wildcards.
             qos: Delivery settings.
-            encoding: What the publisher puts if nothing else is said; only for its first declaration.
+            encoding: Default encoding of the publisher; only used when it is declared.
         """
         known = self._publishers.get((key, qos))
         if known is not None:
@@ -161,7 +161,7 @@ class Outlets:
         return publisher
 
     def occasional(self, key: str, qos: Qos, encoding: str) -> zenoh.Publisher | Occasional:
-        """Return what publishes on a key for the first time; its publisher, if it was declared before."""
+        """Return the publisher of a key if it is declared, otherwise an `Occasional`."""
         return self._publishers.get((key, qos)) or self._occasional(key, qos, encoding)
 
     def _seldom(self, key: str, qos: Qos) -> zenoh.Publisher | Occasional:
@@ -177,7 +177,7 @@ class Outlets:
         return Occasional(self._session, key, publisher_settings(qos, self._library), encoding)
 
     def shared(self, payload: bytes) -> Any:
-        """Return a payload in shared memory; as it is, if there is no room or no such memory."""
+        """Return a payload in shared memory; the payload itself if it is empty or no such memory is available."""
         if not payload:
             return payload
         try:
@@ -202,7 +202,7 @@ class Outlets:
 
 
 def publisher_settings(qos: Qos, library: Any) -> dict[str, Any]:
-    """Return what a copy of Zenoh's library calls these delivery settings when a publisher is declared."""
+    """Return these delivery settings as arguments for declaring a publisher with a copy of Zenoh's library."""
     return {
         "priority": getattr(library.Priority, _PRIORITIES[qos.priority - 1]),
         "congestion_control": getattr(library.CongestionControl, qos.congestion.upper()),
@@ -211,12 +211,12 @@ def publisher_settings(qos: Qos, library: Any) -> dict[str, Any]:
 
 
 class Claims:
-    """Says which of several key expressions owns a key: the first that matches, so that nothing is taken twice.
+    """Determines which key expression owns a key: the first that matches, so that no message is taken twice.
 
     Args:
         expressions: Canonical key expressions; they may overlap.
-        owners: Key expressions that can own keys, if not the same.
-        within: Keys that these do not own, nobody owns.
+        owners: Key expressions that can own keys; by default the same.
+        within: Other claims; keys that have no owner in them have none here either.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Direct links between segments: what is not intercepted passes two routers, not three, while the first cut holds."""
+"""Direct links between segments: until the cut keys change, other messages pass two routers instead of three."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _SELDOM = "#retry_period_init_ms=1000;retry_period_max_ms=3600000"  # nobody lis
 class DirectLinks:
     """A link from each segment to each other, with the access control of a junction.
 
-    It costs routers less than the way over a junction, so they take it. Access control is fixed when a router opens:
-    when something else is to be cut, the links are severed for good, and the junction takes over.
+    Routers prefer it, since its cost is lower than that of the way over a junction. Access control is fixed when a
+    router opens: when other keys are to be cut, the links are severed for good, and the junction takes over.
 
     Args:
-        names: Of the segments, in the order in which they will be opened.
-        folder: Where the sockets will be; only this user may enter it.
-        cut: Canonical key expressions that must not cross.
-        services: Canonical key expressions of services that must not be seen or asked across.
+        names: Names of the segments, in the order in which they will be opened.
+        folder: Folder for the sockets; only this user may enter it.
+        cut: Canonical key expressions of messages that must not cross.
+        services: Canonical key expressions of services that must not be visible or called across.
     """
 
     def __init__(self, names: Sequence[str], folder: Path, *, cut: Sequence[str], services: Sequence[str]) -> None:
@@ -45,31 +45,31 @@ class DirectLinks:
 
     @property
     def ids(self) -> set[str]:
-        """Ids of the segments that are linked; none when they are not any more."""
+        """Ids of the linked segments; empty once the links are severed."""
         return set() if self.severed else set(self._ids.values())
 
     def cuts(self, cut: Sequence[str], services: Sequence[str]) -> bool:
-        """Return whether just this is cut."""
+        """Return whether exactly these keys and services are cut."""
         return self._cut == (list(cut), list(services))
 
     def listen(self, name: str) -> list[str]:
-        """Return where a segment has to listen for those that are opened later."""
+        """Return the endpoints on which a segment listens for segments that are opened later."""
         return [f"unixsock-stream/{self._paths[name]}"] if name != self._names[-1] else []
 
     def connect(self, name: str) -> list[str]:
-        """Return what a segment has to connect to: those that are opened earlier."""
+        """Return the endpoints of segments opened earlier, to which a segment connects."""
         return [f"unixsock-stream/{self._paths[other]}{_SELDOM}" for other in self._earlier(name)]
 
     def config(self, name: str) -> SessionConfig:
-        """Return further configuration of a segment. Each end of a link guards what comes in."""
+        """Return further configuration of a segment; each end of a link filters incoming messages."""
         others = [self._ids[other] for other in self._names if other != name]
         rules = access_control(self._cut[0], services=self._cut[1], peers=others) if others else {}
         return {"id": self._ids[name], **rules}
 
     def complete(self, segments: Sequence[Segment]) -> None:
-        """Wait until all links are there, and let no other be made; if they are not there in time, have none.
+        """Wait until all links are up, and prevent further ones; if they are not up in time, sever them.
 
-        One that breaks must not come back: what it carries would overtake what goes over the junction meanwhile.
+        A broken link must not come back: its messages would overtake those that went over the junction meanwhile.
         """
         linked, self._awaited = _are_linked(segments), True
         self._unlink()
@@ -82,8 +82,8 @@ class DirectLinks:
         """Cut all links; return once the segments know; safe to call twice."""
         if self.severed:
             return
-        # Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it, as
-        # they are on one that is only just made.
+        # Zenoh 1.10.2 can panic when a link between routers closes while declarations are in transit on it, as they are
+        # on a new link.
         if not self._awaited:
             _are_linked(segments)
         for segment in segments:
@@ -103,17 +103,17 @@ class DirectLinks:
 
 
 def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
-    """Return whether segments can be linked: nobody else decides who they are and whom they let in.
+    """Return whether segments can be linked: the user configures neither their ids, endpoints nor access control.
 
     Args:
-        configs: By segment, Zenoh configuration that the user has given.
+        configs: The user's Zenoh configuration, by segment.
     """
     keys = {key for config in configs.values() for key in config}
     return not any(f"{key}/".startswith(f"{own}/") or own.startswith(f"{key}/") for key in keys for own in _OWN)
 
 
 def _are_linked(segments: Sequence[Segment]) -> bool:
-    """Return whether all segments are linked to one another, which is waited for."""
+    """Wait until all segments are linked to one another; return whether they are."""
     ids = {segment.zid for segment in segments}
     return wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
 

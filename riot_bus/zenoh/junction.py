@@ -37,16 +37,16 @@ _MOST_WEIGHT = 65_000
 
 
 class Junction:
-    """Joins segments; everything that is not cut flows through it natively and never enters Python.
+    """Joins segments; messages that are not cut pass through it natively and never enter Python.
 
-    While there are direct links between the segments, it flows through those instead.
+    While there are direct links between the segments, they pass through those instead.
 
-    Access control cannot be changed in a running router, so another cut means another router with another id.
+    Access control cannot be changed in a running router, so a change of the cut keys needs a new router with a new id.
 
     Args:
         segments: The segments, at least two.
-        direct: Severed when something else is to be cut than what they cut.
-        inner: Where it listens by turns, for segments without doors; as many places as others have doors, at least two.
+        direct: Direct links, which are severed when other keys are to be cut than they cut.
+        inner: Endpoints to listen on in turn, for segments without doors; as many as others have doors, at least two.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
@@ -64,9 +64,9 @@ class Junction:
     ) -> None:
         self.session: zenoh.Session | None = None
         self.zid = ""
-        """Id of the present router, empty while the segments are apart."""
+        """Id of the current router, empty while the segments are separated."""
         self.ids: set[str] = set()
-        """Ids of all routers that were in this place."""
+        """Ids of all routers used so far."""
         self._segments = tuple(segments)
         self._direct = direct
         self._probes = _probes(segments)
@@ -81,7 +81,7 @@ class Junction:
         self._timeout = timeout
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
-        """Begin to join the segments for the first time; `open` has to follow, which waits until they are."""
+        """Begin to join the segments for the first time; `open` has to follow and waits until they are joined."""
         self._begin(cut, services)
         self._begun = list(cut), list(services)
 
@@ -89,8 +89,8 @@ class Junction:
         """Join the segments, or cut other keys if they are joined; return once links and routes are up.
 
         Args:
-            cut: Canonical key expressions that must not cross.
-            services: Canonical key expressions of services that must not be seen or asked across.
+            cut: Canonical key expressions of messages that must not cross.
+            services: Canonical key expressions of services that must not be visible or called across.
 
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
@@ -129,11 +129,11 @@ class Junction:
         )
 
     def settle(self, patience: int = 1) -> None:
-        """Wait, if it is necessary, until segments have drawn their routes without the last one that left.
+        """Wait, if necessary, until segments have recomputed their routes without the last router that left.
 
-        They do so 100 ms later. Until then, zenoh 1.10.2 takes another router for the one that has left, and does not
-        tell it what components have subscribed to. Nobody can see when it is done, so the probes judge whether it was
-        long enough; the former router still works meanwhile.
+        They do so 100 ms later. Until then, zenoh 1.10.2 mistakes another router for the one that has left, and does
+        not send it the subscriptions of components. The end of this is not observable, so probes check whether the wait
+        was long enough; the former router still works meanwhile.
         """
         time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
 
@@ -154,10 +154,10 @@ class Junction:
         return session
 
     def _weights(self) -> list[dict[str, Any]]:
-        """Return the costs of the next router's links: more than the present one's, so that nothing goes its way yet.
+        """Return the costs of the next router's links: higher than the current ones, so that it is not used yet.
 
-        With two ways that cost the same, routers choose one each as soon as they hear of both. While they have not all
-        chosen the same, messages come twice or overtake each other.
+        Between two ways of the same cost, each router chooses one as soon as it knows both. Until all have chosen the
+        same one, messages arrive twice or overtake each other.
         """
         self._weight = self._weight % _MOST_WEIGHT + 1
         return [{"dst_zid": segment.zid, "weight": self._weight} for segment in self._segments]
@@ -175,10 +175,10 @@ class Junction:
                 give_back(library)
 
     def _tokens(self, cut: Sequence[str]) -> list[str]:
-        """Return which tokens of advanced publishers must not cross.
+        """Return key expressions of the tokens of advanced publishers that must not cross.
 
-        Those of a key where one has crossed already go on: else nobody would hear that it is withdrawn, and it would
-        stay for ever. The tokens of our own stand-ins never cross.
+        If a token of a key has crossed already, tokens of that key continue to cross: otherwise its withdrawal would
+        not be noticed, and it would stay for ever. The tokens of our own stand-ins never cross.
         """
         refused = []
         for expression in cut:
@@ -213,9 +213,9 @@ class Junction:
             self._left = time.monotonic()
 
     def _flush(self, zid: str) -> None:
-        """Wait until the junction has taken in what segments told it.
+        """Wait until the junction has processed the declarations of the segments.
 
-        Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
+        Zenoh 1.10.2 can panic when a link between routers closes while declarations are in transit on it.
         """
         for segment in self._segments:
             segment.flush([zid])
@@ -224,14 +224,14 @@ class Junction:
         return all(self.zid in segment.peers() for segment in self._segments)
 
     def _routes(self, sources: Mapping[str, zenoh.Session], timeout: float) -> bool:
-        """Send probes to all segments until each has arrived; routes come about 100 ms after links.
+        """Send probes to all segments until each has arrived; routes are ready about 100 ms after links.
 
-        They go to subscriptions that are as old as the segments: only these show that the junction has been told what
-        components have subscribed to already.
+        They go to subscriptions that are as old as the segments: only these show that the junction knows the existing
+        subscriptions of components.
 
         Args:
-            sources: Who sends: segments by name, or the junction.
-            timeout: Seconds.
+            sources: Sessions that send: those of segments by name, or that of the junction.
+            timeout: Longest time to wait, in seconds.
         """
         missing = {(name, probe) for name in sources for probe in self._probes if probe.segment != name}
         text = self.zid.encode()
@@ -262,7 +262,7 @@ class _Probe(NamedTuple):
 
 
 def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[JunctionSockets]:
-    """Return where a junction and the segments can meet, by turns."""
+    """Return the sockets over which junctions and segments connect, to be used in turn."""
     doors = list(zip(*(segment.doors for segment in segments if segment.doors), strict=True))
     listens = any(not segment.doors for segment in segments)
     count = len(doors) or len(inner)
@@ -270,12 +270,12 @@ def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[Junctio
 
 
 def _probes(segments: Sequence[Segment]) -> list[_Probe]:
-    """Several per segment, since some of the subscriptions may get through."""
+    """Return several probes for each segment, since only some of its subscriptions may get through."""
     result = []
     for segment in segments:
         zenoh = library_of(segment.session)
         for number in range(_PROBES):
-            # A verbatim chunk (`@riot`) stays out of everybody's wildcards; the id keeps probes of other routers out.
+            # Wildcards never match a verbatim chunk (`@riot`); the id excludes probes of other routers.
             key = f"{OWN_CHUNK}/{segment.zid}/{number}"
             channel: Any = zenoh.handlers.RingChannel(1024)
             declare = segment.session.declare_subscriber

@@ -1,4 +1,4 @@
-"""Where a junction and the segments meet: the Unix sockets of the links between them."""
+"""The Unix sockets of the links between a junction and the segments."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class JunctionSockets:
         sockets.widen(self._doors | self._inner)
 
     def end(self) -> None:
-        """Hang up the links, and let no others be made; the junction has to be closed then, and `reopen` called."""
+        """Close the links and prevent new ones; afterwards, the junction has to be closed and `reopen` called."""
         for path in map(Path, self._inner):
             path.unlink(missing_ok=True)
         for path in map(Path, self._doors):
-            with suppress(FileNotFoundError):  # somebody has tidied up
+            with suppress(FileNotFoundError):  # the file was removed from outside
                 self._hidden[path] = path.rename(f"{path}~")
         sockets.hang_up(accepted=self._inner, connected=self._doors)
 

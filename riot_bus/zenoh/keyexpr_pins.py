@@ -1,10 +1,10 @@
-"""Numbers that a session has given to keys, and does not take back while it goes on.
+"""Numeric ids that a session assigns to keys, and keeps while it is open.
 
-A session gives each key on which it declares something a number, and takes it back with the last of these declarations.
-Zenoh 1.10.2 throws away what is on its way to the session under that number just then: a message is lost, a question is
-not even ended. So a session that receives while it declares and undeclares holds these keys for a while.
+A session assigns a number to each key on which it declares something, and releases it with the last such declaration.
+Zenoh 1.10.2 discards what is in transit to the session under that number at that moment: a message is lost, a query
+does not even end. So a session that receives while it declares and undeclares holds these keys for a while.
 
-Keys of which it receives much get a number, too, though nothing is declared on them: under a number they come faster.
+Keys with many received messages get a number, too, even without declarations: messages under a number are faster.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ def begin_pinning(session: zenoh.Session) -> None:
 
 
 def end_pinning(session: zenoh.Session) -> None:
-    """Let go what a session holds; call when it is closed. Safe to call twice."""
+    """Release the keys of a session, when it is closed; safe to call twice."""
     _held.pop(id(session), None)
     _frequent.pop(id(session), None)
 
 
 def pin(session: zenoh.Session, expression: str) -> None:
-    """Keep the numbers for an expression on which something is about to be declared; of many, those used last.
+    """Keep the numbers of a key expression that is about to be declared; of too many, keep the most recently used.
 
     Args:
-        session: Nothing is done if it does not hold keys.
-        expression: Canonical key expression. Publishers and queriers give it a number as a whole, subscriptions and
-            queryables its part before the first wildcard.
+        session: The session; nothing is done if it does not hold keys.
+        expression: Canonical key expression; publishers and queriers assign a number to all of it, subscribers and
+            queryables to its part before the first wildcard.
     """
     held = _held.get(id(session))
     if held is None:
@@ -68,19 +68,19 @@ def pin(session: zenoh.Session, expression: str) -> None:
 
 @contextmanager
 def no_more_numbers() -> Iterator[None]:
-    """Let no frequent key get a number meanwhile; one that just gets one has it when this begins."""
+    """Prevent numbers for frequent keys meanwhile; first wait for one that is just being assigned."""
     with _numbering:
         yield
 
 
 class FrequentKeys:
-    """Gives numbers to keys of which a session gets many messages, though it subscribes to them with a wildcard only.
+    """Assigns numbers to keys of which a session gets many messages, though it subscribes only with a wildcard.
 
-    Under such a number Zenoh knows who subscribes. For a key without one, it puts together the text with each message,
-    and compares it with all subscriptions of the session: a third of what it costs to receive a small message.
+    Under such a number, Zenoh knows the subscribers. For a key without a number, it assembles the text for each message
+    and compares it with all subscriptions of the session: a third of the cost of receiving a small message.
 
     Args:
-        session: Who receives; nothing is done if it does not hold keys.
+        session: Session that receives; nothing is done if it does not hold keys.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -89,10 +89,10 @@ class FrequentKeys:
         self._seen: dict[zenoh.KeyExpr, int] = {}
 
     def saw(self, key: zenoh.KeyExpr) -> None:
-        """Take note of a key; enough are the keys of some messages, as those that come often are among them often.
+        """Count a key; a sample of all messages is enough, since frequent keys are frequent in it, too.
 
         Args:
-            key: As a sample has it.
+            key: Key expression of a sample.
         """
         times = self._seen.get(key, 0) + 1
         if times > _OFTEN:
@@ -110,7 +110,7 @@ class FrequentKeys:
 
     def _give_number(self, key: str) -> None:
         known = _frequent.get(id(self._session))
-        # None is let go to make room: messages of it may be on their way.
+        # No key is released to make room: messages under its number may be in transit.
         if known is not None and len(known) < _MOST_FREQUENT and key not in known:
             with suppress(self._error):  # it is closed
                 known[key] = self._session.declare_keyexpr(key)

@@ -1,11 +1,11 @@
-"""Copies of Zenoh's library in one process, each with threads of its own.
+"""Copies of Zenoh's library in one process, each with its own threads.
 
-All sessions that one copy opens share Tokio's receive threads, and so may come to wait for each other: after 128 reads
-in a row, Tokio 1.53 sets a task aside until its thread has nothing else to do, and no other thread may take it. If that
-thread then takes up a link that waits for room towards the very task that was set aside, both wait until Zenoh closes
-their links. Routers in one process that are linked to each other therefore come from different copies.
+All sessions of one copy share Tokio's receive threads, and so may deadlock: after 128 reads in a row, Tokio 1.53 defers
+a task until its thread has nothing else to do, and no other thread may take it. If that thread then handles a link that
+waits for the deferred task to make room, both wait until Zenoh closes their links. Routers in one process that are
+linked to each other therefore come from different copies.
 
-The types of one copy are strange to another: whoever gives something to a session takes the types of `library_of` it.
+The types of different copies are incompatible: arguments of a session's methods need the types of its `library_of`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _by_type: dict[type, ModuleType] = {}
 
 
 def borrow() -> ModuleType:
-    """Return a copy that nobody else has now, and load one if there is none; give it back once nothing of it is open.
+    """Return a copy that is not in use, or load a new one; give it back once all its sessions are closed.
 
     Raises:
         EnvironmentFaultError: It cannot be loaded.
@@ -57,16 +57,16 @@ def borrow() -> ModuleType:
 
 
 def give_back(library: ModuleType) -> None:
-    """Let others have a copy; its threads stay."""
+    """Make a copy available to others; its threads are kept."""
     with _lock:
         _idle.append(library)
 
 
 def library_of(thing: object) -> Any:
-    """Return the copy that something comes from: `zenoh` itself, unless it was borrowed.
+    """Return the copy to which an object belongs: `zenoh` itself, unless it comes from a borrowed copy.
 
     Args:
-        thing: A session, or what comes from one, such as a sample or a query.
+        thing: A session, or an object from one, such as a sample or a query.
     """
     kind = type(thing)
     found = _by_type.get(kind)
@@ -79,7 +79,7 @@ def library_of(thing: object) -> Any:
 
 
 def moved(stamp: zenoh.Timestamp | None, library: Any) -> Any:
-    """Return a timestamp as one of another copy; its time is a nanosecond at most before, since more cannot be said."""
+    """Return a timestamp as one of another copy, at most a nanosecond earlier because of limited precision."""
     if stamp is None or type(stamp) is library.Timestamp:
         return stamp
     time = stamp.get_time_as_ntp64()
@@ -101,7 +101,7 @@ def _load(number: int) -> ModuleType:
 
 
 def _kept(original: Path, number: int) -> int:
-    """Open a copy on disk, which processes share; the loader takes files with one inode for the same library."""
+    """Open a copy on disk, shared by processes; the loader treats files with the same inode as one library."""
     path, digest = _place(original, number), _digest(original)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     file = _opened(path, digest)
@@ -120,10 +120,10 @@ def _place(original: Path, number: int) -> Path:
 
 
 def _opened(path: Path, digest: str) -> int | None:
-    """Open a copy; None if there is none, or if it is not what was installed.
+    """Open a copy; return None if there is none, or if it differs from the installed library.
 
-    What is loaded is this descriptor, so nobody can put another file in its place. Its content, which takes 20 ms to
-    check, is checked once: a note beside it says for which state of which file it was right.
+    The library is loaded from this descriptor, so the file cannot be replaced. Its contents, which take 20 ms to check,
+    are checked once: a note beside it records the state of the file for which they were right.
 
     Raises:
         PermissionError: Others may write to it.
@@ -152,7 +152,7 @@ def _opened(path: Path, digest: str) -> int | None:
 
 
 def _text(path: Path) -> str:
-    """Return what a note says; empty if there is none."""
+    """Return the text of a note; empty if there is none."""
     try:
         return path.read_text(encoding="utf-8")
     except (FileNotFoundError, UnicodeDecodeError):
@@ -160,7 +160,7 @@ def _text(path: Path) -> str:
 
 
 def _hashed(file: int) -> str:
-    """Return a SHA-256 as wheels write it; others run meanwhile."""
+    """Return a SHA-256 in the format of wheels; other threads run meanwhile."""
     if not os.fstat(file).st_size:
         return ""
     with mmap.mmap(file, 0, prot=mmap.PROT_READ) as data:
@@ -173,7 +173,7 @@ def _copy(original: Path, path: Path) -> None:
 
 
 def _put(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file so that nobody ever sees a part of it, not even after a power failure."""
+    """Write a file atomically, even in case of a power failure."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as sink:
@@ -189,12 +189,12 @@ def _put(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def _build(original: Path) -> str:
-    """Return what tells one build from others: the checksum that its wheel gave, else the time of the file."""
+    """Return an id of the build: the checksum from its wheel, otherwise the modification time of the file."""
     return (_recorded(original) or str(original.stat().st_mtime_ns))[:20]
 
 
 def _digest(original: Path) -> str:
-    """Return the checksum of what was installed: its wheel's, else that of the file."""
+    """Return the checksum of the installed library: from its wheel, otherwise that of the file."""
     recorded = _recorded(original)
     if recorded:
         return recorded

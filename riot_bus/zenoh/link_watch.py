@@ -1,4 +1,4 @@
-"""Noticing links that Zenoh closes under load: from then on publications succeed while everything is lost."""
+"""Detection of links that Zenoh closes under load, after which publications succeed but all messages are lost."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class BrokenLink:
     Attributes:
         segment: Name of its segment.
         peer: Id of the session at the other end.
-        time: Nanoseconds since the Unix epoch.
-        reason: A link between our own routers; a publication of ours that waited too long; or a peer that came back,
-            so it had not left on its own account.
+        time: Time in nanoseconds since the Unix epoch.
+        reason: Kind of failure: a link between our own routers; a publication of ours that waited too long; or a peer
+            that reconnected, so it had not left by itself.
     """
 
     segment: str
@@ -44,13 +44,13 @@ class BrokenLink:
 class TransportWatch:
     """Watches the links of all segments.
 
-    A component that leaves closes its link as well; that is no fault and is only counted, in `departures`.
+    A component that leaves closes its link as well; that is not a fault and is only counted, in `departures`.
 
     Args:
         wait_before_close_s: Longest wait of a BLOCK publication before Zenoh closes the link.
-        inner: Returns the ids of the junction and of the segments that are linked at present.
-        ours: Returns the ids of sessions whose coming and going is our own doing.
-        longest: Returns the longest time that one of our publications into a segment took.
+        inner: Function that returns the ids of the junction and of the segments that are linked at present.
+        ours: Function that returns the ids of sessions that we open and close ourselves.
+        longest: Function that returns the longest time that one of our publications into a segment took.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class TransportWatch:
             self._listeners.append(session.info.declare_transport_events_listener(self._callback(name)))
 
     def stop(self) -> None:
-        """Ignore what happens from now on."""
+        """Ignore all events from now on."""
         self._closed = True
         release(*self._listeners)
         self._listeners.clear()
@@ -91,7 +91,7 @@ class TransportWatch:
         return event
 
     def event(self, segment: str, peer: str, *, opened: bool) -> None:
-        """Take one event in."""
+        """Process one event."""
         with self._lock:
             if self._closed:
                 return

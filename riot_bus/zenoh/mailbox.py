@@ -1,4 +1,4 @@
-"""Handing messages from Zenoh's threads to threads of our own, without ever stalling a link."""
+"""Queues that pass messages from Zenoh's threads to our own threads without ever stalling a link."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ ItemT = TypeVar("ItemT")
 
 
 class Mailbox(Generic[ItemT]):
-    """A bounded queue that refuses rather than blocks.
+    """A bounded queue that rejects items instead of blocking.
 
     Args:
-        capacity: Most items.
-        capacity_bytes: Most payload bytes.
+        capacity: Largest number of items.
+        capacity_bytes: Largest total size of payloads, in bytes.
     """
 
     def __init__(self, *, capacity: int = 100_000, capacity_bytes: int = 1 << 28) -> None:
@@ -45,11 +45,11 @@ class Mailbox(Generic[ItemT]):
         return self._count
 
     def offer(self, item: ItemT, size: int) -> bool:
-        """Put an item in; return False when there is no room for it.
+        """Queue an item; return False if there is no room for it.
 
         Args:
-            item: The item that is queued.
-            size: Its payload bytes.
+            item: Item to queue.
+            size: Size of its payload in bytes.
         """
         size += _OVERHEAD_BYTES
         with self._lock:
@@ -68,13 +68,13 @@ class Mailbox(Generic[ItemT]):
         return found[0] if found else None
 
     def take_many(self, most: int, timeout: float | None = None, *, linger_s: float = 0.0) -> list[ItemT]:
-        """Remove and return the oldest items; none after `timeout` seconds or when `wake` was called.
+        """Remove and return the oldest items; return none after `timeout` seconds or when `wake` was called.
 
         Args:
-            most: So many, or fewer if they are large.
+            most: Largest number of items; fewer are returned if they are large.
             timeout: Seconds to wait for the first one.
-            linger_s: Seconds to wait for more after that wait: whoever puts items in one by one would else wake up the
-                one who takes them with each, and the two would hand the interpreter over all the time.
+            linger_s: Seconds to wait for more after that wait: otherwise, each new item would wake the taking thread,
+                and the two threads would pass the interpreter lock back and forth.
         """
         items = self._items
         if not items:
@@ -96,7 +96,7 @@ class Mailbox(Generic[ItemT]):
         return found
 
     def wake(self) -> None:
-        """Let one `take` return None, or `take_many` what comes before."""
+        """Let one `take` return None, or one `take_many` the items before this call."""
         self._items.append(None)
         self._ring()
 
@@ -116,12 +116,12 @@ class Mailbox(Generic[ItemT]):
 
 
 class Dispatcher:
-    """Calls back with messages on one thread of its own; a slow callback delays others, but never a link.
+    """Calls callbacks with messages on its own thread; a slow callback delays others, but never a link.
 
     Args:
         name: Name of the thread.
-        lost: Called with each message for which there was no room.
-        mailbox: Other bounds than the default.
+        lost: Function called with each message for which there was no room.
+        mailbox: Mailbox with other bounds than the default.
     """
 
     def __init__(

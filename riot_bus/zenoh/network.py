@@ -1,4 +1,4 @@
-"""The segments of a bus and the junction between them, which may be opened before the rest of the bus is there."""
+"""The segments of a bus and the junction between them, which may be opened before the rest of the bus."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Network:
     """Segments that are isolated until a junction joins them; a context manager.
 
     Args:
-        segments: By name, each segment's settings, or just the endpoints to listen on; none means a free port of this
+        segments: Settings of each segment by name, or just its endpoints to listen on; empty for a free port of this
             machine.
         config: Further Zenoh configuration of every segment.
-        wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
+        wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver before its link is closed.
         timeout: Seconds within which segments must be joined.
 
     Attributes:
-        settings: Of each segment.
-        segments: By name, as soon as they are open.
-        junction: None if there is only one segment, and before it is open.
-        direct: None if there is only one segment, or if the user's configuration forbids it, and before it is open.
+        settings: Settings of each segment, by name.
+        segments: Open segments, by name.
+        junction: The junction; None if there is only one segment, and before it is open.
+        direct: Direct links; None with one segment, if the user's configuration prevents them, and before they open.
     """
 
     def __init__(
@@ -78,11 +78,11 @@ class Network:
         """Open the segments, unless they are open.
 
         Args:
-            cut: Canonical key expressions that will be intercepted.
-            services: Canonical key expressions of services that will be.
+            cut: Canonical key expressions of messages that will be intercepted.
+            services: Canonical key expressions of services that will be intercepted.
 
         Raises:
-            ConfigError: Zenoh refuses a configuration.
+            ConfigError: Zenoh rejects a configuration.
             EnvironmentFaultError: An endpoint is in use.
         """
         if self._open:
@@ -112,7 +112,7 @@ class Network:
                 stack.callback(segment.close)
                 self.segments[name] = segment
                 if direct is not None:
-                    # Zenoh 1.10.2 panics in a router that is closed while it takes in that another one has left.
+                    # Zenoh 1.10.2 panics in a router that is closed while it processes that another one has left.
                     stack.callback(direct.sever, list(self.segments.values()))
             if self.direct is not None:
                 self.direct.complete(list(self.segments.values()))
@@ -132,14 +132,14 @@ class Network:
         return self
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
-        """Open the segments and begin to join them: whoever opens the bus waits for what is left of it.
+        """Open the segments and begin to join them; opening the bus waits for the rest.
 
         Args:
-            cut: Canonical key expressions that will be intercepted.
-            services: Canonical key expressions of services that will be.
+            cut: Canonical key expressions of messages that will be intercepted.
+            services: Canonical key expressions of services that will be intercepted.
 
         Raises:
-            ConfigError: Zenoh refuses a configuration.
+            ConfigError: Zenoh rejects a configuration.
             EnvironmentFaultError: An endpoint is in use.
         """
         self.open(cut, services)
@@ -152,7 +152,7 @@ class Network:
         self._stack.close()
 
     def linked(self) -> set[str]:
-        """Return the ids of those whose links join the segments at present: the junction, and linked segments."""
+        """Return the ids of the routers whose links join the segments at present: the junction and linked segments."""
         junction = {self.junction.zid} - {""} if self.junction is not None else set()
         return junction | (self.direct.ids if self.direct is not None else set())
 
@@ -163,7 +163,7 @@ class Network:
 
 
 def _admitting_own(config: dict[str, Any]) -> dict[str, Any]:
-    """Let a segment that speaks certain protocols only be linked to the others; it listens nowhere else for that."""
+    """Add riot's own protocol to a segment with restricted protocols, so that it can be linked to the others."""
     protocols = config.get(_PROTOCOLS)
     if not isinstance(protocols, list) or not protocols or _OWN_PROTOCOL in protocols:
         return config

@@ -1,4 +1,4 @@
-"""Who announces publishers by liveliness tokens, and what that says of a key; its type, if only they know it."""
+"""Liveliness tokens of publishers: metadata of their keys, and types that only the publishers know."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _MOST_TOKENS = 50_000
 
 
 class Announcements:
-    """The present tokens of one network, or of segments that are joined; thread-safe.
+    """The present tokens of one network, or of joined segments; thread-safe.
 
     Args:
-        registry: Its adapters say which tokens there are, and what they mean.
-        wanted: Whether somebody here looks at the messages of a key, so that its type should be known.
-        learnt: Called with a key when those who use it have told its type; on a thread that may take its time.
+        registry: Registry whose adapters read the tokens.
+        wanted: Function that tells whether messages of a key are used here, so that its type is needed.
+        learnt: Function called with a key whose type was learnt from its users; on a thread that may block.
     """
 
     def __init__(self, registry: TypeRegistry, *, wanted: Callable[[str], bool], learnt: Callable[[str], None]) -> None:
@@ -44,17 +44,17 @@ class Announcements:
         return bool(self._tokens)
 
     def watch(self, session: zenoh.Session, *, wait: bool = True) -> None:
-        """Take in who is there, now and later.
+        """Track present and future tokens.
 
         Args:
-            session: A session of the network; if we wait, a client that nothing else has told these tokens.
-            wait: Return once present tokens are known, and their owners have been asked for unknown types; with those
-                who say nothing, this takes two seconds.
+            session: Session of the network; with `wait`, a client that has not received these tokens otherwise.
+            wait: Whether to return only when present tokens are known and their owners have been asked for unknown
+                types; with owners that do not answer, this takes two seconds.
         """
         liveliness = session.liveliness()
         self._learner.sessions.append(session)
-        # On the thread that reads the link, for then a query ends after all that was there before has been heard. Its
-        # answers are not looked at: zenoh 1.10.2 may leave some out, and others may be gone by now.
+        # On the thread that reads the link, so that a query ends after all earlier tokens have been received. Its
+        # replies are ignored: zenoh 1.10.2 may leave some out, and others may be outdated.
         heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
         for adapter in self._registry.metadata_adapters():
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
@@ -64,7 +64,7 @@ class Announcements:
             wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
 
     def close(self) -> None:
-        """Listen no more; safe to call twice."""
+        """End the subscriptions; safe to call twice."""
         listeners, self._listeners = self._listeners, []
         release(*listeners)
         self._learner.close()

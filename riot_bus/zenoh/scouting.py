@@ -1,4 +1,4 @@
-"""Who on this host answers multicast scouting: a question that leaves nothing behind and, by default, not the host."""
+"""Multicast scouting for sessions: a query without side effects that, by default, does not leave this host."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["THIS_HOST", "Answer", "Scouting", "scout"]
 
 @dataclass(frozen=True, slots=True)
 class Scouting:
-    """How to ask.
+    """Settings of scouting.
 
     Attributes:
-        interfaces: Asked on each. `auto` is what Zenoh sessions listen on unless told otherwise.
-        address: The multicast group.
-        ttl: Hops; 0 keeps the question on this host, 1 lets the local network answer too.
-        listen_s: Seconds to wait for answers, which come within some milliseconds.
+        interfaces: Network interfaces to use; `auto` is the default of Zenoh sessions.
+        address: Address of the multicast group.
+        ttl: Number of hops; 0 keeps the query on this host, 1 lets the local network answer too.
+        listen_s: Seconds to wait for answers, which arrive within a few milliseconds.
     """
 
     interfaces: tuple[str, ...] = ("127.0.0.1", "auto")
@@ -36,7 +36,7 @@ class Scouting:
 
 
 THIS_HOST = Scouting()
-"""Asks this host alone, on loopback first."""
+"""Settings for this host alone, loopback first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +44,10 @@ class Answer:
     """A session that answered.
 
     Attributes:
-        zid: Its id.
-        mode: `client`, `peer` or `router`.
-        locators: Where it says it listens; a session without is no way around anything.
-        interface: Where it was asked.
+        zid: Id of the session.
+        mode: Mode of the session: `client`, `peer` or `router`.
+        locators: Endpoints on which it listens; a session without any cannot bypass a router.
+        interface: Interface on which it was asked.
     """
 
     zid: str
@@ -57,11 +57,11 @@ class Answer:
 
 
 def scout(how: Scouting = THIS_HOST, *, until: Collection[str] = ()) -> Mapping[str, Answer]:
-    """Ask once on each interface who is there; whoever answers does nothing else about it.
+    """Scout once on each interface, without any effect on the sessions that answer.
 
     Args:
-        how: Interfaces, port and time of the question.
-        until: Ids; when all of them have answered, the rest is not waited for.
+        how: Settings of scouting.
+        until: Ids of sessions; when all of them have answered, others are not waited for.
 
     Returns:
         Answers by id, our own sessions included if they listen to scouting.

@@ -16,21 +16,21 @@ if TYPE_CHECKING:
 __all__ = ["EPHEMERAL", "Segment"]
 
 EPHEMERAL = "tcp/127.0.0.1:0"
-"""Listen on a free port of this machine; `Segment.endpoints` tells which."""
+"""Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""
 
 _FLUSH_S = 1.0
 _RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}
 
 
 class Segment:
-    """One isolated router; opened when it is made.
+    """One isolated router, opened by the constructor.
 
     Args:
-        name: The segment's name.
-        listen: Endpoints to listen on; none means a free port of this machine.
-        connect: Routers and peers outside that it joins.
-        doors: Where junctions may connect.
-        inner: Where junctions will listen, if the segment lets nobody in without asking who it is.
+        name: Name of the segment.
+        listen: Endpoints to listen on; empty for a free port of this machine.
+        connect: Endpoints of external routers and peers to connect to.
+        doors: Endpoints to which junctions may connect.
+        inner: Endpoints on which junctions will listen, if the segment restricts who may connect.
         hidden: Further endpoints to listen on, for other segments.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
@@ -69,16 +69,16 @@ class Segment:
         self.zid = str(self.session.info.zid())
         found = [each for each in listening(self.session) if each not in {*doors, *hidden}]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
-        """Where components can connect."""
+        """Endpoints to which components can connect."""
         self.doors = tuple(doors)
-        """Where junctions may connect; if there is none, the segment connects to the junction."""
+        """Endpoints to which junctions may connect; if empty, the segment connects to the junction."""
 
     def peers(self) -> set[str]:
         """Return the ids of the sessions that are connected."""
         return {str(transport.zid) for transport in self.session.info.transports()}
 
     def flush(self, zids: Iterable[str]) -> None:
-        """Wait until neighbours have taken in what this segment told them; not for long."""
+        """Wait, for a limited time, until neighbours have processed the declarations of this segment."""
         for zid in zids:
             for _ in self.session.get(f"@/{zid}/router", timeout=_FLUSH_S):
                 pass
@@ -93,7 +93,7 @@ class Segment:
 
 
 def is_open_to_all(listen: Sequence[str], config: Mapping[str, Any]) -> bool:
-    """Return whether anybody on this machine may connect to a segment, the junction included.
+    """Return whether any process on this machine, including the junction, may connect to a segment.
 
     Args:
         listen: Endpoints that the segment listens on.

@@ -1,4 +1,4 @@
-"""Opening Zenoh sessions: their threads, ports, and errors that people understand."""
+"""Opening of Zenoh sessions: their threads, ports, and understandable errors."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def _runtime(receivers: int) -> str:
 
 
 _OURS = {_runtime(_RECEIVERS)}
-"""What `prepare_runtime` has set, here or in riot's process that has started this one."""
+"""Values set by `prepare_runtime`, in this process or in the riot process that started it."""
 _FEW_RECEIVERS = 4
-_ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
+_ZENOH_RECEIVERS = 2  # Zenoh's default
 _CALLBACKS = "pyo3-closure"
 _CALLBACKS_S = 3.0
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
@@ -54,12 +54,12 @@ _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 def prepare_runtime(receivers: int = _RECEIVERS) -> None:
     """Give Zenoh's runtimes enough receive threads; call before the first session of the process.
 
-    A receive task that pushes into a full queue blocks its thread: as many threads of a router may be blocked as
-    components publish faster than somebody receives. If none is left for the link that the receivers are behind, and
-    they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost little.
+    A receive task that pushes into a full queue blocks its thread, so each component that publishes faster than its
+    subscribers receive may block a thread of a router. If none is left for the link to the subscribers, and they
+    publish as fast in the other direction, both routers wait until Zenoh closes links. Waiting threads cost little.
 
     Args:
-        receivers: Receive threads of each router.
+        receivers: Number of receive threads of each router.
     """
     if _VARIABLE not in os.environ:
         os.environ[_VARIABLE] = _runtime(receivers)
@@ -74,7 +74,7 @@ def prepare_runtime(receivers: int = _RECEIVERS) -> None:
 
 
 def environment_of_others() -> dict[str, str]:
-    """Return the environment for processes that are not riot's: what `prepare_runtime` has set is for routers alone."""
+    """Return the environment for processes of others, without the setting of `prepare_runtime` for routers."""
     return {name: value for name, value in os.environ.items() if name != _VARIABLE or value not in _OURS}
 
 
@@ -82,8 +82,8 @@ def environment_of_others() -> dict[str, str]:
 def _end_callbacks() -> None:
     """Wait for the threads on which Zenoh calls back, which end after their sessions.
 
-    Python does so itself, but not where a daemon thread has declared them, as they are daemons then. One of these that
-    wants the interpreter while that goes down aborts the whole process (Rust cannot be unwound by `pthread_exit`).
+    Python does so itself, except for those declared by a daemon thread, which are daemons, too. If one of these needs
+    the interpreter during shutdown, the whole process aborts (Rust cannot be unwound by `pthread_exit`).
     """
     deadline = time.monotonic() + _CALLBACKS_S
     for thread in threading.enumerate():
@@ -110,12 +110,12 @@ def open_session(config: SessionConfig, *, purpose: str, library: Any = None) ->
 
     Args:
         config: Configuration keys and JSON values.
-        purpose: What the session is for, as errors name it: `segment 'unit'`.
-        library: The copy of Zenoh's library (`libraries.borrow`); none means `zenoh` itself.
+        purpose: Purpose of the session for errors, such as `segment 'unit'`.
+        library: Copy of Zenoh's library (`libraries.borrow`); None for `zenoh` itself.
 
     Raises:
-        ConfigError: Zenoh does not know a key or refuses its value.
-        EnvironmentFaultError: A port is in use, or nobody answers at an endpoint.
+        ConfigError: Zenoh does not know a key or rejects its value.
+        EnvironmentFaultError: A port is in use, or there is no answer from an endpoint.
     """
     import zenoh
 
@@ -163,7 +163,7 @@ def reason(error: Exception) -> str:
 
 
 def listening(session: zenoh.Session) -> list[str]:
-    """Return where a router session really listens: port 0 is replaced by the port that was given."""
+    """Return the actual endpoints of a router session: port 0 is replaced by the assigned port."""
     for reply in session.get(f"@/{session.info.zid()}/router", timeout=5.0):
         if reply.ok is not None:
             return [str(locator) for locator in json.loads(reply.ok.payload.to_bytes())["locators"]]
@@ -211,12 +211,12 @@ def intersects(expression: str, other: str) -> bool:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:
-    """Ask until the condition holds; return whether it did before the deadline.
+    """Wait until a condition holds; return whether it did before the deadline.
 
     Args:
-        condition: Asked again and again; must be cheap.
-        timeout: Seconds.
-        interval: Seconds between two questions.
+        condition: Function that is called repeatedly; must be cheap.
+        timeout: Longest time to wait, in seconds.
+        interval: Seconds between two calls.
     """
     deadline = time.monotonic() + timeout
     while not condition():

@@ -1,4 +1,4 @@
-"""Configuration of Zenoh sessions: plain dictionaries of configuration keys and JSON values, so that tests can look."""
+"""Configuration of Zenoh sessions: plain dictionaries of configuration keys and JSON values, for easy testing."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SessionConfig = dict[str, Any]
 """Configuration keys such as `listen/endpoints`, and their JSON values."""
 
 OWN_CHUNK = "@riot"
-"""First chunk of our own keys; being verbatim, it stays out of everybody's wildcards."""
+"""First chunk of our own keys; being verbatim, it is not matched by wildcards."""
 
 WAIT_BEFORE_CLOSE_S = 5.0
 """How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
 
 _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-_FLOWS = ["ingress"]  # one of them is enough, and each is paid for by all messages on all links
+_FLOWS = ["ingress"]  # one direction is enough, and each costs time for all messages on all links
 _CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"]
 
 
@@ -87,12 +87,12 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
 
 
 def control_id() -> str:
-    """Return a new id for a session that controls a router; such sessions are no components."""
+    """Return a new id for a session that controls a router; such sessions are not components."""
     return f"{_CONTROL}{os.urandom(8).hex()}"
 
 
 def is_control(zid: str) -> bool:
-    """Return whether an id is one of those."""
+    """Return whether an id was made by `control_id`."""
     return zid.startswith(_CONTROL)
 
 
@@ -103,18 +103,18 @@ def access_control(
     tokens: Sequence[str] | None = None,
     peers: Sequence[str] | None = None,
 ) -> SessionConfig:
-    """Return the rules by which a router lets nothing come in over a link that has to stay in its segment.
+    """Return the access rules by which a router rejects over its links what has to stay in another segment.
 
-    Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
-    Questions to the router itself stay in their segment, so that each is answered once, and only where control is
-    allowed; else a question would be carried on to every segment.
+    Subscriptions to the cut keys are rejected too: segments then do not send what would be rejected anyway. Queries to
+    the router itself stay in their segment, so that each is answered once, and only where control is allowed; otherwise
+    a query would be forwarded to every segment.
 
     Args:
         cut: Key expressions that are intercepted.
         services: Key expressions of services whose requests and replies are intercepted.
-        tokens: Key expressions of the liveliness tokens that are kept apart too; default: those of all advanced
+        tokens: Key expressions of liveliness tokens that must not cross either; by default those of all advanced
             publishers on cut keys.
-        peers: Ids of the sessions whose links they apply to; default: all.
+        peers: Ids of the sessions to whose links the rules apply; by default all.
     """
     tokens = [f"{key}/@adv/pub/**" for key in cut] if tokens is None else tokens
     rules = [{"id": "control", "messages": ["query", "reply", "declare_queryable"], "key_exprs": [f"{OWN_CHUNK}/**"]}]

@@ -1,7 +1,7 @@
 """A folder for the Unix sockets of a router, which no other user may enter.
 
-Whoever has one holds it locked. The kernel takes the lock back when the process ends, however that comes about, so what
-is not locked was left by a router that was killed, and the next one removes it.
+A router keeps its folder locked. The kernel releases the lock however the process ends, so a folder without lock was
+left by a router that was killed, and the next router removes it.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _PREFIX = "riot-sockets-"
 _OPEN = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _LOCK = fcntl.LOCK_EX | fcntl.LOCK_NB
 _MOST = 16
-"""Folders that one router looks at, chosen by chance, so that those that stay do not keep it from others."""
+"""Number of folders that one router checks, chosen at random, so that folders that stay do not hide others."""
 _MOST_INSIDE = 64
 
 
 @contextmanager
 def socket_folder() -> Iterator[Path]:
-    """Make a folder, and remove it in the end; before that, remove what routers have left that were killed."""
+    """Make a folder, and remove it at the end; first, remove the folders of routers that were killed."""
     _remove_abandoned(Path(tempfile.gettempdir()))
     folder, lock = _make()
     try:
@@ -42,7 +42,7 @@ def socket_folder() -> Iterator[Path]:
 
 
 def _make() -> tuple[Path, int]:
-    """Make a folder and lock it; another router may take it for an abandoned one before it is locked."""
+    """Make a folder and lock it; retry if another router removed it as abandoned before it was locked."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
         try:
@@ -76,7 +76,7 @@ def _remove(name: str, place: int) -> None:
     """Remove a folder with its sockets and their lock files; one with anything else in it stays.
 
     Raises:
-        OSError: It is in use, no folder, or cannot be removed.
+        OSError: It is in use, is not a folder, or cannot be removed.
     """
     folder = os.open(name, _OPEN, dir_fd=place)
     try:

@@ -17,11 +17,11 @@ _SEND_BUFFER = 1 << 20  # Linux doubles it, and takes no more than net.core.wmem
 
 
 def hang_up(accepted: Set[str] = frozenset(), connected: Set[str] = frozenset()) -> None:
-    """Let ends of connections in this process receive no more than what is on its way to them.
+    """Shut down ends of connections in this process for receiving, except for data in transit.
 
     Args:
         accepted: Paths of sockets on which these ends were accepted.
-        connected: Paths of sockets that these ends have connected to.
+        connected: Paths of sockets to which these ends have connected.
     """
     import socket
 
@@ -34,7 +34,7 @@ def widen(paths: Set[str]) -> None:
     """Let connections hold several of Zenoh's full batches (64 KiB), as TCP does; Unix sockets hold three at first.
 
     Args:
-        paths: Of the sockets; both ends of their connections are in this process.
+        paths: Paths of the sockets; both ends of their connections are in this process.
     """
     import socket
 
@@ -43,7 +43,7 @@ def widen(paths: Set[str]) -> None:
 
 
 def _ends(paths: Set[str]) -> Iterator[socket.socket]:
-    """Yield duplicates of this process's ends of connections, each open while it is looked at."""
+    """Yield duplicates of this process's ends of connections, each open until the next one."""
     import socket
 
     for name in os.listdir("/dev/fd"):

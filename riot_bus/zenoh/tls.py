@@ -1,4 +1,4 @@
-"""Why a TLS link does not come about: Zenoh says only that nobody answers, so the handshake is tried once more."""
+"""Diagnosis of failed TLS links: Zenoh reports only that there is no answer, so the handshake is repeated."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["why_refused"]
 _TLS = "transport/link/tls"
 _TIMEOUT_S = 2.0
 _ALERT_S = 0.5
-"""How long an alert may take that answers the client's certificate: with TLS 1.3 it comes after the handshake."""
+"""Seconds to wait for an alert about the client's certificate, which in TLS 1.3 arrives after the handshake."""
 
 
 def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
-    """Return in words why a handshake fails; None if it does not, or if this is no TLS over TCP.
+    """Return the reason why a handshake fails; None if it succeeds, or if the endpoint is not TLS over TCP.
 
     Args:
         endpoint: Endpoint of the router.

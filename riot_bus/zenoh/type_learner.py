@@ -1,7 +1,7 @@
-"""Asks those who use a key for its type, if nothing here defines it: on a thread of its own, one question at a time.
+"""Asks the users of a key for its type if it has no local definition: on its own thread, one query at a time.
 
-Only keys count whose messages somebody here looks at. Nobody waits for the answers. A component that comes up may
-publish before it answers questions, so it is asked again, a few times.
+This concerns only keys whose messages are used here, and does not delay anything. A starting component may publish
+before it answers queries, so it is asked again, a few times.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _MOST_BYTES = 1 << 20
 
 @dataclass(slots=True, eq=False)
 class _Pursuit:
-    """What has been done about one key.
+    """State of the search for the type of one key.
 
     Attributes:
-        key: Whose type is wanted.
-        due: When to look at it again.
-        missing: Whether the type is missing; None before the first look.
-        asked: How often somebody was asked.
-        ear: Listens to its messages.
+        key: Key whose type is wanted.
+        due: Monotonic time of the next attempt, in seconds.
+        missing: Whether the type is missing; None before the first attempt.
+        asked: Number of attempts with queries.
+        ear: Probe that collects attachments of its messages.
     """
 
     key: str
@@ -65,13 +65,13 @@ class Learner:
     """Learns the types of keys.
 
     Args:
-        registry: Its adapters know what is missing, whom to ask and how.
-        tokens: Returns all present liveliness tokens.
-        wanted: Whether somebody here looks at the messages of a key.
-        learnt: Called with each key whose type has become known.
+        registry: Registry whose adapters know which types are missing, whom to ask and how.
+        tokens: Function that returns all present liveliness tokens.
+        wanted: Function that tells whether messages of a key are used here.
+        learnt: Function called with each key whose type has become known.
 
     Attributes:
-        sessions: Where to listen and to ask, one after the other until somebody answers.
+        sessions: Sessions to subscribe and query with, one after the other until there is an answer.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Learner:
         self._asking: Any = None
 
     def look(self, key: str) -> None:
-        """Learn the type of a key, soon, if it is missing; returns at once. Call it whenever the key is announced."""
+        """Schedule learning the type of a key if it is missing; to be called whenever the key is announced."""
         with self._lock:
             if self._closed or key in self._settled or key in self._pursued or len(self._pursued) >= _MOST_KEYS:
                 return
@@ -105,14 +105,14 @@ class Learner:
         self._wake.set()
 
     def idle(self) -> bool:
-        """Return whether somebody was asked for all that is missing and wanted."""
+        """Return whether all missing and wanted types have been asked for."""
         return all(
             each.missing is False or (each.missing and (each.asked > 0 or not self._wanted(each.key)))
             for each in list(self._pursued.values())
         )
 
     def close(self) -> None:
-        """Ask no more; safe to call twice."""
+        """Stop asking; safe to call twice."""
         with self._lock:
             self._closed = True
             if self._asking is not None:
@@ -129,7 +129,7 @@ class Learner:
                 if each.due <= now and not self._closed:
                     try:
                         self._pursue(each)
-                    except Exception:  # somebody else's adapter
+                    except Exception:  # a third-party adapter may raise anything
                         _LOG.exception("the type of %s cannot be learnt", each.key)
                         self._settle(each)
             due = min((each.due for each in list(self._pursued.values())), default=now + _LOOK_S)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["JSON_LINK", "MavlinkBridge"]
 
 JSON_LINK = "json"
-"""Stands for a link in the keys of frames that came as JSON."""
+"""Name that replaces the link in the keys of frames received as JSON."""
 
 _LOG = logging.getLogger(__name__)
 _MOST_PROBLEMS = 1000
@@ -45,19 +45,19 @@ _MEET_S = 5.0
 
 
 class MavlinkBridge:
-    """Bridges while it is open; a context manager.
+    """Context manager that carries frames between links and segments while it is open.
 
     One thread waits for the links and carries what comes over them; Zenoh's threads carry what comes from the bus.
 
     Args:
-        ports: Segments by name; they stay open.
+        ports: Segments by name; the bridge does not close them.
         options: What to bridge.
-        warn: Told in a line what does not work; called on other threads.
+        warn: Called from other threads with one line for each problem.
 
     Attributes:
-        failure: Why it has ended by itself.
-        loop: The thread.
-        crc_extra: Returns a message's extra byte of the checksum.
+        failure: Why the bridge ended by itself, if it did.
+        loop: Thread that waits for the links.
+        crc_extra: Returns a message's CRC extra byte.
 
     Raises:
         ConfigError: An option is not usable.
@@ -102,7 +102,7 @@ class MavlinkBridge:
 
             form = JsonForm(dialect)
             for number, (name, side) in enumerate(self._sides.items()):
-                take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments
+                take = None if number else partial(side.insert, link=JSON_LINK)  # JSON reaches all segments
                 fields = options.mirror == "fields"
                 self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
@@ -136,7 +136,7 @@ class MavlinkBridge:
         self._stack.close()
 
     def _await_each_other(self) -> None:
-        """Take nothing from links before frames can get to the other segments."""
+        """Wait until frames can reach the other segments, before any are taken from links."""
         deadline = time.monotonic() + _MEET_S
         for name, side in self._sides.items() if len(self._sides) > 1 else ():
             if not side.is_heard(deadline - time.monotonic()):
@@ -148,17 +148,17 @@ class MavlinkBridge:
             link.close()
 
     def wait(self, timeout: float) -> bool:
-        """Wait until it is to end; return whether it is."""
+        """Wait until the bridge is to end; return whether it is."""
         return self._ended.wait(timeout)
 
     def stop(self) -> None:
-        """End soon; for signal handlers, too."""
+        """Make the bridge end soon; also usable in signal handlers."""
         self._ended.set()
 
     # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return what is going on, as JSON values."""
+        """Return the state of the bridge as JSON values."""
         return {
             "dialect": self._plan.dialect.name,
             "keys": self._plan.keys.text,
@@ -192,7 +192,7 @@ class MavlinkBridge:
         return ready_line(self.status())
 
     def words(self) -> dict[str, str]:
-        """Return what `{port}` stands for in the command of a program behind the bridge: the first link's port."""
+        """Return the value of `{port}` in the command of a program behind the bridge: the first listening port."""
         first = next((link for link in self._links if link.spec.kind in LISTENS), None)
         return {} if first is None else {"port": first.where.rpartition(":")[2]}
 
@@ -205,7 +205,7 @@ class MavlinkBridge:
     def join(
         self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
     ) -> End:
-        """Take in a new end of a link; from now on it gets frames."""
+        """Add a new end of a link, which gets frames from now on."""
         end = End(spec, address, Framer(self.crc_extra), write, batching)
         self._tallies[spec.name].join(end)
         side = self._sides[spec.segment]
@@ -227,13 +227,13 @@ class MavlinkBridge:
         self._sides[end.segment].take(end, packets, None if mirror is None else mirror.offer)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
-        """Say what does not work, once."""
+        """Report a problem once."""
         self._problem(f"{spec.name} ({spec.where}): {text}")
 
     def _problem(self, line: str) -> None:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
-            with suppress(OSError):  # whoever read it is gone; frames go on
+            with suppress(OSError):  # nobody reads the warnings any more; bridging continues
                 self._warn(f"warning: {line}")
 
     def _counts(self, segment: str) -> Counter[str]:

@@ -22,7 +22,7 @@ Names = list[str] | None
 
 
 class MirrorForm(StrEnum):
-    """What of a frame is published as JSON."""
+    """What is published as JSON: whole messages, or each field, too."""
 
     MESSAGES = "messages"
     FIELDS = "fields"
@@ -137,7 +137,7 @@ def mavlink(
 
     joins = segment is not None or endpoint is not None
     wanted = {"listen": listen, "intercept": intercept, "interceptor": interceptor, "inject": inject, "record": record}
-    source = context.get_parameter_source("cfg")  # a variable may be meant for other commands
+    source = context.get_parameter_source("cfg")  # an environment variable may be meant for other commands
     written = cfg if source is not None and source.name == "COMMANDLINE" else None
     _check_ways(segment, endpoint, written, joins=joins, of_router=[name for name, value in wanted.items() if value])
     options = MavlinkBridgeOptions(
@@ -197,7 +197,7 @@ def _check_ways(
 
 
 def _places(texts: list[str]) -> dict[str, str | None]:
-    """Return where segments listen, None for those that are only named, by name."""
+    """Return the endpoints of segments by name, None for those given by name only."""
     places: dict[str, str | None] = {}
     for text in texts:
         name, equals, endpoint = text.partition("=")

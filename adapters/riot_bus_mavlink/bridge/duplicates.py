@@ -1,4 +1,4 @@
-"""The same frame over several links."""
+"""Recognition of frames that arrive over several links."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _MOST = 1 << 16
 class Duplicates:
     """Recognises frames, byte for byte, that were seen within a period.
 
-    Each sight starts the period anew, as in mavlink-router. With the sequence number in it, a frame has the same bytes
-    again after 256 frames of its source at the earliest, unless its source sends a single kind of frame without change.
+    Each repetition restarts the period, as in mavlink-router. Since a frame contains its sequence number, its bytes
+    recur after 256 frames of its source at the earliest, unless the source keeps sending one and the same frame.
 
     Args:
-        period: Seconds.
-        most: Frames to remember; of more, the oldest are forgotten.
+        period: Length of the period in seconds.
+        most: Maximum number of remembered frames; beyond it, the oldest are forgotten.
     """
 
     def __init__(self, period: float, *, most: int = _MOST) -> None:
@@ -29,7 +29,7 @@ class Duplicates:
 
         Args:
             raw: The whole frame.
-            now: Seconds of a clock that only grows.
+            now: Time of a monotonic clock in seconds.
         """
         last = self._last
         while last:

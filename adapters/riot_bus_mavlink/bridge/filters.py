@@ -21,7 +21,7 @@ FILTER_NAMES = {way: frozenset(f"{action}_{what}_{way}" for action, what in _FIE
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """What passes: all that an allow list names, if there is one, and that no block list names.
+    """Filter that passes what every non-empty allow list names and no block list names.
 
     Attributes:
         allow_msg_id: Message ids; empty for all.
@@ -60,12 +60,12 @@ def filter_of(settings: Mapping[str, str], id_of: Callable[[str], int | None], *
     """Return the filter that settings describe.
 
     Args:
-        settings: Comma-separated numbers, or names of messages, by the names in `FILTER_NAMES`.
+        settings: Comma-separated numbers or message names, by setting (see `FILTER_NAMES`).
         id_of: Returns the id of a message name, None if unknown.
         where: Place of the settings, for errors.
 
     Raises:
-        ConfigError: A value is no number in range and no known message.
+        ConfigError: A value is neither a number in range nor a known message.
     """
     lists: dict[str, frozenset[int]] = {}
     for key, text in settings.items():

@@ -1,4 +1,4 @@
-"""What is known of frames that are alike: of one message, from one component, over one end of a link."""
+"""Known routes of similar frames: the same message, from the same component, over the same end of a link."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MOST_FLOWS = 4096
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Frames that all go the same way, as long as the routes stay as they are.
+    """Frames that all take the same route, as long as the routing table does not change.
 
     Attributes:
-        extra: The message's extra byte of the checksum.
-        count: Counts the frames of the source.
-        others: Who gets them on the same segment.
-        outlet: Puts them on the bus.
+        extra: The message's CRC extra byte.
+        count: Counter of the frames of the source.
+        others: Other ends on the same segment that get the frames.
+        outlet: Publisher that puts the frames on the bus.
     """
 
     extra: bytes

@@ -3,8 +3,8 @@
     {"header": {"system_id": 1, "component_id": 1, "sequence": 7, "message_id": 0},
      "message": {"type": "HEARTBEAT", "mavtype": {"type": "MAV_TYPE_GCS"}, "base_mode": {"bits": 81}, ...}}
 
-Enums are named, flags are numbers, text is a string; a field called `type` is `mavtype`. NaN and Infinity are written
-so, as in JSON5. An undefined value of an enum is a plain number, since it has no name.
+Enum values are names, flags are numbers, text is a string; a field called `type` becomes `mavtype`. NaN and Infinity
+are written literally, as in JSON5. An undefined enum value is a plain number, since it has no name.
 """
 
 from __future__ import annotations
@@ -65,14 +65,14 @@ class JsonForm:
         return {"header": header, "message": {"type": message.name, **{name: read(body) for name, read in readers}}}
 
     def frame(self, payload: bytes, sequence: Callable[[int, int], int]) -> Frame:
-        """Return the frame of MAVLink 2 that JSON describes; fields that are not there are zero.
+        """Return the MAVLink 2 frame that JSON describes; missing fields are zero.
 
         Args:
-            payload: JSON, as others have sent it.
-            sequence: Returns the number of the next frame of a system and component; what the header says is not taken.
+            payload: JSON text as it was received.
+            sequence: Returns the next sequence number of a system and component; the header's is ignored.
 
         Raises:
-            PayloadError: It is no JSON of this form, or has unknown names or values that do not fit.
+            PayloadError: The payload is not JSON of this form, or has unknown names or values that do not fit.
         """
         header, fields = _parts(payload)
         system, component = (_byte(header, name) for name in ("system_id", "component_id"))
@@ -177,7 +177,7 @@ def _number(value: Any, where: str) -> Scalar:
 
 
 def _text(value: Any, where: str) -> str:
-    """Take text also as mavlink2rest used to write it: as a list of characters, or of their codes."""
+    """Return text, also from a list of characters or of their codes, as mavlink2rest used to write it."""
     if isinstance(value, list):
         try:
             value = "".join(each if isinstance(each, str) else chr(each) for each in value[:256])

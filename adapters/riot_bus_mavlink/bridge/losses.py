@@ -1,4 +1,4 @@
-"""What was lost before it came here: gaps in the sequence numbers of each source."""
+"""Frames lost before they reached the bridge: gaps in the sequence numbers of each source."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _MOST_SOURCES = 4096
 
 @dataclass(slots=True)
 class SourceCount:
-    """What is known of a source.
+    """Counts of the frames of a source.
 
     Attributes:
-        received: Frames.
-        lost: Frames that are missing, as ground stations count them: the gaps in the sequence numbers. A frame that
+        received: Number of received frames.
+        lost: Number of missing frames, as ground stations count them: the gaps in the sequence numbers. A frame that
             comes late or twice counts as a gap of nearly 256.
         last: The last sequence number.
     """
@@ -25,7 +25,7 @@ class SourceCount:
     last: int = -1
 
     def see(self, sequence: int) -> int:
-        """Take in the number of a frame; return how many frames are missing before it."""
+        """Count a frame by its sequence number; return how many frames are missing before it."""
         missing = (sequence - self.last - 1) & 255 if self.received else 0
         self.received += 1
         self.lost += missing
@@ -40,12 +40,12 @@ class LinkLosses:
         self._sources: dict[int, SourceCount] = {}
 
     def see(self, system: int, component: int, sequence: int) -> int:
-        """Take in the number of a frame; return how many frames are missing before it."""
+        """Count a frame by its sequence number; return how many frames are missing before it."""
         count = self.of(system, component)
         return 0 if count is None else count.see(sequence)
 
     def of(self, system: int, component: int) -> SourceCount | None:
-        """Return what counts the frames of a source; None if there are too many."""
+        """Return the counter of a source, None if there are too many sources."""
         source = system << 8 | component
         count = self._sources.get(source)
         if count is None and len(self._sources) < _MOST_SOURCES:
@@ -53,5 +53,5 @@ class LinkLosses:
         return count
 
     def counts(self) -> dict[tuple[int, int], SourceCount]:
-        """Return what is known, by system and component."""
+        """Return the counts by system and component."""
         return {(source >> 8, source & 255): count for source, count in sorted(self._sources.copy().items())}

@@ -1,4 +1,4 @@
-"""What a bridge attaches to frames on the bus: that they came over a link, and of which bridge."""
+"""Attachments of frames on the bus: whether a frame came over a link, and of which bridge."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["INSERTED", "Mark", "new_mark", "origin_of"]
 
 _MAGIC = b"mavlink-link-1 "
 INSERTED = _MAGIC + b"inserted"
-"""Attached to frames that a bridge has put on the bus for somebody else; they have numbers already."""
+"""Attachment of frames that a bridge put on the bus for another sender; they are numbered already."""
 _ID_BYTES = 8
 
 
 class Mark(Enum):
-    """Where a frame on the bus is from."""
+    """Origin of a frame on the bus."""
 
     OWN = "a link of this bridge"
     OTHER = "a link of another bridge, or of an earlier one if it is played from a log"
@@ -22,15 +22,15 @@ class Mark(Enum):
 
 
 def new_mark() -> bytes:
-    """Return the attachment of one bridge's frames."""
+    """Return a new attachment for the frames of one bridge."""
     return _MAGIC + secrets.token_bytes(_ID_BYTES)
 
 
 def origin_of(attachment: bytes | None, own: bytes) -> Mark:
-    """Return where a frame is from.
+    """Return the origin of a frame.
 
     Args:
-        attachment: What came with it.
+        attachment: Attachment of the frame, None if it has none.
         own: The mark of this bridge.
     """
     if attachment == own:

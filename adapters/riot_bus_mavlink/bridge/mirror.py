@@ -1,4 +1,4 @@
-"""Frames as JSON on the keys of mavlink-server, and frames that others send as such."""
+"""Exchange of frames as JSON, on the keys of mavlink-server."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ _MARK = b"mavlink-json-1"
 class Mirror:
     """Publishes JSON on `mavlink/{sysid}/{compid}/{MESSAGE}` and `mavlink/out`, on a thread of its own.
 
-    What it has no time for is left out and counted: nobody waits for it.
+    Frames that it has no time for are dropped and counted: nothing waits for it.
 
     Args:
         port: The segment.
         form: Writes and reads JSON.
         fields: Whether each field is also published, on `mavlink/{sysid}/{compid}/{MESSAGE}/{field}`.
-        streams: Numbers what comes in.
+        streams: Numbers the incoming frames.
         take: Called with frames that others have put on `mavlink/in`; None to take none.
 
     Attributes:
-        counts: Frames: `mirrored`, `mirror_lost`, `json_in`, `json_refused`.
+        counts: Numbers of frames: `mirrored`, `mirror_lost`, `json_in`, `json_refused`.
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class Mirror:
         self._thread = threading.Thread(target=self._run, name="mavlink-mirror", daemon=True)
 
     def open(self) -> None:
-        """Begin."""
+        """Start publishing and listening."""
         self._thread.start()
         if self._take is not None:
             self._inlet = self._port.subscribe(IN, self._hear)
 
     def close(self) -> None:
-        """End soon; what still waits is left out."""
+        """Stop soon; frames still in the queue are dropped."""
         if self._inlet is not None:
             self._inlet.close()
         self._ended = True
@@ -81,7 +81,7 @@ class Mirror:
             outlet.close()
 
     def offer(self, frames: Sequence[Frame]) -> None:
-        """Publish frames soon."""
+        """Queue frames to be published."""
         try:
             self._waiting.put_nowait(frames)
         except queue.Full:

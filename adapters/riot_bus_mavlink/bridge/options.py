@@ -1,4 +1,4 @@
-"""What `riot bridge mavlink` was asked to do."""
+"""Options of `riot bridge mavlink`."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class MavlinkBridgeOptions:
     """What to bridge, as the user wrote it.
 
     Attributes:
-        links: As `parse_link` takes them.
+        links: Links in the form that `parse_link` takes.
         dialect: Name of a dialect that pymavlink ships.
         files: XML files of further messages.
         keys: Template of the keys of frames on the bus.
         duplicates: Seconds within which a repeated frame is dropped; 0 to drop none.
         sniffer: Id of a system that gets everything; 0 for none.
         key_file: File with the key of signed frames.
-        mirror: What is also published as JSON, as mavlink-server does: `messages`, or with `fields` each field, too.
-        patient: Whether to listen to a segment only once one of its links has somebody at its other end, so that
-            nothing is played to a program that is not connected yet.
+        mirror: What is also published as JSON, as by mavlink-server: `messages`; with `fields`, each field, too.
+        patient: Whether to listen to a segment only once a peer is connected to one of its links, so that nothing is
+            sent to a program that is not connected yet.
     """
 
     links: Sequence[str]
@@ -51,7 +51,7 @@ class MavlinkBridgeOptions:
     patient: bool = False
 
     def adapters(self) -> list[str]:
-        """Return how a router names the adapter that knows the same keys and types; nothing if the usual one does."""
+        """Return the router option for an adapter with the same keys and types; empty if the default one has them."""
         usual = {"dialect": DEFAULT, "template": TEMPLATE, "key_file": "None"}
         chosen = {"dialect": self.dialect, "template": self.keys, "key_file": str(self.key_file)}
         texts = [f"{name}={value}" for name, value in chosen.items() if value != usual[name]]
@@ -83,13 +83,13 @@ class MavlinkBridgeOptions:
 
 @dataclass(frozen=True, slots=True)
 class MavlinkBridgePlan:
-    """What options mean.
+    """Plan of a bridge, made from its options.
 
     Attributes:
-        dialect: Messages that are known.
-        keys: Of frames on the bus.
-        links: The links that are opened.
-        signer: Knows the key of signed frames, if that was given.
+        dialect: Dialect with the known messages.
+        keys: Template of the keys of frames on the bus.
+        links: The links to be opened.
+        signer: Signer with the key of signed frames, None if no key was given.
     """
 
     dialect: Dialect

@@ -1,4 +1,4 @@
-"""Who gets a frame: what routers of MAVLink do, without sockets and clocks.
+"""Routing of frames as MAVLink routers do it, without sockets and clocks.
 
 The rules are those of https://mavlink.io/en/guide/routing.html and of mavlink-router.
 """
@@ -27,12 +27,12 @@ _MOST_TYPES = 4096
 
 
 def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed:
-    """Return whom a frame is for.
+    """Return the target of a frame.
 
     Args:
         frame: The frame that is sent.
-        offsets: Where its type has target system and target component; None if it has none. Bytes that are cut from the
-            end of a payload are zero.
+        offsets: Payload offsets of target system and target component in its type; None where there is none. Bytes cut
+            off at the end of a payload are zero.
     """
     system, component = offsets
     if system is None:
@@ -49,15 +49,15 @@ def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed
 
 
 class Peer:
-    """One that frames are routed to: a link, or one of the clients of a server.
+    """Destination that frames are routed to: a link, or one of the clients of a server.
 
     Attributes:
         link: Name of its link.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
         receives: Whether frames are taken from it.
         sends: Whether frames are given to it.
-        hears_all: Whether it also gets what is for others.
-        counts: Frames by what became of them: `in`, `filtered_in`, `filtered_out`, `duplicate`.
+        hears_all: Whether it also gets frames addressed to others.
+        counts: Numbers of frames by outcome: `in`, `filtered_in`, `filtered_out`, `duplicate`.
     """
 
     __slots__ = ("_accepts", "_emits", "_knowledge", "counts", "group", "hears_all", "link", "receives", "sends")
@@ -82,11 +82,11 @@ class Peer:
 
     @property
     def sources(self) -> frozenset[tuple[int, int]]:
-        """Return the systems and components that were seen there, as pairs; those of its group included."""
+        """Return the pairs of system and component seen on this peer and its group."""
         return frozenset((each >> 8, each & 255) for each in self._knowledge.sources.copy())
 
     def join(self, other: Peer) -> None:
-        """Share what is known with a peer of the same group."""
+        """Share the known sources with a peer of the same group."""
         other._knowledge.merge(self._knowledge)
         self._knowledge = other._knowledge
 
@@ -99,7 +99,7 @@ class _Knowledge:
         self.systems: set[int] = set()
 
     def learn(self, source: int) -> bool:
-        """Return whether it was not known."""
+        """Add a source; return whether it is new."""
         if source in self.sources:
             return False
         self.sources.add(source)
@@ -117,15 +117,15 @@ PeerT = TypeVar("PeerT", bound=Peer)
 class Routes(Generic[PeerT]):
     """The routing table of one segment.
 
-    Not safe for threads by itself, except that `deliver` may run beside `receive`.
+    Not thread-safe, except that `deliver` may run concurrently with `receive`.
 
     Args:
         targets: Returns the offsets of target system and component of a message type.
-        duplicates: Recognises what has come over another link already; None to take everything.
+        duplicates: Recognises frames that already came over another link; None to take everything.
         sniffer: A system that gets everything, on whatever link it is; -1 for none.
 
     Attributes:
-        generation: Changes when frames may go to others than before.
+        generation: Number that changes when frames may go to other peers than before.
     """
 
     def __init__(
@@ -143,11 +143,11 @@ class Routes(Generic[PeerT]):
 
     @property
     def peers(self) -> Sequence[PeerT]:
-        """Return who takes part."""
+        """Return the peers of the segment."""
         return self._peers
 
     def add(self, peer: PeerT) -> None:
-        """Let a peer take part."""
+        """Add a peer to the segment."""
         if peer.group:
             mates = [each for each in self._peers if each.group == peer.group]
             if mates:
@@ -161,11 +161,11 @@ class Routes(Generic[PeerT]):
         self.forget()
 
     def forget(self) -> None:
-        """Nothing that was found holds any more."""
+        """Start a new generation: routes found before are no longer valid."""
         self.generation = next(self._generations)
 
     def settled(self, message_id: int) -> bool:
-        """Return whether all frames of this type and of one source go the same way, until the generation changes."""
+        """Return whether all frames of this type from one source take the same route until the generation changes."""
         offsets = self._offsets.get(message_id) or self._targets(message_id)
         return self._duplicates is None and offsets[0] is None and all(each._emits is None for each in self._peers)
 
@@ -178,12 +178,12 @@ class Routes(Generic[PeerT]):
         """Take a frame that came over a link; learn where its source is.
 
         Args:
-            frame: What came; its checksum is right, or its type unknown.
+            frame: The frame that came; its checksum is right, or its type unknown.
             origin: The end of a link that it came from.
-            now: Seconds of a clock that only grows.
+            now: Time of a monotonic clock in seconds.
 
         Returns:
-            Who else on this segment gets it; None if it is dropped and nobody gets it, here or elsewhere.
+            The other peers on this segment that get it; None if it is dropped, here and elsewhere.
         """
         counts = origin.counts
         system, component, message_id = frame.system, frame.component, frame.message_id
@@ -207,11 +207,11 @@ class Routes(Generic[PeerT]):
         return self._receivers(frame, others, source)
 
     def deliver(self, frame: Frame, *, looped: bool) -> list[PeerT]:
-        """Return who gets a frame that came from the bus.
+        """Return the peers that get a frame from the bus.
 
         Args:
             frame: The frame that came.
-            looped: Whether it has come over a link of this bridge: then it does not go to where its source is.
+            looped: Whether it came over a link of this bridge; if so, it is not sent to the peers of its source.
         """
         return self._receivers(frame, self._peers, frame.system << 8 | frame.component if looped else -1)
 

@@ -1,4 +1,4 @@
-"""One segment of a bridge: its links among themselves, and between them and the bus."""
+"""One segment of a bridge: frames between its links, and between the links and the bus."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ _MOST_OUTLETS = 4096
 class Side:
     """Carries frames between the links of one segment, and between them and the bus.
 
-    Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
-    Frames from the bus are given to the links; one thread at a time brings them, too, which may be that of the links.
+    Frames from a link are put on the bus and sent to the other links; they arrive on one thread at a time. Frames from
+    the bus are sent to the links; they, too, arrive on one thread at a time, which may be that of the links.
 
     Args:
         port: The segment.
-        routes: The table of who gets which frame.
-        keys: Of frames on the bus.
+        routes: The routing table of the segment.
+        keys: Template of the keys of frames on the bus.
         name_of: Returns the name of a message.
         mark: Attached to frames that came over links of this bridge.
         streams: Numbers inserted frames.
         linked: Whether a source was seen on a link of this bridge.
-        signer: Knows the key of signed frames; None if nobody does, then they go on as they are.
+        signer: Signer with the key of signed frames; None to pass them on unchanged.
 
     Attributes:
-        routes: The table of who gets which frame.
+        routes: The routing table of the segment.
         streams: Numbers inserted frames.
-        counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
-            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), or too long for
-            one (`refused`).
+        counts: Numbers of frames: `to_bus`, `lost_to_bus` (could not be put on the bus), `from_bus`, `inserted` (by
+            others than links), `broken` (no whole frames), `unrouted` (wanted by no link), and `refused` (empty, too
+            long for a link, or impossible to re-sign).
     """
 
     def __init__(
@@ -79,11 +79,11 @@ class Side:
 
     @property
     def is_open(self) -> bool:
-        """Whether the bus is listened to."""
+        """Whether this side listens to the bus."""
         return self._inlet is not None
 
     def spoken(self) -> list[tuple[str, int, int, str]]:
-        """Return what came to the bus so far: link, system, component and key."""
+        """Return link, system, component and key of what was put on the bus so far."""
         return [
             (link, system, component, self._keys.key(link, system, component, self._name_of(message_id)))
             for link, system, component, message_id in list(self._outlets)
@@ -94,10 +94,10 @@ class Side:
         self._inlet = self.port.collect(self._keys.expression(), self.hear)
 
     def is_heard(self, seconds: float) -> bool:
-        """Wait until somebody else on the bus takes frames, else the first would be lost; return whether anybody does.
+        """Wait for a subscriber on the bus, without which the first frames would be lost; return whether there is one.
 
         Args:
-            seconds: How long at most.
+            seconds: Maximum time to wait, in seconds.
         """
         matched = threading.Event()
         outlet = self.port.publisher(self._keys.key("any", 0, 0, "ANY"), reliable=True, changed=matched.set)
@@ -111,13 +111,13 @@ class Side:
             outlet.close()
 
     def deafen(self) -> None:
-        """Listen no more, after the links have got what came."""
+        """Stop listening to the bus, after the links have got what arrived."""
         inlet, self._inlet = self._inlet, None
         if inlet is not None:
             inlet.close()
 
     def close(self) -> None:
-        """End it; no link brings frames any more."""
+        """Close the side; no link may bring frames any more."""
         self.deafen()
         for outlet in self._outlets.values():
             outlet.close()
@@ -129,7 +129,7 @@ class Side:
         Args:
             end: The end of the link that it came from.
             packets: Packets, or pieces of a stream, in their order.
-            offer: Also gets the frames that were not dropped.
+            offer: Called with the frames that were not dropped.
         """
         at = 0
         while at < len(packets):
@@ -164,7 +164,7 @@ class Side:
         return kept
 
     def _take_new(self, end: End, frame: Frame, now: float) -> bool:
-        """Carry a frame and take note of where it goes; return whether it was not dropped."""
+        """Carry a frame and remember its route; return False if it was dropped."""
         routes, raw = self.routes, frame.raw
         end.losses.see(frame.system, frame.component, frame.sequence)
         generation = routes.generation
@@ -178,7 +178,7 @@ class Side:
         try:
             outlet = self._outlets.get(place) or self._outlet(place)
             outlet.put(raw, self._mark)
-        except Exception:  # the segment is gone; links of this one go on
+        except Exception:  # the segment is gone; its links still exchange frames
             self.counts["lost_to_bus"] += 1
         else:
             self._remember(frame, end, generation, others, outlet)
@@ -194,18 +194,18 @@ class Side:
             for other in flow.others:
                 other.send(raw)
         failed = self.port.put_all([flow.outlet for flow in flows], raws, self._mark)
-        if failed:  # the segment is gone; links of this one go on
+        if failed:  # the segment is gone; its links still exchange frames
             self.counts["lost_to_bus"] += failed
 
     def _flows(self, end: End) -> dict[bytes, Flow]:
-        """Return what is known of frames from an end, as the routes are now."""
+        """Return the known flows of an end; none if the routes have changed since."""
         if end.generation != self.routes.generation:
             end.flows.clear()
             end.generation = self.routes.generation
         return end.flows
 
     def _remember(self, frame: Frame, end: End, generation: int, others: Sequence[End], outlet: PortPublisher) -> None:
-        """Take note of where frames like this one go."""
+        """Remember the route of frames like this one."""
         extra = self._extra(frame.message_id)
         count = end.losses.of(frame.system, frame.component)
         if frame.version == 2 and extra is not None and count is not None and self.routes.settled(frame.message_id):
@@ -226,7 +226,7 @@ class Side:
                 found is None
                 or found[0] != routes.generation
                 or attachment != own
-                or size < 12  # from here on it is `is_plain`
+                or size < 12  # this and the next three: `is_plain`, inlined
                 or payload[0] != V2
                 or payload[1] != size - 12
                 or payload[2]
@@ -276,11 +276,11 @@ class Side:
             end.send(payload)
 
     def insert(self, frame: Frame, link: str) -> None:
-        """Give a numbered frame that came over no link to the links and the bus.
+        """Send a numbered frame that did not come over a link to the links and the bus.
 
         Args:
             frame: The frame that is sent.
-            link: Stands for a link in its key.
+            link: Name that replaces the link in its key.
         """
         for end in self.routes.deliver(frame, looped=False):
             end.send(frame.raw)
@@ -294,7 +294,7 @@ class Side:
             return self.streams.renumber(frame)
 
     def _hear_broken(self, payload: bytes) -> None:
-        """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""
+        """Send a payload that is not a frame to all links unchanged: it was broken on purpose and names no target."""
         fits = 0 < len(payload) <= LONGEST
         self.counts["from_bus"] += 1
         self.counts["broken" if fits else "refused"] += 1

@@ -1,4 +1,4 @@
-"""Sequence numbers of frames that somebody else than their source has made."""
+"""Sequence numbers of inserted frames, which their source did not make."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _MOST_SOURCES = 4096
 
 
 class OwnStreams:
-    """Numbers inserted frames on streams of their own, one by system and component, that begin with 0.
+    """Numbers inserted frames in separate streams, one for each system and component, that begin with 0.
 
-    The numbers of a source go from end to end, so that receivers tell losses by them; inserted frames must not use them
-    up, and those of the source are never changed. A receiver that keeps one count by source sees a gap all the same.
+    The numbers of a source are passed on unchanged, so that receivers can detect losses by them; inserted frames must
+    not use them up. A receiver that keeps one count for each source sees a gap all the same.
 
     Args:
-        crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
-        signer: Signs signed frames anew; None if the key is not known.
+        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
+        signer: Re-signs signed frames; None if the key is not known.
 
     Attributes:
-        crc_extra: Returns a message's extra byte of the checksum.
+        crc_extra: Returns a message's CRC extra byte.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:
@@ -46,10 +46,10 @@ class OwnStreams:
         return number
 
     def renumber(self, frame: Frame) -> bytes:
-        """Return a frame with the next number of its source's own stream.
+        """Return a frame with the next number of the stream for its source's inserted frames.
 
-        Those of unknown messages stay as they are, since no checksum can be made for them; so do signed ones without
-        the key, or with a signature that is not of this key.
+        Frames of unknown messages stay as they are, since their checksum cannot be computed; so do signed frames if
+        there is no key or their signature was not made with it.
         """
         extra = self.crc_extra(frame.message_id)
         if extra is None or (frame.signed and (self._signer is None or not self._signer.fits(frame))):

@@ -1,4 +1,4 @@
-"""What crossed a link, over all ends that it had."""
+"""Counts of what crossed a link, over all ends that it had."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class LinkTally:
         self._past_sources: dict[tuple[int, int], Counter[str]] = {}
 
     def join(self, end: End) -> None:
-        """Count an end, too."""
+        """Include an end in the counts."""
         self._ends = [*self._ends, end]
 
     def leave(self, end: End) -> None:
@@ -41,18 +41,18 @@ class LinkTally:
         self._ends = [each for each in self._ends if each is not end]
 
     def end(self, link: Link) -> None:
-        """Keep what a link says of itself, since it is about to be closed."""
+        """Keep the state of a link that is about to be closed."""
         self._ended = _state_of(link)
 
     def addresses(self) -> tuple[str, ...]:
-        """Return where the present ends are."""
+        """Return the addresses of the present ends."""
         return tuple(end.address for end in self._ends)
 
     def status(self, link: Link) -> dict[str, Any]:
-        """Return what is known, as JSON values.
+        """Return the state and the counts as JSON values.
 
         Args:
-            link: The link, as it is open.
+            link: The link that was opened.
         """
         total = Counter(self._past)
         sources = {source: Counter(counts) for source, counts in self._past_sources.items()}

@@ -1,4 +1,4 @@
-"""What a bridge says at its beginning and at its end."""
+"""Text that a bridge prints at its start and at its end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def ready_line(status: Mapping[str, Any]) -> str:
     """Return a line that says which links are in which segment.
 
     Args:
-        status: Of `MavlinkBridge.status`.
+        status: Result of `MavlinkBridge.status`.
     """
     parts = []
     for name, segment in status["segments"].items():
@@ -28,10 +28,10 @@ def ready_line(status: Mapping[str, Any]) -> str:
 
 
 def summary_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return tables of what crossed and of what was lost before it came.
+    """Return lines with notes and a table of what crossed and what was lost before it arrived.
 
     Args:
-        status: Of `MavlinkBridge.status`.
+        status: Result of `MavlinkBridge.status`.
     """
     rows = [("", "in", "out", "lost before", "not sent", "bad checksum", "junk bytes")]
     notes = []

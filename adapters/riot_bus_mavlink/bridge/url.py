@@ -1,4 +1,4 @@
-"""Links as people write them: the spellings of pymavlink, MAVSDK, mavlink-server and mavlink-router."""
+"""Parser of links in the notations of pymavlink, MAVSDK, mavlink-server and mavlink-router."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
 
 class LinkKind(StrEnum):
-    """What a link is."""
+    """Kind of a link."""
 
     UDP_SERVER = "udp server"
     UDP_CLIENT = "udp client"
@@ -74,17 +74,17 @@ class LinkSpec:
         host: Address to listen on or to connect to; empty for serial links and files.
         port: UDP or TCP port.
         path: Device or file.
-        baud: Of a serial link, bit/s.
-        name: Stands in keys, counts and messages; unique within a bridge.
+        baud: Baud rate of a serial link, bit/s.
+        name: Name in keys, counts and messages; unique within a bridge.
         segment: Name of the segment that it belongs to; empty for the only one.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
         direction: Which way frames go.
-        silence: Seconds after which a peer of a UDP server that sends nothing is forgotten, and a TCP connection whose
-            other end acknowledges nothing is ended.
-        rate: A log is read so many times as fast as it was written; 0 for as fast as possible.
+        silence: Seconds after which a silent peer of a UDP server is forgotten, and a TCP connection whose other end
+            acknowledges nothing is ended.
+        rate: Speed at which a log is read, relative to its recording; 0 for as fast as possible.
         accepts: Filter of what comes in.
         emits: Filter of what goes out.
-        text: As it was written.
+        text: The link as the user wrote it.
     """
 
     kind: LinkKind
@@ -104,7 +104,7 @@ class LinkSpec:
 
     @property
     def url(self) -> str:
-        """Return what was written, without segment and name."""
+        """Return the text of the link without segment and name."""
         named = _NAMED.fullmatch(self.text)
         return self.text if named is None else named["url"]
 
@@ -123,9 +123,9 @@ def parse_links(
     """Parse all links of a bridge and give names to those that have none.
 
     Args:
-        texts: As written; see `parse_link`.
+        texts: Links as the user wrote them; see `parse_link`.
         id_of: Returns the id of a message name, for filters.
-        segments: Names of the segments; a link says which it belongs to if there are several.
+        segments: Names of the segments; if there are several, each link must name its own.
 
     Raises:
         ConfigError: A link is not usable, names no segment, or has the name of another.

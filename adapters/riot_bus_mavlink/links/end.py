@@ -1,4 +1,4 @@
-"""The other end of a link, and what links need of who opens them."""
+"""The other end of a link, and the interfaces of links and of the host that opens them."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ class Batching(NamedTuple):
 
 
 class End(Peer):
-    """One that sends frames and gets frames over a link.
+    """Peer that sends and receives frames over a link.
 
     Args:
         spec: The link.
-        address: Where it is, for status.
+        address: Address of the peer, for status.
         framer: Finds frames in what it sends.
         write: Sends bytes; returns whether they went out, or will.
-        batching: Sends what comes at once at once; None to send each frame by itself.
+        batching: Sends frames that come together with one call; None to send each frame by itself.
 
     Attributes:
-        flows: What is known of frames that come from there, by the bytes of their headers that say what they are; as
-            long as `generation` is that of the routes.
-        generation: Of the routes, when the flows were found.
+        flows: Known flows of frames from there, by the header bytes that identify their kind; valid while `generation`
+            is that of the routes.
+        generation: Generation of the routes when the flows were found.
         segment: Name of the segment that the link belongs to.
-        out: Frames that were given to it.
-        lost: Frames that it had no room for.
+        out: Number of frames that were given to it.
+        lost: Number of frames that it had no room for.
     """
 
     __slots__ = (
@@ -93,11 +93,11 @@ class End(Peer):
         self.flows: dict[bytes, Flow] = {}
         self.generation = -1
         self._write, self._batching = write, batching
-        self._waiting: list[bytes] = []  # only ever this list, so that threads need no lock to put something there
+        self._waiting: list[bytes] = []  # never replaced, so that threads can append without a lock
         self._lock = threading.Lock()
 
     def send(self, raw: bytes) -> None:
-        """Send a frame, or count it as lost; on any thread, without waiting for room."""
+        """Send a frame, or count it as lost, without waiting for room; callable on any thread."""
         batching = self._batching
         if batching is not None and batching.loop.ident == get_ident():
             waiting = self._waiting
@@ -108,7 +108,7 @@ class End(Peer):
                 self.flush()
             return
         with self._lock:
-            if self._waiting:  # they were first
+            if self._waiting:  # they came first
                 self._send_waiting()
             if self._write(raw):
                 self.out += 1
@@ -129,7 +129,7 @@ class End(Peer):
             self.flush()
 
     def flush(self) -> None:
-        """Send what waits for the end of a handler; on any thread."""
+        """Send the frames that wait for the end of a handler; callable on any thread."""
         with self._lock:
             self._send_waiting()
 
@@ -143,7 +143,7 @@ class End(Peer):
 
 
 class Host(Protocol):
-    """Who opens links."""
+    """Owner of links, to which they report ends, frames and problems."""
 
     loop: Loop
     crc_extra: Callable[[int], int | None]
@@ -151,7 +151,7 @@ class Host(Protocol):
     def join(
         self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
     ) -> End:
-        """Take in a new end of a link, from now on it gets frames."""
+        """Add a new end of a link, which gets frames from now on."""
 
     def leave(self, end: End) -> None:
         """Forget an end that is gone."""
@@ -160,7 +160,7 @@ class Host(Protocol):
         """Take packets, or pieces of a stream, in the order in which they came."""
 
     def warn(self, spec: LinkSpec, text: str) -> None:
-        """Say what does not work."""
+        """Report a problem."""
 
 
 class Link(Protocol):
@@ -170,14 +170,14 @@ class Link(Protocol):
 
     @property
     def where(self) -> str:
-        """Where it really is, such as the port that it got."""
+        """Actual place of the link, such as the port that it got."""
 
     @property
     def state(self) -> str:
-        """Return how it is: `listening`, `connected`, `connecting`, `reading`, `ended`."""
+        """Return its state: `listening`, `connected`, `connecting`, `reading`, `ended`."""
 
     def dropped(self) -> int:
-        """Return the packets that the operating system has dropped because they were not taken in time."""
+        """Return how many packets the operating system has dropped because they were not taken in time."""
 
     def close(self) -> None:
         """Close it."""

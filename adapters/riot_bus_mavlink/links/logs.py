@@ -1,4 +1,4 @@
-"""Logs of ground stations (`.tlog`) as links: read in their own time, or written."""
+"""Logs of ground stations (`.tlog`) as links: read at the pace of their timestamps, or written."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _AT_ONCE = 256
 
 
 class TelemetryLogSource:
-    """Sends the frames of a log as if they came now, in the log's own time.
+    """Sends the frames of a log as if they came now, paced by the log's timestamps.
 
-    What is in the log is taken as it was received; frames that jump back in time come at once.
+    Frames are taken as they were received; frames that jump back in time come at once.
 
     Args:
-        spec: Which file, and how fast.
+        spec: Settings of the link, with the file and the speed.
         host: Gets the frames.
 
     Raises:
@@ -84,7 +84,7 @@ class TelemetryLogSource:
         self._timer = self._host.loop.later(0.0, self._go_on)
 
     def _wait(self, time_ns: int) -> float:
-        """Return in how many seconds a record of this time is due."""
+        """Return the seconds until a record with this timestamp is due."""
         if self._begun is None:
             self._begun = time.monotonic(), time_ns
         if not self.spec.rate:
@@ -115,11 +115,11 @@ class TelemetryLogSource:
 
 
 class TelemetryLogSink:
-    """Appends all that is sent to it, each frame with its time.
+    """Appends all frames that are sent to it, each with its time.
 
     Args:
-        spec: Which file; it gets everything, whoever it is for.
-        host: Sends.
+        spec: Settings of the link, with the file; it gets all frames, whatever their target.
+        host: Sends the frames.
 
     Raises:
         EnvironmentFaultError: The file cannot be written.

@@ -24,7 +24,7 @@ _BROKEN = select.EPOLLHUP | select.EPOLLERR
 
 
 class Timer:
-    """Something that is to be done later, unless it is cancelled."""
+    """Call that is made later, unless it is cancelled."""
 
     __slots__ = ("_do",)
 
@@ -32,11 +32,11 @@ class Timer:
         self._do: Callable[[], None] | None = do
 
     def cancel(self) -> None:
-        """Don't do it."""
+        """Cancel the call."""
         self._do = None
 
     def fire(self) -> None:
-        """Do it."""
+        """Make the call."""
         if self._do is not None:
             self._do()
 
@@ -48,7 +48,7 @@ class Loop:
     logged.
 
     Attributes:
-        ident: Of the thread; None before it runs.
+        ident: Identifier of the thread; None before it runs.
     """
 
     def __init__(self) -> None:
@@ -77,13 +77,13 @@ class Loop:
             self._thread.join()
 
     def close(self) -> None:
-        """End it; what is registered stays open."""
+        """Close the loop; registered descriptors stay open."""
         self.stop()
         self._epoll.close()
         os.close(self._wake)
 
     def watch(self, descriptor: int, handler: Callable[[int], None], events: int = READ) -> None:
-        """Call back with `READ` or `WRITE` bits, from now on; what is broken can be read."""
+        """Call back with `READ` or `WRITE` bits from now on; a broken descriptor counts as readable."""
         self._handlers[descriptor] = handler
         self._epoll.register(descriptor, events)
 
@@ -97,7 +97,7 @@ class Loop:
             self._epoll.unregister(descriptor)
 
     def later(self, seconds: float, do: Callable[[], None]) -> Timer:
-        """Do something after a while, once."""
+        """Call `do` once, after some seconds."""
         timer = Timer(do)
         with self._lock:
             heapq.heappush(self._timers, (time.monotonic() + seconds, next(self._numbers), timer))
@@ -105,7 +105,7 @@ class Loop:
         return timer
 
     def at_end(self, do: Callable[[], None]) -> None:
-        """Do something as soon as the handler that calls this has returned."""
+        """Call `do` as soon as the handler that calls this has returned."""
         self._last.append(do)
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""Addresses of hosts; names are looked up on a thread of their own, since that may take long."""
+"""Addresses of hosts; names are looked up on a separate thread, since that may take long."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ Place = tuple[int, tuple[Any, ...]]
 
 
 def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
-    """Return where a host is; waits for its name to be looked up.
+    """Return the address of a host; waits while its name is looked up.
 
-    Of a name that stands for addresses of both kinds, such as `localhost`, IPv4 is taken: other programs that speak
-    MAVLink listen there.
+    For a name with IPv4 and IPv6 addresses, such as `localhost`, IPv4 is taken: other MAVLink programs listen there.
 
     Args:
         host: Name or address.
         port: Port of the host.
-        kind: `SOCK_DGRAM` or `SOCK_STREAM`.
-        flags: Of `getaddrinfo`.
+        kind: Type of the socket, `SOCK_DGRAM` or `SOCK_STREAM`.
+        flags: Flags of `getaddrinfo`.
 
     Raises:
-        OSError: It is not known.
+        OSError: The host is not known.
     """
     found = socket.getaddrinfo(host, port, type=kind, flags=flags)
     family, _, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
@@ -46,15 +45,15 @@ def text_of(address: tuple[Any, ...]) -> str:
 def look_up(
     loop: Loop, host: str, port: int, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
 ) -> None:
-    """Tell where a host is: at once if it is an address, else later, on the loop's thread.
+    """Report the address of a host: at once if `host` is an address, else later, on the loop's thread.
 
     Args:
-        loop: Whose thread must not wait.
+        loop: Loop whose thread must not wait.
         host: Name or address.
         port: Port of the host.
-        kind: `SOCK_DGRAM` or `SOCK_STREAM`.
-        found: Called with the place.
-        failed: Called if it is not known.
+        kind: Type of the socket, `SOCK_DGRAM` or `SOCK_STREAM`.
+        found: Called with the address.
+        failed: Called if the host is not known.
     """
     try:
         place = place_of(host, port, kind, flags=socket.AI_NUMERICHOST)

@@ -34,6 +34,6 @@ def open_link(spec: LinkSpec, host: Host) -> Link:
 
     Raises:
         EnvironmentFaultError: It cannot listen, or a log cannot be opened.
-        MissingExtraError: What it needs is not installed.
+        MissingExtraError: A package that it needs is not installed.
     """
     return _LINKS[spec.kind](spec, host)

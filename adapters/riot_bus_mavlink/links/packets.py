@@ -1,4 +1,4 @@
-"""Packets of a UDP socket, many with one call: to fetch them one by one takes longer than what is done with them."""
+"""Packets of a UDP socket, many with one call: fetching them one by one takes longer than handling them."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ class _Slot(ctypes.Structure):
 
 
 class Packets:
-    """Fetches packets; for one thread.
+    """Fetches packets; for use on one thread.
 
     Args:
-        made: The socket, which does not wait; it stays the caller's.
+        made: The socket, non-blocking and owned by the caller.
     """
 
     def __init__(self, made: socket.socket) -> None:
         self._socket = made
         self._receive = _recvmmsg()
-        self._data = mmap.mmap(-1, _AT_ONCE * _LARGEST)  # of which only what was used takes memory
+        self._data = mmap.mmap(-1, _AT_ONCE * _LARGEST)  # only pages that were used take memory
         self._names = bytearray(_AT_ONCE * _NAME)
         data = ctypes.addressof(ctypes.c_char.from_buffer(self._data))
         names = ctypes.addressof(ctypes.c_char.from_buffer(self._names))
@@ -71,9 +71,9 @@ class Packets:
         self._places = places
 
     def receive(self) -> list[tuple[Any, list[bytes]]]:
-        """Return what has come, in its order: senders' addresses, each with the packets that came from there in a row.
+        """Return packets in order of arrival: senders' addresses, each with its consecutive packets.
 
-        That is nothing, if nothing has come; and not all, if much has.
+        The list is empty if nothing has arrived, and not complete if much has.
         """
         if self._receive is None:
             return self._one_by_one()
@@ -85,7 +85,7 @@ class Packets:
             if error in _REFUSED:
                 self._receive = None
                 return self._one_by_one()
-            # Else it is an answer that somebody was not there.
+            # Any other error reports that an earlier packet found no receiver.
         if count <= 0:
             return []
         data = self._data
@@ -103,7 +103,7 @@ class Packets:
                 data, address = self._socket.recvfrom(_LARGEST)
             except BlockingIOError:
                 break
-            except OSError:  # an answer that somebody was not there
+            except OSError:  # an earlier packet found no receiver
                 continue
             found.append((address, data))
         return _in_runs(found)
@@ -120,7 +120,7 @@ def _in_runs(found: list[tuple[Any, bytes]]) -> list[tuple[Any, list[bytes]]]:
 
 @functools.lru_cache(maxsize=256)
 def _address(name: bytes) -> Any:
-    """Return an address as `socket` has it, from one as the system has it."""
+    """Return the system's form of an address in the form of `socket`."""
     if _FAMILY.unpack_from(name)[0] == socket.AF_INET:
         port, host = _IPV4.unpack_from(name)
         return socket.inet_ntop(socket.AF_INET, host), port
@@ -130,7 +130,7 @@ def _address(name: bytes) -> Any:
 
 @functools.cache
 def _recvmmsg() -> Any:
-    """Return the system's function, None if it has none."""
+    """Return the system's `recvmmsg`, None if it has none."""
     try:
         function = ctypes.CDLL(None, use_errno=True).recvmmsg
     except (OSError, AttributeError):

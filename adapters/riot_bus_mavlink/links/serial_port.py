@@ -16,7 +16,7 @@ __all__ = ["SerialLink"]
 
 
 class _Device:
-    """pyserial sets rates; its descriptor is read and written without waiting."""
+    """Device opened by pyserial, which sets the rate; its descriptor is read and written without waiting."""
 
     def __init__(self, opened: Any) -> None:
         self._opened = opened
@@ -37,7 +37,7 @@ class _Device:
 
 
 class SerialLink(RetriedLink):
-    """Opens a device, and does so again when it was unplugged.
+    """Opens a device, and reopens it after it was unplugged.
 
     Args:
         spec: Settings of the link.

@@ -1,4 +1,4 @@
-"""Links that are streams of bytes: what is written waits where there is no room, within a limit."""
+"""Links that are byte streams; written data waits, up to a limit, while there is no room."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Transport(Protocol):
         """Return its descriptor."""
 
     def receive(self, most: int) -> bytes:
-        """Return what is there; empty at its end. Raises BlockingIOError if nothing is there, OSError if it broke."""
+        """Return available bytes, none at the end. Raises BlockingIOError if nothing is there, OSError if it broke."""
 
     def send(self, data: bytes) -> int:
         """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
@@ -43,10 +43,10 @@ class Stream:
 
     Args:
         spec: Settings of the link.
-        address: Of the other end.
-        transport: Closed with the stream.
+        address: Address of the other end.
+        transport: Open transport, closed with the stream.
         host: Gets what comes.
-        gone: Called on the loop's thread when the other end has closed it, or it broke.
+        gone: Called on the loop's thread when the other end has closed the stream, or it broke.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Stream:
         self._host.leave(self.end)
 
     def _write(self, data: bytes) -> bool:
-        """Take a whole frame or nothing of it."""
+        """Take a whole frame or nothing; return whether it was taken."""
         with self._lock:
             if not self._open:
                 return False
@@ -86,7 +86,7 @@ class Stream:
                 done = self._transport.send(data)
             except BlockingIOError:
                 done = 0
-            except OSError:  # its end is seen when it is read
+            except OSError:  # the next read detects that the stream has ended
                 return False
             if done < len(data):
                 self._waiting += data[done:]
@@ -94,7 +94,7 @@ class Stream:
             return True
 
     def _write_all(self, frames: Sequence[bytes]) -> int:
-        """Take so many whole frames."""
+        """Take whole frames; return how many."""
         if len(self._waiting) + sum(map(len, frames)) <= _MOST_WAITING:
             return len(frames) if self._write(b"".join(frames)) else 0
         return sum(map(self._write, frames))
@@ -134,17 +134,17 @@ class Stream:
 
 
 class RetriedLink(ABC):
-    """A link of one stream that is opened again, after a while, whenever it is lost or cannot be opened.
+    """Link of one stream that is reopened, after a while, whenever it is lost or cannot be opened.
 
-    A subclass has `_try` open it, which calls `_opened` or `_again`, now or later, on the loop's thread.
+    The `_try` of a subclass opens it and calls `_opened` or `_again`, now or later, on the loop's thread.
 
     Args:
         spec: Settings of the link.
         host: Gets what comes.
 
     Attributes:
-        lost: What is told when the other end has gone.
-        retry: Seconds until it is tried again.
+        lost: Text that is reported when the other end has gone.
+        retry: Seconds until the next attempt.
     """
 
     lost: ClassVar[str]
@@ -169,7 +169,7 @@ class RetriedLink(ABC):
         return "connecting" if self._stream is None else "connected"
 
     def dropped(self) -> int:
-        """Return 0: TCP drops nothing, and nothing tells what a device has dropped."""
+        """Return 0: TCP drops nothing, and losses of a device cannot be detected."""
         return 0
 
     def close(self) -> None:
@@ -194,7 +194,7 @@ class RetriedLink(ABC):
         self._again(self.lost)
 
     def _again(self, why: str) -> None:
-        """Try later; the same reason is told once."""
+        """Try again later; report the same reason only once."""
         self._wait_no_more()
         if self._closed:
             return
@@ -204,6 +204,6 @@ class RetriedLink(ABC):
         self._timer = self._host.loop.later(self.retry, self._try)
 
     def _wait_no_more(self) -> None:
-        """End what is waited for."""
+        """Cancel the pending attempt."""
         if self._timer is not None:
             self._timer.cancel()

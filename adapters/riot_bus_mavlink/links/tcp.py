@@ -22,11 +22,11 @@ __all__ = ["TcpClient", "TcpServer"]
 _MOST_CLIENTS = 64
 _CONNECT_S = 5.0
 _PROBES = 4
-_LONGEST_PROBE_S = 32767  # that Linux takes
+_LONGEST_PROBE_S = 32767  # limit of Linux
 
 
 class _Socket:
-    """A connection that ends when the other end is silent, even to TCP itself, for so many seconds."""
+    """A connection that ends when the other end is silent, even to TCP itself, for `silence` seconds."""
 
     def __init__(self, made: socket.socket, silence: float) -> None:
         self._made = made
@@ -45,7 +45,7 @@ class _Socket:
 
 
 class TcpServer:
-    """Listens; each client is an end of its own.
+    """Listens for clients, each of which becomes an end of the link.
 
     Args:
         spec: Settings of the link, with the port.
@@ -92,7 +92,7 @@ class TcpServer:
     def _accept(self, events: int) -> None:
         try:
             made, address = self._listener.accept()
-        except OSError:  # it has gone again
+        except OSError:  # the client has gone again
             return
         if len(self._streams) >= _MOST_CLIENTS:
             made.close()
@@ -105,7 +105,7 @@ class TcpServer:
 
 
 class TcpClient(RetriedLink):
-    """Connects, and does so again when it is disconnected.
+    """Connects, and reconnects when the connection is lost.
 
     Args:
         spec: Settings of the link, with the other end.

@@ -33,7 +33,7 @@ _RETRY_S = 1.0
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)
 _DROPS = 12  # column of /proc/net/udp
-_UDP_SEGMENT = 103  # linux/udp.h: the system cuts what is sent into packets of a size, of which the last may be shorter
+_UDP_SEGMENT = 103  # linux/udp.h: the system cuts data into packets of one size; the last may be shorter
 _MOST_SEGMENTS = 64
 _SIZE = struct.Struct("=H")
 _CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
@@ -72,7 +72,7 @@ class _UdpLink:
             return False
         try:
             return made.sendto(data, address) == len(data)
-        except OSError:  # no room, no way, or nobody there
+        except OSError:  # no room, no route, or no receiver
             return False
 
     def _send_all(self, frames: Sequence[bytes], address: tuple[Any, ...]) -> int:
@@ -107,7 +107,7 @@ class _UdpLink:
 
 
 class UdpServer(_UdpLink):
-    """Listens, and answers all that have sent something lately.
+    """Listens, and sends to all addresses that have sent something lately.
 
     Args:
         spec: Settings of the link, with the port.
@@ -149,7 +149,7 @@ class UdpServer(_UdpLink):
     def _read(self, events: int) -> None:
         now = time.monotonic()
         for address, packets in () if self._packets is None else self._packets.receive():
-            if self._packets is None:  # closed by who takes what comes
+            if self._packets is None:  # closed while packets were handled
                 return
             end = self._ends.get(address)
             if end is None:
@@ -180,9 +180,9 @@ class UdpServer(_UdpLink):
 
 
 class UdpClient(_UdpLink):
-    """Sends to an address from the beginning; takes what comes from anywhere, as pymavlink does.
+    """Sends to an address from the beginning; receives from any address, as pymavlink does.
 
-    If the address is that of many (broadcast, multicast), who answers is sent to alone, until it is silent.
+    If the address is broadcast or multicast, once a peer answers, frames go to it alone until it is silent.
 
     Args:
         spec: Settings of the link, with the other end.
@@ -243,7 +243,7 @@ class UdpClient(_UdpLink):
             self._timer = self._host.loop.later(_RETRY_S, self._look_up)
 
     def _put(self, data: bytes) -> bool:
-        answering = self._answering  # None unless the address is that of many
+        answering = self._answering  # None unless the address is broadcast or multicast
         if answering is not None and time.monotonic() - answering[1] < _UNICAST_S:
             return self._send(data, answering[0])
         return self._send(data, self._target)
@@ -263,12 +263,12 @@ def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
 
 
 def reason(error: OSError) -> str:
-    """Return what the system says, as text."""
+    """Return the system's error message."""
     return error.strerror or str(error)
 
 
 def _alike(frames: Sequence[bytes], at: int) -> int:
-    """Return where those that can be sent with one call end, from a place on."""
+    """Return the end index of the frames from `at` on that can be sent with one call."""
     size, most = len(frames[at]), min(len(frames), at + _MOST_SEGMENTS)
     stop = at + 1
     while stop < most and len(frames[stop]) == size:

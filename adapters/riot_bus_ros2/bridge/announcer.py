@@ -1,4 +1,4 @@
-"""Tokens by which the nodes of a domain are seen on the segment, as if they were rmw_zenoh's."""
+"""Liveliness tokens that make the nodes of a domain visible on the segment, like those of rmw_zenoh."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ __all__ = ["Announcer"]
 
 
 class Announcer:
-    """Shows tokens and takes them back.
+    """Declares tokens and undeclares them.
 
     Args:
-        port: Segment that shows them.
-        domain: That of the keys.
+        port: Segment on which they are declared.
+        domain: ROS domain in the keys.
 
     Attributes:
-        gids: For the attachments of an endpoint's messages. rclpy does not say which of several publishers has sent a
-            message, so the first stands for all.
+        gids: Gids for the attachments of an endpoint's messages. rclpy does not say which of several publishers has
+            sent a message, so the first stands for all.
     """
 
     def __init__(self, port: SegmentAccess, domain: int) -> None:
@@ -39,11 +39,11 @@ class Announcer:
         self._numbers = itertools.count(1)
 
     def update(self, wanted: Iterable[DomainAnnouncement], *, may_show: Callable[[DomainAnnouncement], bool]) -> None:
-        """Show what is wanted and nothing else.
+        """Declare the wanted tokens and no others.
 
         Args:
-            wanted: The tokens that are to be shown.
-            may_show: Whether what it promises works already.
+            wanted: The announcements to be declared.
+            may_show: Returns whether what an announcement promises works already.
         """
         present = {each for each in wanted if may_show(each)}
         for gone in [each for each in self._shown if each not in present]:
@@ -58,7 +58,7 @@ class Announcer:
         self.gids = gids
 
     def close(self) -> None:
-        """Take all tokens back."""
+        """Undeclare all tokens."""
         self.update((), may_show=lambda each: False)
 
     def _token(self, what: DomainAnnouncement) -> str:
@@ -74,5 +74,5 @@ class Announcer:
 
 
 def _order(each: DomainAnnouncement) -> tuple[bool, str, str, str, str]:
-    """Nodes first."""
+    """Return a sort key that puts nodes first."""
     return each.kind is not None, each.node, each.kind or "", each.key.topic if each.key else "", each.gid

@@ -40,28 +40,28 @@ _NODE = "riot_bridge_"
 _TOKENS = "@riot/bridge/ros2"
 _LOOK_S = 0.5
 _START_S = 60.0
-_LINGER_S = 2.0  # what the last messages of a publisher that has gone may take
+_LINGER_S = 2.0  # longest delay of the last messages of a publisher that has gone
 _MOST_PROBLEMS = 1000
 _MOST_ROUTES = 4096
 _MOST_TOKENS = 50_000
 _MOST_BRIDGES = 1000
-_MEET_S = 5.0  # what it may take until nodes of a domain know each other
+_MEET_S = 5.0  # longest time until nodes of a domain know each other
 _GID = 16
 
 
 class Ros2Bridge:
-    """Bridges while it is open; a context manager.
+    """Context manager that bridges a ROS domain and a segment while it is open.
 
-    One thread decides what is bridged, from what there is on both sides. Messages are carried by those who bring
-    them: the thread that listens to the node, and Zenoh's.
+    One thread decides what is bridged, from the endpoints on both sides. Messages are carried on the threads that
+    receive them: the one that listens to the node, and Zenoh's.
 
     Args:
-        port: The segment; stays open.
+        port: The segment; the bridge does not close it.
         options: What to bridge.
-        warn: Told in a line what does not work; called on other threads.
+        warn: Called from other threads with one line for each problem.
 
     Attributes:
-        failure: Why it has ended by itself.
+        failure: Why the bridge ended by itself, if it did.
 
     Raises:
         ConfigError: An option is not usable.
@@ -111,7 +111,7 @@ class Ros2Bridge:
                 (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
             ):
                 stack.callback(self._port.watch(watched, take).close)
-            # Before the node starts, which takes its time: whoever has a later name has to see this in time.
+            # Before the node starts, which takes time: bridges with a later name must see this token in time.
             mine = Rival(options.domain, self._port.zid, self.name)
             stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
             self._node_says = self._node.start()
@@ -137,17 +137,17 @@ class Ros2Bridge:
             raise self.failure
 
     def wait(self, timeout: float) -> bool:
-        """Wait until it is to end; return whether it is."""
+        """Wait until the bridge is to end; return whether it is."""
         return self._ended.wait(timeout)
 
     def stop(self) -> None:
-        """End soon; for signal handlers, too."""
+        """Make the bridge end soon; also usable in signal handlers."""
         self._ended.set()
 
     # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return what is going on, as JSON values."""
+        """Return the state of the bridge as JSON values."""
         carried = {way: counts.copy() for way, counts in self._carried.items()}
         for way, routes in self._routes():
             for key, route in routes.copy().items():
@@ -175,7 +175,7 @@ class Ros2Bridge:
         return f"ready: ROS domain {options.domain} ({rmw}) and {self._port.endpoint}, there {options.zenoh_domain}/..."
 
     def words(self) -> dict[str, str]:
-        """Return nothing: a program behind this bridge needs to know nothing of it."""
+        """Return no values: a program behind this bridge needs to know nothing about it."""
         return {}
 
     def summary(self) -> Sequence[str]:
@@ -208,7 +208,7 @@ class Ros2Bridge:
         elif event["event"] == "lost":
             self._lost[event["id"]] = (event["topic"], event["count"])
             self._problem(event["topic"], "messages come faster than they can be carried; see --depth and --topics")
-        else:  # it could not carry out an order, or lost a message; it is told once
+        else:  # the node could not carry out an order, or lost a message; reported once
             self._problem(event["topic"], event["problem"])
 
     def _see_token(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
@@ -262,7 +262,7 @@ class Ros2Bridge:
             self._settled.set()
 
     def _look_for_rivals(self, graph: DomainGraph, bridges: Sequence[Rival]) -> None:
-        """Two bridges between the same domain and the same segment would carry each message in a circle."""
+        """Fail if an older bridge joins the same domain and segment: messages would circulate between the two."""
         here = {name.rpartition("/")[2] for name in graph.bridges}
         older = sorted(each.name for each in bridges if each.name in here and each.name < self.name)
         if older:
@@ -271,9 +271,9 @@ class Ros2Bridge:
             self._fail(text, "give this one another --domain, or end the other")
 
     def _may_meet_rival(self, graph: DomainGraph, bridges: Sequence[Rival]) -> bool:
-        """Return whether an older bridge may be in the same domain, which takes its time to show who is there.
+        """Return whether an older bridge may be in the same domain, where discovery takes time.
 
-        The number of a domain says nothing: domains of other hosts may be apart and have the same.
+        The number of a domain proves nothing: separate domains of other hosts may have the same number.
         """
         if self._settled.is_set() or time.monotonic() - self._began > _MEET_S:
             return False
@@ -319,7 +319,7 @@ class Ros2Bridge:
         routes: list[UpRoute | OfferedService | WantedService] = []
         routes += [*self._ups.values(), *self._offered.values(), *self._wanted.values()]
         self._by_number = {route.number: route for route in routes}
-        for each in new:  # now that it is known who gets what comes from them
+        for each in new:  # now that the receivers of their messages are known
             each.open()
         for service in self._offered.values():
             service.update(ready=service.number in graph.ready)
@@ -365,7 +365,7 @@ class Ros2Bridge:
             self._carried[way][key.topic] += route.count
 
     def _keeps_promise(self, announcement: DomainAnnouncement) -> bool:
-        """Servers are shown when they answer."""
+        """Return whether something may be announced: servers only once they answer."""
         if announcement.kind != "SS" or announcement.key is None:
             return True
         service = self._offered.get(announcement.key)
@@ -392,7 +392,7 @@ class Ros2Bridge:
         self._thread.join()
 
     def _finish(self) -> None:
-        """Let through what is on its way."""
+        """Let messages that are under way pass."""
         for down in self._downs.values():
             down.mute()
         self._node.finish()

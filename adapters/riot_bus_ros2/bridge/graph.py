@@ -20,17 +20,17 @@ AUTOMATIC, BY_TOPIC = 1, 3
 
 
 class Profile(NamedTuple):
-    """Quality of service in rmw's numbers; durations in nanoseconds, endless ones are 0.
+    """Quality of service in rmw's numbers; durations in nanoseconds, 0 if infinite.
 
     Attributes:
         reliability: 1 reliable, 2 best effort.
         durability: 1 transient local, 2 volatile.
         history: 1 keep last, 2 keep all; DDS does not tell it.
-        depth: 0 if DDS does not tell it.
+        depth: Depth of the history, 0 if DDS does not tell it.
         deadline: Longest time between two messages.
-        lifespan: Older messages are not delivered.
+        lifespan: Age beyond which messages are not delivered.
         liveliness: 1 automatic, 3 by topic.
-        lease: Longest silence of somebody who lives.
+        lease: Longest silence after which a publisher still counts as alive.
     """
 
     reliability: int = RELIABLE
@@ -47,12 +47,12 @@ class DomainEndpoint(NamedTuple):
     """A publisher, subscription, server or client of the domain; servers and clients have no profile and no gid.
 
     Attributes:
-        node: Full name of its node, empty if it is not a ROS node's.
-        topic: Full name.
-        type_name: Such as `nav_msgs/msg/Odometry`.
-        type_hash: None where the distribution has none.
+        node: Full name of its node, empty if it does not belong to a ROS node.
+        topic: Full name of the topic or service.
+        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
+        type_hash: Hash of its type, None if the distribution has no hashes.
         profile: Its quality of service.
-        gid: What DDS knows it by, in hexadecimal.
+        gid: Its id in DDS, in hexadecimal.
     """
 
     node: str
@@ -65,16 +65,16 @@ class DomainEndpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DomainGraph:
-    """What there is, without the endpoints of bridges.
+    """Nodes and endpoints of a domain, without the endpoints of bridges.
 
     Attributes:
         bridges: Names of the nodes of bridges.
-        nodes: Names of all others.
+        nodes: Names of all other nodes.
         publishers: Publishers of topics.
         subscriptions: Subscriptions to topics.
         servers: Servers of services.
         clients: Clients of services.
-        matched: Subscriptions that get what a publisher of ours publishes, by its number.
+        matched: Number of subscriptions that match a publisher of ours, by the publisher's number.
         ready: Numbers of our clients whose server would get a request.
     """
 
@@ -89,7 +89,7 @@ class DomainGraph:
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Self:
-        """Read what the node says."""
+        """Read the node's report."""
 
         def endpoints(name: str) -> list[DomainEndpoint]:
             return [
@@ -113,8 +113,8 @@ def announced(profile: Profile, *, depth: int) -> AnnouncedQos:
     """Return a profile as rmw_zenoh announces it.
 
     Args:
-        profile: As DDS tells it.
-        depth: Stands for a depth that DDS does not tell.
+        profile: Profile as reported by DDS.
+        depth: Depth to use if DDS does not tell it.
     """
     return AnnouncedQos(
         RELIABLE if profile.reliability == RELIABLE else BEST_EFFORT,
@@ -129,7 +129,7 @@ def announced(profile: Profile, *, depth: int) -> AnnouncedQos:
 
 
 def profile_of(qos: AnnouncedQos) -> Profile:
-    """Return what `announced` was made of."""
+    """Return the profile of an announced QoS, the inverse of `announced`."""
     return Profile(
         qos.reliability,
         qos.durability,

@@ -1,4 +1,4 @@
-"""The ROS node of a bridge: a process of the user's own Python, started, spoken to and ended here."""
+"""The ROS node of a bridge: a process that runs in the user's own Python and is controlled from here."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _SOURCE = 'source "$0" && exec "$@"'
 
 
 class NodeProcess:
-    """The process; `start` it once, `close` it always.
+    """Process of the node; call `start` once and `close` always.
 
     Args:
         name: Name of the node.
-        options: Which domain and interpreter.
-        take: Called with each frame on a thread of its own; None when the process has ended.
+        options: Options with domain and interpreter.
+        take: Called on a separate thread with each frame, and with None when the process has ended.
     """
 
     def __init__(self, name: str, options: Ros2BridgeOptions, take: Callable[[BridgeFrame | None], None]) -> None:
@@ -47,7 +47,7 @@ class NodeProcess:
         self._thread = threading.Thread(target=self._receive, name="riot-bridge-node", daemon=True)
 
     def start(self) -> dict[str, Any]:
-        """Start it; return what it says of itself.
+        """Start the process; return its first report.
 
         Raises:
             ConfigError: There is no such interpreter, or it has no rclpy.
@@ -86,7 +86,7 @@ class NodeProcess:
         return said
 
     def tell(self, **order: Any) -> None:
-        """Send an order; nothing happens when the process has ended, which is noticed elsewhere."""
+        """Send an order; do nothing if the process has ended, which is detected elsewhere."""
         self._send(lambda wire: wire.tell(order))
 
     def send(self, kind: BridgeFrameKind, endpoint: int, number: int, payload: bytes) -> None:
@@ -94,13 +94,13 @@ class NodeProcess:
         self._send(lambda wire: wire.send(kind, endpoint, number, payload))
 
     def finish(self) -> None:
-        """Let it take and send what has come from the domain already, and end; wait for that, but not for ever."""
+        """Let the process send what has already arrived from the domain, and end; wait for that for a limited time."""
         if self._thread.is_alive():
             self.tell(do="end")
             self._thread.join(_END_S)
 
     def close(self) -> None:
-        """End it, with what was sent to it before; safe to call twice."""
+        """End the process, after what was sent to it before; safe to call twice."""
         if self._wire is not None:
             self._wire.flush(_FLUSH_S)
             self._wire.hang_up()
@@ -132,7 +132,7 @@ class NodeProcess:
 
 
 def interpreter() -> str:
-    """Return the Python that most probably has rclpy: this one, else the first on PATH that is not this one."""
+    """Return the Python that most probably has rclpy: this one, else the first other one on PATH."""
     spec = find_spec("rclpy")
     here = f"python{sys.version_info.major}.{sys.version_info.minor}"
     if spec is not None and spec.origin is not None and here in spec.origin:

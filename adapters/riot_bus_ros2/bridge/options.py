@@ -1,4 +1,4 @@
-"""What `riot bridge ros2` was asked to do, and which names it bridges."""
+"""Options of `riot bridge ros2`, and the choice of bridged names."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Ros2BridgeOptions:
 
     Attributes:
         domain: `ROS_DOMAIN_ID` of the nodes.
-        zenoh_domain: First chunk of the keys on the segment; bridges that shall meet have the same.
-        topics: Only these, as names with `*` (one chunk) and `**` (any); None for all that nodes use by themselves.
-        services: Only these services, likewise.
-        exclude: Neither these topics nor these services.
-        depth: Messages that the bridge's own endpoints keep for slow peers. DDS does not tell what others keep.
-        latched: Messages that are kept for late joiners of latched topics.
+        zenoh_domain: First chunk of the keys on the segment; the same for bridges that should reach each other.
+        topics: Topics to bridge, as names with `*` (one chunk) and `**` (any); None for the default choice.
+        services: Services to bridge, in the same form.
+        exclude: Topics and services that are not bridged.
+        depth: Number of messages that the bridge's endpoints keep for slow peers. DDS does not tell what others keep.
+        latched: Number of messages that are kept for late joiners of latched topics.
         python: Interpreter that has rclpy; None to look for it.
         setup: Shell script that prepares ROS's environment; None if that is done.
     """
@@ -82,7 +82,7 @@ class Names:
     """Which topics and services are bridged.
 
     Args:
-        options: What the user says.
+        options: Options that the user gave.
     """
 
     def __init__(self, options: Ros2BridgeOptions) -> None:
@@ -90,11 +90,11 @@ class Names:
         self._known: dict[tuple[str, bool], bool] = {}
 
     def topic(self, name: str) -> bool:
-        """Return whether a topic is bridged: by default all but hidden ones and those of every node."""
+        """Return whether a topic is bridged: by default all but hidden ones and those that every node has."""
         return self._cached(name, service=False)
 
     def service(self, name: str) -> bool:
-        """Return whether a service is bridged: by default all but hidden ones and those of every node.
+        """Return whether a service is bridged: by default all but hidden ones and those that every node has.
 
         The services and topics of actions are hidden, but bridged.
         """
@@ -111,7 +111,7 @@ class Names:
         names = [name] if action is None else [name, action[0]]
         if _any_matches(self._exclude, names):
             return False
-        if action is not None:  # is bridged as a whole
+        if action is not None:  # an action is bridged as a whole
             lists = [each for each in (self._topics, self._services) if each is not None]
             return not lists or any(_any_matches(each, names) for each in lists)
         wanted = self._services if service else self._topics

@@ -1,4 +1,4 @@
-"""What a bridge ought to do, as a function of what there is in the domain and on the segment."""
+"""Plan of a bridge, as a function of the endpoints in the domain and on the segment."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 __all__ = ["BridgePlan", "DomainAnnouncement", "Down", "Up", "plan_of"]
 
-_USUAL_DEPTH = 10  # of ROS; stands in tokens where DDS does not tell it
+_USUAL_DEPTH = 10  # default of ROS; used in tokens if DDS does not tell the depth
 _MOST_LATCHED = 1 << 16
-_NAMELESS = "/dds"  # publishes or subscribes without being a ROS node
+_NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 
 class Up(NamedTuple):
-    """A topic goes from the domain to the segment.
+    """Plan for a topic that goes from the domain to the segment.
 
     Attributes:
         reader: Profile of the subscription in the domain.
-        reliable: How it is published on the segment.
-        latched: For late joiners on the segment, too.
+        reliable: Whether it is published reliably on the segment.
+        latched: Whether messages are kept for late joiners on the segment.
     """
 
     reader: Profile
@@ -50,7 +50,7 @@ class Up(NamedTuple):
 
     @property
     def sourced(self) -> bool:
-        """Whether there are publishers: else there is no such plan."""
+        """Whether there are publishers; without them, there is no such plan."""
         return True
 
     def means(self, other: object) -> bool:
@@ -59,11 +59,11 @@ class Up(NamedTuple):
 
 
 class Down(NamedTuple):
-    """A topic goes from the segment to the domain.
+    """Plan for a topic that goes from the segment to the domain.
 
     Attributes:
         writer: Profile of the publisher in the domain.
-        latched: Fetch what publishers on the segment keep; None if they keep nothing.
+        latched: Number of kept messages to fetch from publishers on the segment; None if they keep none.
         sourced: Whether there are publishers on the segment, as far as they are announced.
     """
 
@@ -77,14 +77,14 @@ class Down(NamedTuple):
 
 
 class DomainAnnouncement(NamedTuple):
-    """Something of the domain that the segment is told of by a token.
+    """Node or endpoint of the domain that is announced on the segment by a token.
 
     Attributes:
-        kind: None for a node.
+        kind: Kind of endpoint, None for a node.
         node: Full name of the node.
         key: Topic or service; None for a node.
         qos: Its quality of service.
-        gid: Tells endpoints apart that are alike otherwise.
+        gid: Id that distinguishes otherwise identical endpoints.
     """
 
     kind: EndpointKind | None
@@ -96,15 +96,15 @@ class DomainAnnouncement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BridgePlan:
-    """What ought to be.
+    """Everything that a bridge should carry and announce.
 
     Attributes:
         ups: Topics that have publishers in the domain.
         downs: Topics that have publishers on the segment or subscriptions in the domain.
         offered: Services that have a server in the domain.
         wanted: Services that have a server on the segment, and none in the domain.
-        announcements: All that the segment is told of.
-        foreign: Topics and services of which domain and segment have different types or type hashes.
+        announcements: Everything that is announced on the segment.
+        foreign: Topics and services whose types or type hashes differ between domain and segment.
     """
 
     ups: dict[DataKey, Up] = field(default_factory=dict)
@@ -123,14 +123,14 @@ def plan_of(
     *,
     bridges: Collection[str] = (),
 ) -> BridgePlan:
-    """Return what a bridge ought to do.
+    """Return the plan of a bridge.
 
     Args:
         graph: The domain, without bridges.
         segment: What others announce on the segment.
-        names: What is bridged at all.
-        options: What was asked of the bridge.
-        bridges: Ids of the Zenoh sessions of other bridges, which have one publisher for all that they announce.
+        names: Choice of the bridged topics and services.
+        options: Options of the bridge.
+        bridges: Zenoh session ids of other bridges, each of which has one publisher for all that it announces.
     """
 
     def key_of(found: DomainEndpoint) -> DataKey:
@@ -184,7 +184,7 @@ def _up(profiles: Sequence[Profile], options: Ros2BridgeOptions) -> Up:
 def _down(
     elsewhere: Sequence[Profile], subscribed: Sequence[Profile], depths: Iterable[int], options: Ros2BridgeOptions
 ) -> Down:
-    """Publish as those do who publish on the segment; if they say nothing, so that all subscriptions match."""
+    """Publish like the publishers on the segment; if their QoS is unknown, so that all subscriptions match."""
     profiles = elsewhere or subscribed
     latched = any(each.durability == LATCHED for each in profiles)
     reliable = not elsewhere or any(each.reliability == RELIABLE for each in elsewhere)

@@ -1,4 +1,4 @@
-"""How bridges know of each other: each shows a token on its segment, and each is a node in its domain."""
+"""Discovery of other bridges: each declares a token on its segment, and each is a node in its domain."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _DOMAIN = re.compile("[0-9]{1,3}")
 
 
 class Rival(NamedTuple):
-    """A bridge, as its token says.
+    """Another bridge, as described by its token.
 
     Attributes:
         domain: `ROS_DOMAIN_ID` of its domain.
         zid: Id of its Zenoh session.
-        name: Of its node in the domain.
+        name: Name of its node in the domain.
     """
 
     domain: int
@@ -30,7 +30,7 @@ class Rival(NamedTuple):
 
     @classmethod
     def parse(cls, token: str) -> Rival | None:
-        """Read a token; None if it is none."""
+        """Parse a token; return None if it is not the token of a bridge."""
         chunks = token.split("/")[-_CHUNKS:]
         if len(chunks) < _CHUNKS or not _DOMAIN.fullmatch(chunks[0]):
             return None

@@ -21,11 +21,11 @@ __all__ = ["OfferedService", "WantedService"]
 
 
 class OfferedService:
-    """A server in the domain answers the segment.
+    """Service whose server in the domain answers requests from the segment.
 
     Args:
-        number: Stands for the client in the domain.
-        key: Service.
+        number: Number of the client in the domain.
+        key: Key of the service.
         node: The node in the domain.
         port: The segment.
     """
@@ -39,21 +39,21 @@ class OfferedService:
         self._lock = threading.Lock()
 
     def open(self) -> None:
-        """Have a client in the domain."""
+        """Create a client in the domain."""
         self._node.tell(do="call", id=self.number, topic=self.key.topic, type=self.key.type_name)
 
     @property
     def works(self) -> bool:
-        """Whether the segment's questions are answered."""
+        """Whether requests from the segment are answered."""
         return self._inlet is not None
 
     def update(self, *, ready: bool) -> None:
-        """Take questions as soon as the server would get them."""
+        """Accept requests as soon as the server would get them."""
         if ready and self._inlet is None:
             self._inlet = self._port.serve(build_data_key(self.key), self._ask)
 
     def take(self, frame: BridgeFrame) -> None:
-        """Answer a question."""
+        """Answer a request."""
         with self._lock:
             question = self._open.pop(frame.number, None)
         if question is None:
@@ -64,7 +64,7 @@ class OfferedService:
             question.fail(frame.payload.decode(errors="replace"))
 
     def close(self) -> None:
-        """End it; who still waits is told."""
+        """Close the service; waiting clients are notified."""
         if self._inlet is not None:
             self._inlet.close()
         self._node.tell(do="drop", id=self.number)
@@ -82,11 +82,11 @@ class OfferedService:
 
 
 class WantedService:
-    """A server on the segment answers the domain.
+    """Service whose server on the segment answers requests from the domain.
 
     Args:
-        number: Stands for the server in the domain.
-        key: Service.
+        number: Number of the server in the domain.
+        key: Key of the service.
         node: The node in the domain.
         port: The segment.
     """
@@ -100,11 +100,11 @@ class WantedService:
         self._lock = threading.Lock()
 
     def open(self) -> None:
-        """Have a server in the domain."""
+        """Create a server in the domain."""
         self._node.tell(do="serve", id=self.number, topic=self.key.topic, type=self.key.type_name)
 
     def take(self, frame: BridgeFrame) -> None:
-        """Ask the segment, or give up what nobody waits for any more."""
+        """Send a request to the segment, or drop one that no client waits for any more."""
         if frame.kind == BridgeFrameKind.FAILURE:
             self._forget(frame.number)
             return
@@ -118,7 +118,7 @@ class WantedService:
                 self._asked[frame.number] = asked
 
     def close(self) -> None:
-        """End it; what is not answered yet will not be."""
+        """Close the service; pending requests remain unanswered."""
         self._node.tell(do="drop", id=self.number)
         for number in list(self._asked):
             self._forget(number)

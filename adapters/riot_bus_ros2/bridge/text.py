@@ -1,4 +1,4 @@
-"""What a bridge says at its end."""
+"""Text that a bridge prints at its end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
     """Return a table of what crossed.
 
     Args:
-        status: Of `Ros2Bridge.status`.
+        status: Result of `Ros2Bridge.status`.
     """
     topics, services, refused = status["topics"], status["services"], status["refused"]
     if not topics and not services:

@@ -25,17 +25,17 @@ _LEAST = 4  # bytes of CDR's encapsulation
 class UpRoute:
     """A topic from the domain to the segment.
 
-    What is not latched is only subscribed to while somebody on the segment subscribes to it. So publishers see a
-    subscription when there is one at the other end, and nothing is carried for nobody.
+    A topic that is not latched is subscribed to only while it has a subscriber on the segment. So publishers see a
+    subscription when there is one at the other end, and no message is carried without a receiver.
 
     Args:
-        number: Stands for the subscription.
-        key: Topic.
+        number: Number of the subscription.
+        key: Key of the topic.
         plan: QoS and sides of the topic.
         node: The node in the domain.
         port: The segment.
-        latched: Messages to keep for late joiners.
-        changed: Called when somebody subscribes or does not any more.
+        latched: Number of messages to keep for late joiners.
+        changed: Called when subscribers on the segment appear or disappear.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class UpRoute:
         )
 
     def update(self) -> None:
-        """Subscribe if there is reason to."""
+        """Subscribe or unsubscribe, as needed."""
         wanted = self.plan.latched or self._outlet.matched()
         if wanted and not self._subscribed:
             topic, kind = self.key.topic, self.key.type_name
@@ -69,11 +69,11 @@ class UpRoute:
         self._subscribed = wanted
 
     def take(self, published: int, payload: bytes) -> None:
-        """Publish what has come from the domain.
+        """Publish a message from the domain.
 
         Args:
-            published: When, nanoseconds since the Unix epoch; 0 if unknown.
-            payload: The message.
+            published: Time of publication, nanoseconds since the Unix epoch; 0 if unknown.
+            payload: Payload of the message.
         """
         attachment = build_attachment(Attachment(self.count + 1, published or time.time_ns(), self.gid))
         try:
@@ -102,8 +102,8 @@ class DownRoute:
         plan: QoS and sides of the topic.
         node: The node in the domain.
         port: The segment.
-        is_own: Whether an attachment is that of a message from this bridge.
-        refused: Called with the topic of a message that is too short to be one.
+        is_own: Returns whether an attachment belongs to a message from this bridge.
+        refused: Called with the topic of a message that is too short to be valid.
     """
 
     def __init__(
@@ -129,10 +129,10 @@ class DownRoute:
         )
 
     def update(self, matched: int | None) -> None:
-        """Subscribe if there is reason to.
+        """Subscribe or unsubscribe, as needed.
 
         Args:
-            matched: Subscriptions that get what is published; None while there is no publisher yet.
+            matched: Number of matching subscriptions; None while there is no publisher yet.
         """
         wanted = matched is not None and (matched > 0 or self.plan.latched is not None)
         if wanted and self._inlet is None:
@@ -141,7 +141,7 @@ class DownRoute:
             self.mute()
 
     def mute(self) -> None:
-        """Take no more from the segment."""
+        """Stop taking messages from the segment."""
         if self._inlet is not None:
             self._inlet.close()
             self._inlet = None

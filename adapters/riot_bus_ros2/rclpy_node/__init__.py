@@ -1,4 +1,4 @@
-"""The end of a bridge that is a ROS 2 node: runs in the user's own Python, which has rclpy and nothing of ours.
+"""The ROS 2 node of a bridge: runs in the user's own Python, which has rclpy but none of our packages.
 
-Therefore it imports nothing but the standard library and rclpy, and keeps to what Python 3.10 and Humble's rclpy have.
+Therefore it imports only the standard library and rclpy, and uses only features of Python 3.10 and Humble's rclpy.
 """

@@ -13,7 +13,7 @@ FLUSH_S = 10.0
 
 
 def _load() -> None:
-    """Make this folder a package under a name of its own, without making its neighbours importable."""
+    """Make this folder importable as a package of its own, without its sibling modules."""
     if sys.path and Path(sys.path[0] or ".").resolve() == HERE:
         del sys.path[0]
     name = "riot_rclpy_node"
@@ -29,7 +29,7 @@ def main() -> int:
     """Relay until the other end of the socket is gone."""
     descriptor, node_name = int(sys.argv[1]), sys.argv[2]
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # they are for the bridge, which then hangs up
+        signal.signal(number, signal.SIG_IGN)  # handled by the bridge, which then hangs up
     _load()
     frames = importlib.import_module("riot_rclpy_node.frames")
     wire = frames.Wire(socket.socket(fileno=descriptor))

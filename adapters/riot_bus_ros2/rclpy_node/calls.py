@@ -1,4 +1,4 @@
-"""Servers and clients of services. rclpy knows no serialized requests, so these are taken apart and put together."""
+"""Servers and clients of services. rclpy has no serialized requests, so they are deserialized and serialized here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _AT_ONCE = 16
 
 
 class Server:
-    """Takes requests of the domain for a server that is elsewhere."""
+    """Takes requests from the domain for a server on the segment."""
 
     def __init__(self, node: Node, number: int, topic: str, type_name: str) -> None:
         self.topic = topic
@@ -35,7 +35,7 @@ class Server:
         self._lock = threading.Lock()
 
     def take(self, wire: Wire) -> bool:
-        """Send on the requests that have come; return whether there may be more."""
+        """Forward the requests that have arrived; return whether there may be more."""
         for _ in range(_AT_ONCE):
             request, header = self.handle.service_take_request(self._kind.Request) or (None, None)
             if header is None:
@@ -54,7 +54,7 @@ class Server:
         return True
 
     def answer(self, number: int, payload: bytes | None) -> None:
-        """Send a response to whoever has asked, or forget the request."""
+        """Send a response to the client, or forget the request."""
         with self._lock:
             header = self._open.pop(number, None)
         if header is not None and payload is not None:
@@ -66,7 +66,7 @@ class Server:
 
 
 class DomainClient:
-    """Asks a server of the domain for somebody who is elsewhere."""
+    """Calls a server in the domain for clients on the segment."""
 
     def __init__(self, node: Node, number: int, topic: str, type_name: str) -> None:
         self.topic = topic
@@ -82,7 +82,7 @@ class DomainClient:
         return bool(self._client.service_is_ready())
 
     def ask(self, number: int, payload: bytes, wire: Wire) -> None:
-        """Send a request; what is no request of this type fails."""
+        """Send a request; it fails if it is not of this type."""
         try:
             request = deserialize_message(payload, self._kind.Request)
             with self._lock:
@@ -95,7 +95,7 @@ class DomainClient:
             wire.send(BridgeFrameKind.FAILURE, self._number, lost, b"too many requests are open", patient=False)
 
     def take(self, wire: Wire) -> bool:
-        """Send on the responses that have come; return whether there may be more."""
+        """Forward the responses that have arrived; return whether there may be more."""
         for _ in range(_AT_ONCE):
             with self._lock:
                 header, response = self.handle.take_response(self._kind.Response) or (None, None)

@@ -1,7 +1,7 @@
-"""Tells what a process has published itself from what others publish on the same topic.
+"""Distinguishes messages that this process has published from those of others on the same topic.
 
-rclpy says neither who published a message nor lets a subscription ignore its own process. But the time at which a
-message was published comes with it, and lies within the call that published it.
+rclpy neither says who published a message nor lets a subscription ignore its own process. But a message carries its
+time of publication, which lies within the call that published it.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class Echoes:
     """The messages of one topic that were published here and have not come back yet.
 
     Args:
-        most: How many are remembered; more cannot wait in a subscription that keeps fewer.
-        clock: What middleware stamps with, nanoseconds since the Unix epoch.
+        most: Maximum number of remembered messages; a subscription that keeps fewer cannot hold more.
+        clock: Clock of the middleware's timestamps, nanoseconds since the Unix epoch.
 
     Attributes:
-        most: The same.
+        most: Maximum number of remembered messages.
     """
 
     def __init__(self, most: int, *, clock: Callable[[], int] = time.time_ns) -> None:
@@ -60,13 +60,13 @@ class Echoes:
                 self._sent[number] = (*self._sent[number][:2], end)
 
     def is_echo(self, payload: bytes, published: int) -> bool:
-        """Return whether a message that has come is one of these, and forget it.
+        """Return whether a received message is one of these, and forget it.
 
         Args:
-            payload: Its bytes.
-            published: When its publisher published it, 0 if the middleware does not say so.
+            payload: Bytes of the message.
+            published: Time of publication, 0 if the middleware does not tell it.
         """
-        if not self._sent:  # whatever comes back was noted before it was sent
+        if not self._sent:  # messages are noted before they are sent
             return False
         with self._lock:
             for number in self._by_content.get(hash(payload), ()):

@@ -1,4 +1,4 @@
-"""What the two ends of a bridge send each other over a socket: messages as bytes, all else as JSON."""
+"""Frames between the two ends of a bridge over a socket: messages as bytes, everything else as JSON."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _BUFFER = 1 << 20
 
 
 class BridgeFrameKind(IntEnum):
-    """What a frame is.
+    """Kind of a frame.
 
-    A document is an order for the node, or an event that it tells of. A failure is a response that will not come, or,
-    from whoever has sent a request, one that is not awaited any more.
+    A document is an order for the node, or an event that it reports. A failure says that a response will not come or,
+    from the sender of the request, that it is no longer awaited.
     """
 
     DOCUMENT = 0
@@ -41,8 +41,8 @@ class BridgeFrame(NamedTuple):
     Attributes:
         kind: Kind of the frame.
         endpoint: Number of the publisher, subscription, server or client.
-        number: Of a message: when it was published, nanoseconds since the Unix epoch, 0 if unknown. Else what joins a
-            response to its request.
+        number: For a message, its time of publication in nanoseconds since the Unix epoch, 0 if unknown; otherwise the
+            number that a request and its response share.
         payload: CDR with its encapsulation, or JSON.
     """
 
@@ -58,7 +58,7 @@ class BridgeFrame(NamedTuple):
 
 
 class Wire:
-    """One end; any thread may send, one receives.
+    """One end of the socket; any thread may send, only one may receive.
 
     Args:
         connection: Connected stream socket, from now on owned by this object.
@@ -77,7 +77,7 @@ class Wire:
             endpoint: See `BridgeFrame`.
             number: See `BridgeFrame`.
             payload: See `BridgeFrame`.
-            patient: Wait while more is on its way than the other end takes. Who receives must not, lest both ends wait.
+            patient: Whether to wait while the queue is full. The receiving thread must not, lest both ends wait.
         """
         header = _HEADER.pack(len(payload), kind, endpoint, number)
         if len(payload) < _JOINED:
@@ -97,15 +97,15 @@ class Wire:
         self.send(BridgeFrameKind.DOCUMENT, 0, 0, json.dumps(document).encode(), patient=False)
 
     def flush(self, timeout: float) -> bool:
-        """Wait until the socket has all that was sent; return whether it has.
+        """Wait until everything sent is in the socket; return whether it is.
 
         Args:
-            timeout: Seconds.
+            timeout: Maximum time to wait, in seconds.
         """
         return self._outbox.flush(timeout)
 
     def receive(self) -> BridgeFrame | None:
-        """Wait for the next frame; None if the other end is gone."""
+        """Wait for the next frame; return None if the other end is gone."""
         try:
             header = self._input.read(_HEADER.size)
             if len(header) < _HEADER.size:
@@ -117,13 +117,13 @@ class Wire:
         return BridgeFrame(kind, endpoint, number, payload) if len(payload) == size else None
 
     def hang_up(self) -> None:
-        """Let both ends' `receive` return None; safe to call twice, and from other threads."""
+        """Make `receive` return None at both ends; safe to call twice, and from other threads."""
         self._outbox.end()
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Give the socket back."""
+        """Close the socket."""
         self.hang_up()
         self._outbox.close()
         self._input.close()

@@ -1,4 +1,4 @@
-"""Writes to a socket what many threads hand in, in order, without making them wait for the other end at once."""
+"""Queue that writes bytes of many threads to a socket in order; the threads wait only if it is full."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _AT_ONCE = 1 << 20
 class Outbox:
     """Takes bytes from any thread.
 
-    What comes while nothing waits is written at once, as far as the socket takes it without waiting. The rest is
-    written by a thread, as much at once as there is. What waits is bounded: whoever hands in more waits, too.
+    If the queue is empty, bytes are written at once, as far as the socket takes them without waiting. The rest is
+    written by a thread, as much at once as there is. The queue is bounded: callers wait while it is full.
 
     Args:
-        connection: Connected stream socket; it stays its owner's.
+        connection: Connected stream socket, owned by the caller.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -31,16 +31,16 @@ class Outbox:
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         self._waiting: list[bytes | memoryview] = []
-        self._size = 0  # of what waits, or is being written by the thread
+        self._size = 0  # bytes in the queue or being written by the thread
         self._ended = False
         self._thread: threading.Thread | None = None
 
     def put(self, *pieces: bytes, patient: bool = True) -> None:
-        """Write, or see to it that it is written; raises OSError if the other end is gone.
+        """Write bytes or queue them; raises OSError if the other end is gone.
 
         Args:
-            pieces: Stay together.
-            patient: Wait until there is room; else they are taken nevertheless.
+            pieces: Pieces of bytes that stay together.
+            patient: Whether to wait until there is room; if not, they are queued nevertheless.
         """
         size = sum(map(len, pieces))
         with self._lock:
@@ -65,14 +65,14 @@ class Outbox:
         """Wait until all is written; return whether it is.
 
         Args:
-            timeout: Seconds.
+            timeout: Maximum time to wait, in seconds.
         """
         with self._lock:
             self._changed.wait_for(lambda: self._ended or not self._size, timeout)
             return not self._size
 
     def end(self) -> None:
-        """Take and write no more, forget what waits; safe to call twice, and from any thread."""
+        """Stop taking and writing bytes, and drop the queue; safe to call twice, and from any thread."""
         with self._lock:
             self._ended = True
             self._waiting.clear()
@@ -102,7 +102,7 @@ class Outbox:
 
 
 def _after(pieces: Sequence[bytes], sent: int) -> Iterator[bytes | memoryview]:
-    """Yield what is left of pieces."""
+    """Yield what is left of pieces after the first `sent` bytes."""
     for piece in pieces:
         if sent < len(piece):
             yield memoryview(piece)[sent:] if sent else piece
@@ -110,7 +110,7 @@ def _after(pieces: Sequence[bytes], sent: int) -> Iterator[bytes | memoryview]:
 
 
 def _joined(pieces: list[bytes | memoryview]) -> list[bytes | memoryview]:
-    """Return fewer and larger pieces, without copying what is large."""
+    """Return fewer and larger pieces, without copying large ones."""
     found: list[bytes | memoryview] = []
     small: list[bytes | memoryview] = []
     size = 0

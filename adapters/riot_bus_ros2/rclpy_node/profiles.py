@@ -1,5 +1,5 @@
-"""Quality of service as eight numbers of rmw's: reliability, durability, history, depth, deadline, lifespan,
-liveliness, lease. Durations are nanoseconds; what is endless is 0.
+"""Quality of service as eight numbers of rmw: reliability, durability, history, depth, deadline, lifespan,
+liveliness, lease. Durations are nanoseconds, 0 if infinite.
 """  # noqa: D205
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["numbers_of", "profile_of"]
 
-_ENDLESS_NS = 2_147_483_647 * 10**9  # DDS's own infinity, in seconds; rmw's is longer
+_ENDLESS_NS = 2_147_483_647 * 10**9  # infinity in DDS; that of rmw is longer
 
 
 def profile_of(numbers: Sequence[int]) -> QoSProfile:
@@ -32,7 +32,7 @@ def profile_of(numbers: Sequence[int]) -> QoSProfile:
 
 
 def numbers_of(profile: Any) -> list[int]:
-    """Return what rclpy says of an endpoint; history and depth are unknown (0) where DDS does not tell them."""
+    """Return rclpy's profile of an endpoint; history and depth are 0 (unknown) if DDS does not tell them."""
     return [
         int(profile.reliability),
         int(profile.durability),

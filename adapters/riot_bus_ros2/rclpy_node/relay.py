@@ -1,7 +1,7 @@
-"""Relays serialized messages between a ROS domain and the bridge, as the bridge orders.
+"""Relays serialized messages between a ROS domain and the bridge, under the bridge's orders.
 
-rclpy's executors look at every entity for each message. So there is a wait set of our own, used as
-`rclpy.wait_for_message` uses it; it also lets a request be answered later than its callback returns.
+rclpy's executors examine every entity for each message. So the relay has its own wait set, used as in
+`rclpy.wait_for_message`; it also allows a request to be answered after its callback has returned.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ EndT = TypeVar("EndT")
 FoundT = TypeVar("FoundT")
 
 _WAIT_NS = 1_000_000_000
-_LINGER_S = 2.0  # what the last messages may take at the end
+_LINGER_S = 2.0  # longest delay of the last messages at the end
 _LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02
 _BUSY_S = 1.0
-_SHARE = 20  # of the time, a twentieth goes into looking at the graph
+_SHARE = 20  # a twentieth of the time is spent on looking at the graph
 
 
 class Relay:
@@ -139,7 +139,7 @@ class Relay:
                     self._tell({"event": "problem", "topic": each.topic, "problem": str(error)})
 
     def _drain(self) -> None:
-        """Send on what has come before the end."""
+        """Forward what has arrived before the end."""
         deadline = time.monotonic() + _LINGER_S
         ends: list[Any] = [*self._subscriptions.values(), *self._clients.values(), *self._servers.values()]
         for each in ends:
@@ -209,7 +209,7 @@ class Relay:
         for endpoints in (self._publishers, self._subscriptions, self._servers, self._clients):
             found: Any = endpoints.pop(number, None)
             if found is not None:
-                self._gone.put(found.close)  # by the thread that may be waiting for it
+                self._gone.put(found.close)  # closed by the thread that may be waiting for it
         self._guard.trigger()
 
     # -- the graph ----------------------------------------------------------------------------------------------------
@@ -251,7 +251,7 @@ class Relay:
             self._changed.wait(max(pause, _SHARE * (now - began)))
 
     def _tell(self, event: dict[str, Any]) -> None:
-        """Let the watching thread send an event: those that relay messages must not wait for each other."""
+        """Let the watching thread send an event, since the threads that relay messages must not wait for each other."""
         self._events.put(event)
 
     def _topic(self, frame: BridgeFrame) -> str:
@@ -263,7 +263,7 @@ class Relay:
 
 
 def _each(ends: dict[int, EndT], ask: Callable[[EndT], FoundT]) -> Iterator[tuple[int, FoundT]]:
-    """Yield what each publisher or client says, by number, but for those that are destroyed meanwhile."""
+    """Yield the number and the answer of each publisher or client that is not destroyed in the meantime."""
     for number, each in ends.copy().items():
         with contextlib.suppress(rclpy_implementation.InvalidHandle):
             yield number, ask(each)

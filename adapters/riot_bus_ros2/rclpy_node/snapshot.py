@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["BRIDGES", "GraphSnapshot"]
 
 BRIDGES = "riot_bridge_"
-"""How the names of the nodes of bridges begin."""
+"""Prefix of the names of bridge nodes."""
 
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 _PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
@@ -27,7 +27,7 @@ class GraphSnapshot:
     """Looks at the graph.
 
     Args:
-        node: Ours.
+        node: Node of this bridge.
     """
 
     def __init__(self, node: Node) -> None:
@@ -35,7 +35,7 @@ class GraphSnapshot:
         self._nameless: dict[str, float] = {}
 
     def look(self) -> dict[str, Any]:
-        """Return what is there, of bridges nothing but their names."""
+        """Return the graph, with only the names of bridges."""
         names = [_full(name, namespace) for name, namespace in self._node.get_node_names_and_namespaces()]
         topics = sorted(self._node.get_topic_names_and_types())
         nameless: dict[str, float] = {}
@@ -78,7 +78,7 @@ class GraphSnapshot:
         for node in nodes:
             namespace, _, name = node.rpartition("/")
             services: Any = ()
-            with contextlib.suppress(Exception):  # it has gone meanwhile; each rclpy has its own error for that
+            with contextlib.suppress(Exception):  # the node has gone; each rclpy has its own error for that
                 services = ask(name, namespace or "/")
             for service, types in sorted(services):
                 yield from ([node, service, each, type_hash(each)] for each in sorted(types))

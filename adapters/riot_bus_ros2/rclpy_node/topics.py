@@ -29,7 +29,7 @@ class Topics:
     """Makes publishers and subscriptions; those of one topic know each other.
 
     Args:
-        node: Whose they are.
+        node: Node that owns them.
     """
 
     def __init__(self, node: Node) -> None:
@@ -44,10 +44,10 @@ class Topics:
         """Return a new subscription; raises what rclpy raises, or UnknownTypeError.
 
         Args:
-            number: Stands in its frames.
-            topic: Full name.
-            type_name: Such as `nav_msgs/msg/Odometry`.
-            qos: See `profiles`.
+            number: Number of the subscription in its frames.
+            topic: Full name of the topic.
+            type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
+            qos: Profile as numbers, see `profiles`.
         """
         return Subscription(self._node, self._of(topic, type_name), number, topic, message_type(type_name), qos)
 
@@ -56,7 +56,7 @@ class Topics:
 
 
 class _Both:
-    """What the publisher and the subscription of a topic share."""
+    """State that the publisher and the subscription of a topic share."""
 
     def __init__(self) -> None:
         self.echoes = Echoes(_LEAST_REMEMBERED)
@@ -94,12 +94,12 @@ class Publisher:
             self._publisher.publish(payload)
 
     def matched(self) -> int:
-        """Return how many subscriptions of others get what is published."""
+        """Return the number of other processes' subscriptions that match."""
         own = sum(_matches(self._qos, each) for each in self._both.subscriptions)
         return max(0, int(self._publisher.get_subscription_count()) - own)
 
     def settle(self, seconds: float) -> None:
-        """Wait until reliable subscriptions have all that was published, but not for ever."""
+        """Wait, for `seconds` at most, until reliable subscriptions have everything that was published."""
         self._publisher.wait_for_all_acked(Duration(nanoseconds=int(seconds * 1e9)))
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class Subscription:
     """A subscription; see `Topics`.
 
     Attributes:
-        lost: Messages that were published and did not come, as far as that can be known: while there is one publisher,
+        lost: Number of published messages that did not arrive, as far as it can be known: while there is one publisher
             and the middleware numbers its messages.
     """
 
@@ -132,7 +132,7 @@ class Subscription:
         self.handle: Any = self._subscription.handle
 
     def take(self, wire: Wire) -> bool:
-        """Send on what has come from others; return whether there may be more."""
+        """Forward the messages from others; return whether there may be more."""
         take, kind, is_echo = self.handle.take_message, self._kind, self._both.echoes.is_echo
         found: list[tuple[int, bytes]] = []
         size = 0
@@ -155,7 +155,7 @@ class Subscription:
         return True
 
     def see(self, publishers: Iterable[str]) -> None:
-        """Take notice of the gids of those who publish."""
+        """Record the gids of the publishers."""
         found = tuple(sorted(publishers))
         if found != self._publishers:
             self._publishers, self._last = found, None
@@ -174,7 +174,7 @@ class Subscription:
 
 
 def _matches(offered: Sequence[int], requested: Sequence[int]) -> bool:
-    """Return whether DDS lets a subscription of ours have what a publisher of ours offers."""
+    """Return whether DDS matches a subscription of ours with a publisher of ours."""
     return (offered[0] == _RELIABLE or requested[0] != _RELIABLE) and (
         offered[1] == _LATCHED or requested[1] != _LATCHED
     )

@@ -1,6 +1,6 @@
-"""Whether components can tell a riot bus from one plain Zenoh router: scenarios run through both and are compared.
+"""Test of whether components can tell a riot bus from one plain Zenoh router: scenarios run on both and are compared.
 
-`scenario` says what a scenario is, `scenarios` holds them by theme, `end` is what the code of an end may do,
-`conductor` runs the two ends in processes of their own, `network` opens what lies between them, and `run` compares
-what they saw.
+`scenario` defines what a scenario is, `scenarios` contains them by theme, `end` offers the operations of an end,
+`conductor` runs the two ends in separate processes, `network` opens the network between them, and `run` compares what
+they observed.
 """

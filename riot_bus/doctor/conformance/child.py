@@ -22,7 +22,7 @@ def main(arguments: Sequence[str]) -> None:
     """Run one end and tell the parent what it saw."""
     name, which, life, config = arguments
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever libraries print must not be taken for our words
+    os.dup2(2, 1)  # what libraries print must not be taken for our messages
     lock = threading.Lock()
 
     def say(word: dict[str, Any]) -> None:
@@ -38,9 +38,9 @@ def main(arguments: Sequence[str]) -> None:
     except BaseException:
         word = {"error": traceback.format_exc()}
     say(word)
-    end.wait("!leave", 60.0)  # what an end declared stays until both have seen enough
+    end.wait("!leave", 60.0)  # keep the declarations until both ends are done
     end.close()
-    os._exit(0)  # handlers of Zenoh's that still live keep the interpreter from ending
+    os._exit(0)  # Zenoh handlers that are still alive would keep the interpreter from ending
 
 
 if __name__ == "__main__":

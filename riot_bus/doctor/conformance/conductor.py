@@ -1,4 +1,4 @@
-"""Runs the two ends of a scenario in processes of their own, and carries words between them."""
+"""Conductor that runs the two ends of a scenario in separate processes and passes messages between them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CHILD = "riot_bus.doctor.conformance.child"
 
 
 class EndFailedError(Exception):
-    """An end raised, died or did not come to an end; the text says which and how."""
+    """An end raised an exception, died or did not finish; the text says which end and how."""
 
 
 class _Child:
@@ -56,7 +56,7 @@ class _Child:
         self._thread.start()
 
     def tell(self, signal: str, value: Any = None) -> None:
-        """Send a word; a process that is dead does not hear it."""
+        """Send a signal; nothing happens if the process is dead."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps({"signal": signal, "value": value}) + "\n")
@@ -100,7 +100,7 @@ class _Child:
         self._words.put((self, None))
 
     def close(self) -> None:
-        """Forget what it wrote."""
+        """Discard the captured stderr."""
         self._errors.close()
 
 
@@ -171,7 +171,7 @@ def conduct(
         scenario: The scenario that both ends play.
         network: An open network.
         config: Zenoh configuration of both ends.
-        timeout: Seconds.
+        timeout: Time limit in seconds.
 
     Raises:
         EndFailedError: An end failed.

@@ -1,4 +1,4 @@
-"""What the code of one end may do: open sessions, agree with the other end, and disturb the network."""
+"""Operations of one end: open sessions, synchronise with the other end, and disturb the network."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ Session = Any
 class ScenarioEnd:
     """One end of a scenario. It cannot know what lies between it and the other end.
 
-    Both ends agree through their parent, never through the network: `signal` and `wait`.
+    Both ends synchronise through their parent, never through the network: `signal` and `wait`.
 
     Args:
         name: Name of this end.
-        prefix: What all keys start with.
+        prefix: Common prefix of all keys.
         config: Zenoh configuration of its sessions.
         life: How often this end was killed before.
-        lines: Where the parent's words come from, as JSON lines.
-        say: Sends a word to the parent.
+        lines: Stream of messages from the parent, as JSON lines.
+        say: Sends a message to the parent.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class ScenarioEnd:
         return session
 
     def configure(self, **settings: Any) -> None:
-        """Change what sessions are opened with from now on; names as for `open`."""
+        """Change the configuration of sessions opened from now on; names as for `open`."""
         self._config |= {name.replace("__", "/"): value for name, value in settings.items()}
 
     def close(self) -> None:
@@ -90,7 +90,7 @@ class ScenarioEnd:
         return f"{self._prefix}/{rest}"
 
     def subscribe(self, rest: str, session: Session = None) -> Inbox:
-        """Collect what is published."""
+        """Subscribe to a key expression of this scenario, and collect what is published."""
         inbox = Inbox()
         inbox.handle = (session or self.session).declare_subscriber(self.key(rest), inbox)
         return inbox
@@ -98,14 +98,14 @@ class ScenarioEnd:
     # -- agreeing with the other end ----------------------------------------------------------------------------------
 
     def signal(self, name: str, value: Any = None) -> None:
-        """Tell the other end something; signals of one name are kept in order until they are waited for."""
+        """Send a signal to the other end; signals of one name are queued in order until `wait` takes them."""
         self._say({"signal": name, "value": value})
 
     def wait(self, name: str, timeout: float = DEADLINE_S) -> Any:
         """Return the value of the other end's signal.
 
         Raises:
-            TimeoutError: It did not come.
+            TimeoutError: The signal did not come in time.
         """
         with self._changed:
             if not self._changed.wait_for(lambda: self._signals[name], timeout):
@@ -113,18 +113,18 @@ class ScenarioEnd:
             return self._signals[name].popleft()
 
     def together(self, name: str) -> None:
-        """Wait until both ends are here."""
+        """Wait until both ends have called this with the same name."""
         self.signal(name)
         self.wait(name)
 
     def meet(self, *sessions: Session) -> None:
-        """Wait, as the other end does, until publications of each have reached the other.
+        """Wait until publications of each end have reached the other; both ends must call this.
 
-        What either end declared before is then known where the other is connected, since declarations of one session
-        keep their order. The probes have a verbatim chunk, so that no wildcard sees them.
+        Earlier declarations of either end are then known where the other is connected, since declarations of one
+        session keep their order. The keys of the probes have a verbatim chunk, so that no wildcard matches them.
 
         Args:
-            sessions: Those that have declared something; by default the end's own.
+            sessions: Sessions that have declared something; by default the end's own.
         """
         sessions = sessions or (self.session,)
         other = "right" if self.name == "left" else "left"
@@ -149,24 +149,24 @@ class ScenarioEnd:
         release(*probes)
 
     def matched(self, declared: Any, *, matching: bool = True, timeout: float = DEADLINE_S) -> None:
-        """Wait until a publisher or querier has somebody to talk to, or nobody.
+        """Wait until a publisher or querier has a matching counterpart, or none.
 
         Raises:
-            TimeoutError: That did not happen.
+            TimeoutError: The expected matching status was not reached in time.
         """
         self.until(lambda: declared.matching_status.matching == matching, f"matching to be {matching}", timeout)
 
     def until(
         self, condition: Callable[[], bool], what: str, timeout: float = DEADLINE_S, interval: float = 0.001
     ) -> None:
-        """Wait for a condition; `what` says for what, if it does not come: then TimeoutError is raised."""
+        """Wait for a condition; if it does not come true, raise a TimeoutError that names `what`."""
         if not wait_until(condition, timeout, interval=interval):
             raise TimeoutError(f"{self.name}: waited {timeout:g} s for {what}")
 
     # -- disturbing ---------------------------------------------------------------------------------------------------
 
     def kill_other(self, *, again: bool) -> None:
-        """Kill the other end's process at once, and start another in its place if wanted; return when that is done."""
+        """Kill the other end's process at once, start a new one if `again` is set, and return when that is done."""
         self._say({"ask": "kill", "again": again})
         self.wait("!kill")
 

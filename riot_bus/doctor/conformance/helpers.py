@@ -1,4 +1,4 @@
-"""What several scenarios have in common."""
+"""Helpers that several scenarios share."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def everything(end: ScenarioEnd) -> Observation:
 
 
 def put(end: ScenarioEnd, rest: str, payload: bytes | str, **options: Any) -> None:
-    """Publish what must not be dropped."""
+    """Publish a message that must not be dropped."""
     from riot_bus.zenoh import api as zenoh
 
     end.session.put(end.key(rest), payload, congestion_control=zenoh.CongestionControl.BLOCK, **options)
@@ -47,7 +47,7 @@ def finish(end: ScenarioEnd) -> None:
 
 
 def keys_of(samples: list[Any]) -> list[list[str]]:
-    """Return keys and texts."""
+    """Return the key and the text of each sample."""
     return [[str(sample.key_expr), sample.payload.to_string()] for sample in samples]
 
 
@@ -95,13 +95,13 @@ def advanced_subscriber(end: ScenarioEnd, rest: str, *, history: int | None = No
 
 
 def cached(end: ScenarioEnd, rest: str) -> list[str]:
-    """Return the texts in an advanced publisher's cache, as they are told to late joiners now."""
+    """Return the texts in an advanced publisher's cache, as late joiners would get them now."""
     replies = end.session.get(f"{end.key(rest)}/@adv/**", timeout=1.0)
     return [reply.ok.payload.to_string() for reply in replies if reply.ok]
 
 
 def sequence(samples: list[Any]) -> list[Any]:
-    """Return what is seen of samples of an advanced publisher, with their sequence numbers counted from the first."""
+    """Return the visible parts of an advanced publisher's samples, with sequence numbers relative to the first."""
     shown = []
     first = None
     for sample in samples:

@@ -1,4 +1,4 @@
-"""What lies between two ends: one plain router, a bus, or a router that runs already."""
+"""Network between two ends: one plain router, a bus, or a router that is already running."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class ScenarioNetwork(Protocol):
     """Where two ends connect; a context manager."""
 
     def endpoint(self, end: EndName) -> str:
-        """Return where an end connects."""
+        """Return the endpoint that an end connects to."""
 
     def restart(self) -> None:
-        """Close it, and open it again at the same endpoints."""
+        """Close the network, and open it again at the same endpoints."""
 
     def report(self) -> list[str]:
-        """Return what it says about losses."""
+        """Return what the network reports about losses."""
 
     def __enter__(self) -> Self: ...
 
@@ -71,7 +71,7 @@ class BusNetwork:
     """A riot bus, one segment for each end.
 
     Args:
-        settings: How it listens and is configured.
+        settings: Listening endpoint and Zenoh configuration.
         intercept: Keys that go through a pipeline without interceptors.
         changed: Whether something else was intercepted before: then the segments are no longer linked directly.
     """
@@ -112,7 +112,7 @@ class BusNetwork:
 
 
 class RunningNetwork:
-    """A router that runs already, ours or not."""
+    """A router that is already running, of riot or not."""
 
     def __init__(self, left: str, right: str) -> None:
         self._endpoints = {"left": left, "right": right}

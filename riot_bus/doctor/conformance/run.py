@@ -26,8 +26,8 @@ PLAIN = "plain"
 OURS = (PLAIN, "native", "junction", "intercepted")
 """The ways whose routers we start ourselves.
 
-What is not intercepted goes directly from segment to segment (`native`) until another set of keys is intercepted, and
-over the junction then.
+Messages that are not intercepted go directly from segment to segment (`native`) until another set of keys is
+intercepted, and over the junction from then on.
 """
 
 _OWN_ROUTER: frozenset[Need] = frozenset({"router", "tls", "mtls", "password", "shm"})
@@ -89,7 +89,7 @@ class ScenarioResult:
 
 
 class Absent:
-    """Stands for what is not there."""
+    """Placeholder for a missing value."""
 
     def __repr__(self) -> str:
         return "nothing"
@@ -111,7 +111,7 @@ def run_scenario(
     Args:
         scenario: The scenario that both ends play.
         way: One of `OURS`, or any name together with `endpoints`.
-        endpoints: Where the ends connect to a router that runs already.
+        endpoints: Endpoints of a router that is already running, for the left and the right end.
         folder: Where certificates are kept from one run to the next; by default a temporary folder.
         timeout: Seconds within which both ends must be done.
     """
@@ -182,7 +182,7 @@ def run_suite(
 
     Args:
         scenarios: Scenarios, in the order in which they are run.
-        ways: Ways, and the endpoints of those whose router runs already; by default `OURS`.
+        ways: Ways, with endpoints if their router is already running, else None; by default `OURS`.
         say: Called with each result.
     """
     chosen = {PLAIN: None, **(ways if ways is not None else dict.fromkeys(OURS))}

@@ -27,7 +27,7 @@ def _bytes(data: bytes) -> str:
 
 
 def show(sample: Any) -> dict[str, Any]:
-    """Return what is seen of a sample: of time and source, only whether they are there."""
+    """Return the visible parts of a sample; of timestamp and source, only whether they are present."""
     return {
         "key": str(sample.key_expr),
         "payload": _bytes(sample.payload.to_bytes()),
@@ -67,7 +67,7 @@ class CallCollector:
             self._changed.notify_all()
 
     def wait(self, enough: Callable[[list[Any]], bool], timeout: float = 10.0) -> list[Any]:
-        """Return the items once they are enough, or all that came in time: too few are an observation as well."""
+        """Return the items once there are enough, or those that came in time: too few are an observation too."""
         with self._changed:
             self._changed.wait_for(lambda: enough(self._items), timeout)
             return list(self._items)
@@ -77,7 +77,7 @@ class Inbox(CallCollector):
     """Collects samples.
 
     Attributes:
-        handle: The subscriber, so that it lives as long as what it fills.
+        handle: The subscriber, kept so that it lives as long as the inbox.
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class Inbox(CallCollector):
             super().__call__(sample)
 
     def take(self, count: int, timeout: float = 10.0) -> list[dict[str, Any]]:
-        """Return what is seen of the samples, as soon as there are that many."""
+        """Return the visible parts of the samples, as soon as there are `count` or the time is up."""
         return [show(sample) for sample in self.wait(lambda samples: len(samples) >= count, timeout)]
 
     def until_end(self, ends: int = 1, timeout: float = 10.0) -> list[Any]:
@@ -101,5 +101,5 @@ class Inbox(CallCollector):
         return [sample for sample in samples if sample.payload.to_bytes() != END]
 
     def shown(self, ends: int = 1, timeout: float = 10.0) -> list[dict[str, Any]]:
-        """Return what is seen of the samples before the closing ones."""
+        """Return the visible parts of the samples before the closing ones."""
         return [show(sample) for sample in self.until_end(ends, timeout)]

@@ -1,4 +1,4 @@
-"""What a scenario is: two ends that talk over a few keys, each in a process of its own, and say what they saw."""
+"""Scenarios: two ends, each in its own process, communicate over a few keys and report what they saw."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["PREFIX", "Need", "Observation", "Scenario", "find", "load", "scenario"]
 
 PREFIX = "riot_transparency"
-"""First chunk of every key, so that a suite on somebody's network disturbs nothing."""
+"""First chunk of every key, so that a suite on a network in use disturbs nothing."""
 
 Observation = Any
 """What an end saw, as JSON."""
@@ -26,7 +26,7 @@ Need = Literal["router", "tls", "mtls", "password", "shm", "peer"]
 """What a scenario needs of the network.
 
 `router`: a router that can be restarted; `tls`, `mtls`, `password`: a router that demands them; `shm`: shared memory;
-`peer`: routers that introduce peers to each other, as each does.
+`peer`: routers that introduce peers to each other, as every router does.
 """
 
 
@@ -70,7 +70,7 @@ class Scenario:
 
     @property
     def prefix(self) -> str:
-        """What all its keys start with."""
+        """Common prefix of all its keys."""
         return f"{PREFIX}/{self.name}"
 
     @property

@@ -1,4 +1,4 @@
-"""What routers and components are configured with when links are encrypted or ask for a password."""
+"""Configuration of routers and components for links that are encrypted or require a password."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CERTIFICATES = ("router", "component")
 
 @dataclass(frozen=True)
 class Settings:
-    """How a network listens, and what its routers and the ends are configured with."""
+    """Listening endpoint of a network, and Zenoh configuration of its routers and of the ends."""
 
     listen: str = EPHEMERAL
     router: dict[str, Any] = field(default_factory=dict)
@@ -33,11 +33,11 @@ class Settings:
 
 
 def settings_for(needs: Collection[Need], folder: Path) -> Settings:
-    """Return what routers and ends need.
+    """Return the settings that meet the needs of a scenario.
 
     Args:
-        needs: What a scenario needs.
-        folder: Where certificates and passwords are written.
+        needs: What a scenario needs of the network.
+        folder: Folder in which certificates and passwords are written.
 
     Raises:
         EnvironmentFaultError: Certificates are needed, and there is no `openssl` command.
@@ -74,7 +74,7 @@ def _tls(folder: Path, *, mutual: bool) -> Settings:
 
 
 def make_certificates(folder: Path) -> None:
-    """Write an authority, and a key and certificate of loopback for a router and a component, unless they are there."""
+    """Write an authority, and loopback keys and certificates for a router and a component, unless they exist."""
     if (folder / "component.pem").exists():
         return
     openssl = shutil.which("openssl")

@@ -1,4 +1,4 @@
-"""What the transparency suite says of a running router, one scenario at a time."""
+"""Verdicts of the transparency suite on a running router, one scenario at a time."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _ROUTER = "router"
 
 @dataclass(frozen=True)
 class ScenarioVerdict:
-    """What one scenario showed.
+    """Result of one scenario.
 
     Attributes:
-        scenario: Its name.
+        scenario: Name of the scenario.
         summary: What the scenario does, in a sentence.
-        differences: Where the router was not like a plain one.
+        differences: Where the router behaved differently from a plain one.
         skipped: Why it was not tried.
     """
 

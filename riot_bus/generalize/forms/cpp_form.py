@@ -37,7 +37,7 @@ OPERATIONS: Mapping[str, str | None] = {
     "quotient": "quotient({0}, {1})",
     "leg": "leg({0}, {1})",
 }
-"""None: a standard library of C++ has no such operation on UTF-8."""
+"""None: the C++ standard library has no such operation on UTF-8."""
 _ALWAYS_DOUBLE = frozenset({"div", "hypot", "leg"})
 _TYPES = {
     **{name: f"std::{name}_t" for name in INTEGERS},
@@ -48,7 +48,7 @@ _TYPES = {
     "bytes": "std::string",
 }
 _SMALL, _LARGE = 2**63 - 16, 2**127 - 16
-"""What fits into the integers of a header: 64 bits, or 128; a little less, so that a step beside a root fits, too."""
+"""Limits of the 64-bit and 128-bit integers of a header; a little less, so that a step beside a root fits, too."""
 _PARTS = re.compile(r"^//%% (\w+)\n(.*?)(?=^//%% |\Z)", re.MULTILINE | re.DOTALL)
 _TEMPLATE = dict(_PARTS.findall((Path(__file__).parent / "sanitize.hpp.txt").read_text(encoding="utf-8")))
 
@@ -59,14 +59,14 @@ def cpp_file(
     """Return the text of a C++17 header without dependencies.
 
     Args:
-        terms: The rule's variables, with path and type.
-        types: Of its variables.
+        terms: Terms of the rule, each a conjunction of literals.
+        types: Types of its variables.
         scale: Nominal spread of its variables.
-        name: Of the namespace; letters, digits and underscores.
+        name: Name of the namespace: letters, digits and underscores.
         told: Lines for the reader: what it is about, and the rule.
 
     Raises:
-        ConfigError: The rule needs integers of more than 127 bits, or asks for more of a text than what it is.
+        ConfigError: The rule needs integers of more than 127 bits, or an operation on texts that C++ lacks.
     """
     names = list(types)
     movable = [each for each in names if not is_counted(each)]
@@ -142,7 +142,7 @@ class _Writer:
         if floating:
             return f"differs({text}, {number!r})" if operator == "!=" else f"({text} {operator} {_double(number)})"
         low, high = _bounds(tree, self.types)
-        if not low <= number <= high:  # not a warning of the compiler, but a word
+        if not low <= number <= high:  # a constant, which spares a compiler warning
             truth = {"<": number > high, "<=": number > high, ">": number < low, ">=": number < low, "!=": True}
             return str(truth.get(operator, False)).lower()
         return f"({text} {operator} {self._integer(int(number))})"
@@ -227,7 +227,7 @@ def _bounds(tree: Tree, types: Mapping[str, str]) -> tuple[int, int]:
 
 
 def _largest(tree: Tree, types: Mapping[str, str]) -> int:
-    """Return the size of the largest integer that comes up in a tree, 0 if there are none."""
+    """Return the largest absolute value of an integer in a tree, 0 if there are none."""
     inside = max((_largest(each, types) for each in tree.operands), default=0)
     if is_float(tree, types) or tree.operation in ("nan", "nonfinite"):
         return inside

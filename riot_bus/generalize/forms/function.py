@@ -1,4 +1,4 @@
-"""A rule as a function on single values, for those who judge one message after the other."""
+"""A rule as a function on single values, for judging one message after another."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 __all__ = ["OPERATIONS", "Judge", "compiled", "judge_of", "term_judges"]
 
 Judge = Callable[[Sequence[Any]], bool]
-"""Tells whether values, in the order of some names, meet a rule."""
+"""Function that returns whether values, in a given order of names, meet a rule."""
 
 _HUGE = 2**1023
-"""Integers from here on count as infinite: they are no floating-point numbers any more."""
+"""Integers from here on count as infinite: they are too large for floating-point numbers."""
 
 
 def _not_finite(value: float) -> bool:
@@ -52,7 +52,7 @@ _COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
     "==": operator.eq,
-    "!=": lambda a, b: a != b and a == a,  # NaN is no other number, it is none
+    "!=": lambda a, b: a != b and a == a,  # false for NaN: it is not a number at all
 }
 
 
@@ -73,18 +73,18 @@ def compiled(tree: Tree, names: Sequence[str]) -> Callable[[Sequence[Any]], Any]
 
 
 def judge_of(terms: Terms, names: Sequence[str]) -> Judge:
-    """Return a function that says of each row alone what `Rule.predict` does; never raises.
+    """Return a function that judges a single row as `Rule.predict` does; it never raises.
 
     Args:
-        terms: The rule's variables, with path and type.
-        names: Of the values that it will get, in their order.
+        terms: Terms of the rule, each a conjunction of literals.
+        names: Names of the values that it will get, in their order.
     """
     judges = term_judges(terms, names)
     return judges[0] if len(judges) == 1 else lambda values: any(judge(values) for judge in judges)
 
 
 def term_judges(terms: Terms, names: Sequence[str]) -> list[Judge]:
-    """Return such a function of each term."""
+    """Return such a function for each term alone."""
     return [_all([_literal(literal, names) for literal in term]) for term in terms]
 
 
@@ -137,7 +137,7 @@ def _same(place: int, wanted: Scalar, *, equal: bool) -> Judge:
 
 
 def _numbers(places: list[int], judge: Judge) -> Judge:
-    """Return one that says False where a value is no number, and takes integers that are too large for a float."""
+    """Return a judge that is False if a value is not a number, and accepts integers too large for a float."""
 
     def checked(values: Sequence[Any]) -> bool:
         for place in places:

@@ -99,8 +99,8 @@ def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, f
     """Return the text of a Python file.
 
     Args:
-        terms: The rule's variables, with path and type.
-        types: Of its variables.
+        terms: Terms of the rule, each a conjunction of literals.
+        types: Types of its variables.
         scale: Nominal spread of its variables.
         told: Lines for the reader: what it is about, and the rule.
     """
@@ -122,14 +122,14 @@ def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> st
     """Return the source of a standalone predicate `rule(v)` over a dict of variables.
 
     Args:
-        terms: The rule's variables, with path and type.
-        types: Of its variables.
+        terms: Terms of the rule, each a conjunction of literals.
+        types: Types of its variables.
         told: The rule as text.
     """
     words = identifiers(list(types))
     predicate = "\n        or ".join(f"({_term(term, words, types)})" for term in terms) or "False"
     used = {each.__name__ for each in _HELPERS if f"{each.__name__}(" in predicate}
-    used |= {"larger"} if "smaller" in used else set()  # which calls it
+    used |= {"larger"} if "smaller" in used else set()  # `smaller` calls it
     helpers = "".join(f"{inspect.getsource(each)}\n\n" for each in _HELPERS if each.__name__ in used)
     head = "import math\n\n\n" if helpers or "math." in predicate else ""
     read = [(word, name) for name, word in words.items() if re.search(rf"\b{word}\b", predicate)]
@@ -194,7 +194,7 @@ def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str
         return str(compared)
     operator, number = compared
     if floating and operator == "!=":
-        return f"{text} == {text} != {number!r}"  # NaN is no other number, it is none
+        return f"{text} == {text} != {number!r}"  # false for NaN: it is not a number at all
     return f"{text} {operator} {number!r}"
 
 

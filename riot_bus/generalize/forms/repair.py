@@ -1,4 +1,4 @@
-"""The nearest values for which a rule does not hold, as its thresholds tell."""
+"""The nearest values for which a rule does not hold, derived from its thresholds."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, s
     """Return why a rule has no nearest values for which it does not hold; empty if it has.
 
     Args:
-        terms: The rule's variables, with path and type.
+        terms: Terms of the rule, each a conjunction of literals.
         names: Variables that may be changed.
-        types: Of the variables.
+        types: Types of the variables.
     """
     movable = [name for name in names if _is_number(types.get(name, ""))]
     for term in terms:
@@ -33,7 +33,7 @@ def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, s
 def where_it_changes(
     terms: Terms, movable: Sequence[str], types: Mapping[str, str]
 ) -> list[tuple[str, Tree, int | float]]:
-    """Return variable, root and threshold of each literal that a number may be moved out of."""
+    """Return variable, root and threshold of each literal that moving a number can make false."""
     literals = dict.fromkeys(literal for term in terms for literal in term)
     return [
         (name, root, literal.value)
@@ -50,12 +50,12 @@ def unit_of(scale: Mapping[str, float], name: str) -> float:
 
 
 class Repair:
-    """Changes values so that a rule does not hold; see `standalone.nearest`.
+    """Function that changes values so that a rule does not hold; see `standalone.nearest`.
 
     Args:
-        terms: The rule's variables, with path and type.
-        names: Of all values, in their order.
-        movable: Those that may be changed.
+        terms: Terms of the rule, each a conjunction of literals.
+        names: Names of all values, in their order.
+        movable: Names of those that may be changed.
         types: Types of variables by name.
         scale: Nominal spread by name, in units of which moves are measured.
     """
@@ -78,14 +78,14 @@ class Repair:
         ]
 
     def __call__(self, values: Sequence[Any]) -> list[Any] | None:
-        """Return values for which the rule does not hold; None if there are none to be found.
+        """Return values for which the rule does not hold; None if none are found.
 
         Args:
-            values: In the order of the names; the rule holds for them.
+            values: Values in the order of the names; the rule holds for them.
         """
         try:
             return nearest(values, self._terms, self._roots, self._kinds, self._units)
-        except (OverflowError, TypeError):  # a value is of another type than it should be, or larger
+        except (OverflowError, TypeError):  # a value has the wrong type, or is too large
             return None
 
 

@@ -1,4 +1,4 @@
-"""A rule as a formula of signal temporal logic that says that it never holds, as the monitor `stl` takes it."""
+"""A rule as a formula of signal temporal logic for the monitor `stl`, which says that the rule never holds."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ _NUMBERED = re.compile(r".+\[\d+\]:[^:]*", re.DOTALL)
 
 
 class NoFormulaError(ValueError):
-    """The rule cannot be said in this language; the message says why."""
+    """The rule cannot be expressed in this language; the message says why."""
 
 
 def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[str, str]]:
-    """Return the formula, and the field that each of its signals is.
+    """Return the formula, and the field of each of its signals.
 
     Args:
-        terms: The rule's variables, with path and type.
-        types: Of its variables.
+        terms: Terms of the rule, each a conjunction of literals.
+        types: Types of its variables.
 
     Raises:
-        NoFormulaError: The language has no words for it.
+        NoFormulaError: The language cannot express the rule.
     """
     words = identifiers(list(types))
     used = {name for term in terms for literal in term for name in literal.feature.args}

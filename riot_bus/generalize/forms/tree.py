@@ -1,7 +1,7 @@
 """Features as trees of a few operations: every form of a rule renders these, so that no kind of feature is forgotten.
 
-A new kind of feature needs roots here, or a word why it has none; a new operation needs a rendering in each form. Tests
-go through all of them.
+A new kind of feature needs roots here, or a reason why it has none; a new operation needs a rendering in each form.
+Tests go through all of them.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ OPERATIONS: Mapping[str, int] = {
     "quotient": 2,
     "leg": 2,
 }
-"""Operations and how many operands they have. Integers are exact, but for `div`, `hypot` and `leg`.
+"""Operations and their numbers of operands. Integers are exact, except in `div`, `hypot` and `leg`.
 
-They are those of `riot_bus.generalize.expressions`, some under another name. `quotient` is a / b, of integers a whole
-number next to it; `leg` is the other leg of the hypotenuse a and the leg b. Both are NaN where there is no such number,
-and stand in roots alone.
+They are those of `riot_bus.generalize.expressions`, some under another name. `quotient` is a / b, for integers a whole
+number next to it; `leg` is the other leg of a triangle with the hypotenuse a and the leg b. Both are NaN if there is no
+such number, and occur only in roots.
 """
 
 
@@ -122,7 +122,7 @@ ROOTS: Mapping[str, tuple[_Roots, ...]] = {
     ),
     "linear": (),  # from its coefficients, by `roots`
 }
-"""By kind of feature and number of the variable: where this variable makes the feature cross t, the others as they are.
+"""By kind of feature and index of the variable: its values at which the feature crosses t, the others being fixed.
 
 Each is called with the trees of t and of the other variables in their order.
 """
@@ -140,14 +140,14 @@ NO_ROOTS: Mapping[str, str] = {
     **dict.fromkeys(("len", "bytes", "ascii", "printable", "digits", "utf8", "prefix", "contains"), _TEXT),
     **dict.fromkeys(("nan", "nonfinite"), "what is not a number has no nearest number"),
 }
-"""Kinds of features of which nothing can be said to be the nearest value, and why."""
+"""Kinds of features that have no nearest value, and why."""
 
 
 def feature_tree(feature: Feature) -> Tree:
     """Return the tree of a feature.
 
     Raises:
-        ConfigError: There is none for an operator of it, so the rule has no other form than its own.
+        ConfigError: An operator of the feature has no tree, so the rule cannot be written in other forms.
     """
     return _tree(feature.expression)
 
@@ -169,14 +169,14 @@ def _tree(node: Node) -> Tree:
 
 
 def one_by_one(literal: Literal) -> tuple[Literal, ...]:
-    """Return the literals of which a comparison with a set is made: any of them for "in", all for "not in"."""
+    """Return the literals equivalent to a comparison with a set: any must hold for "in", all for "not in"."""
     assert isinstance(literal.value, tuple)
     operator = "==" if literal.operator == "in" else "!="
     return tuple(Literal(literal.feature, operator, member) for member in literal.value)
 
 
 def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
-    """Return where a variable makes a literal change; empty if that is not known, or if it has no numbers.
+    """Return the values of a variable at which a literal changes; empty if not known, or not about numbers.
 
     Args:
         literal: The literal.

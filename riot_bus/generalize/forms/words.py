@@ -1,4 +1,4 @@
-"""What the written forms of a rule share: names for variables, and how a literal compares where types are known."""
+"""Helpers that the written forms of a rule share: names for variables, and comparisons with known types."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LONGEST = 60
 
 
 def identifiers(names: Sequence[str]) -> dict[str, str]:
-    """Return a word for each name that Python, C++ and formulas take for a variable; no two are equal."""
+    """Return for each name a distinct identifier that is valid in Python, C++ and formulas."""
     found: dict[str, str] = {}
     for name in names:
         word = re.sub(r"[^A-Za-z0-9]+", "_", name)[:_LONGEST].strip("_").lower()
@@ -91,6 +91,6 @@ def comparison(literal: Literal, *, floating: bool) -> tuple[str, int | float] |
 
 
 def line(text: str) -> str:
-    """Return text of others in one printable line, in quotes: it neither ends a comment nor goes on in the next."""
+    """Return untrusted text as one printable line in quotes, which neither ends a comment nor continues it."""
     shown = text.encode("unicode_escape", "backslashreplace").decode("ascii").replace('"', "'")
     return f'"{shown}"'

@@ -1,8 +1,8 @@
-"""Which messages of two sequences are the same ones, by keys alone: what is equal at the ends, and what comes once.
+"""Matching of messages of two sequences by keys alone: equal keys at the ends, and keys that occur once.
 
 A longest common subsequence of all messages would take time that grows with the square of their number. So only keys
-that come once in both sequences are put in order, as in patience sorting, and what stands between them is left to
-whoever can look into the messages.
+that occur once in both sequences are aligned, as in patience sorting, and the messages between them are left to a
+caller that can look into them.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import NamedTuple
 __all__ = ["Gap", "Keys", "Twins", "anchored", "longest_rising"]
 
 Keys = Sequence[Hashable] | Mapping[int, Hashable]
-"""One key for each message, by its place; None where a message has none, and then it equals no other one."""
+"""The key of each message, by position; None for a message without a key, which equals no other one."""
 
 _SHARE = 0.5
 
 
 class Twins(NamedTuple):
-    """Messages that belong together: `a + n` and `b + n` for each n below `size`."""
+    """Messages that match: `a + n` and `b + n` for each n below `size`."""
 
     a: int
     b: int
@@ -30,7 +30,7 @@ class Twins(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """Messages of which that is not known."""
+    """Ranges of messages that are not matched yet."""
 
     a: range
     b: range
@@ -40,16 +40,16 @@ class Gap(NamedTuple):
 
 
 def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twins], list[Gap]]:
-    """Return what belongs together within a gap, and the gaps that are left, in their order.
+    """Return the matches within a gap, and the gaps that are left, in their order.
 
-    Keys that come once in both are used if those in the same order make up half of the shorter sequence: where only a
-    few are equal, they may be so by chance.
+    Keys that occur once in both are used if those in the same order make up half of the shorter sequence: if only a
+    few are equal, this may be by chance.
 
     Args:
         a: Keys of one sequence.
         b: Keys of the other one.
-        gap: Ranges of both that are looked at.
-        ends: Whether equal keys at the ends of a gap belong together, also those that come more than once.
+        gap: Ranges of both that are compared.
+        ends: Whether equal keys at the ends of a gap match, even if they occur more than once.
     """
     head, middle, tail = _trimmed(a, b, gap) if ends else ([], gap, [])
     places = _common(a, b, middle)
@@ -68,7 +68,7 @@ def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twi
 
 
 def longest_rising(numbers: Sequence[int]) -> list[int]:
-    """Return the places of a longest part of distinct numbers that rises.
+    """Return the positions of a longest increasing subsequence of distinct numbers.
 
     Example:
         >>> longest_rising([2, 0, 1, 5, 3, 4])
@@ -107,7 +107,7 @@ def _trimmed(a: Keys, b: Keys, gap: Gap) -> tuple[list[Twins], Gap, list[Twins]]
 
 
 def _common(a: Keys, b: Keys, gap: Gap) -> list[tuple[int, int]]:
-    """Return places of keys that come once in both, as many as are in the same order."""
+    """Return the positions of the most keys that occur once in both and are in the same order."""
     once = [Counter(keys[place] for place in places) for keys, places in ((a, gap.a), (b, gap.b))]
     there = {b[place]: place for place in gap.b if once[1][b[place]] == 1 and b[place] is not None}
     both = [(place, there[a[place]]) for place in gap.a if once[0][a[place]] == 1 and a[place] in there]
@@ -115,7 +115,7 @@ def _common(a: Keys, b: Keys, gap: Gap) -> list[tuple[int, int]]:
 
 
 def _joined(blocks: Sequence[Twins]) -> Iterator[Twins]:
-    """Yield blocks as few as there can be."""
+    """Yield the blocks, with adjacent ones merged."""
     last = Twins(0, 0, 0)
     for block in blocks:
         if last.size and (block.a, block.b) == (last.a + last.size, last.b + last.size):

@@ -1,8 +1,8 @@
-"""Which messages of two sequences belong together, by how alike they are: an alignment of least cost, within a band.
+"""Matching of messages of two sequences by similarity: an alignment of least cost, within a band.
 
 A message that is lost or added costs 1, and so does a pair that differs; how far apart the two of a pair are adds a
-little, which decides where the first is equal. Only pairs are looked at whose places differ by little more than the
-sequences' lengths do (Ukkonen, "Algorithms for approximate string matching", 1985): time and memory are bounded.
+little, which breaks ties. Only pairs whose positions differ by little more than the lengths of the sequences are
+considered (Ukkonen, "Algorithms for approximate string matching", 1985): time and memory are bounded.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 __all__ = ["MOST_CELLS", "Costs", "aligned"]
 
 Costs = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]
-"""Returns the cost of pairs, from the places of shape (n, 1) in one sequence and of shape (n, m) in the other one."""
+"""Returns the costs of pairs from their positions, of shape (n, 1) in one sequence and (n, m) in the other one."""
 
 MOST_CELLS = 1 << 24
-"""So many pairs are looked at; where even the narrowest band has more, nothing is aligned."""
+"""Most pairs that are considered; if even the narrowest band has more, nothing is aligned."""
 
 _WIDTHS = (2, 32)
 _AT_ONCE = 1 << 15
@@ -28,10 +28,10 @@ _CLEAR = 1e-9
 
 
 def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] | None:
-    """Return the pairs of an alignment, rising in both; None if it would take too long.
+    """Return the pairs of an alignment, increasing in both; None if it would take too long.
 
     Args:
-        costs: Returns costs of pairs.
+        costs: Function that returns the costs of pairs.
         count_a: Length of one sequence.
         count_b: Length of the other one.
     """
@@ -45,13 +45,13 @@ def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] |
         if count_a * (longer + 2 * width + 1) > MOST_CELLS:
             break
         found, cost = _within(costs, count_a, count_b, width)
-        if cost < longer + 2 * (width + 1):  # to leave the band takes more that are lost and added
+        if cost < longer + 2 * (width + 1):  # an alignment that leaves the band costs more
             break
     return found
 
 
 def _within(costs: Costs, count_a: int, count_b: int, width: int) -> tuple[list[tuple[int, int]], float]:
-    """Return pairs and their cost; column k of row i is the pair of the first i and the first i + k - width."""
+    """Return pairs and their cost; column k of row i aligns the first i messages with the first i + k - width."""
     offsets = np.arange(-width, count_b - count_a + width + 1)
     steps = np.arange(len(offsets), dtype=np.float64)
     best = np.where(offsets >= 0, offsets, np.inf).astype(np.float64)
@@ -69,7 +69,7 @@ def _within(costs: Costs, count_a: int, count_b: int, width: int) -> tuple[list[
 
 
 def _row(best: NDArray[Any], costs: NDArray[Any], ways: NDArray[np.uint8], steps: NDArray[Any]) -> NDArray[Any]:
-    """Return the costs of a row from those of the row before, and write down where they come from."""
+    """Return the costs of a row from those of the row before, and record the steps in `ways`."""
     paired = best + costs
     lost = np.append(best[1:], np.inf) + 1.0
     either = np.minimum(paired, lost)

@@ -1,4 +1,4 @@
-"""Two recordings side by side, topic by topic; pure."""
+"""Comparison of two recordings, topic by topic; pure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Wishes:
 
     Attributes:
         tolerances: How far values may be apart, and how many messages may be missing.
-        timing: Seconds that messages may come earlier or later; None for any.
+        timing: Seconds by which messages may be earlier or later; None for any.
         order: Whether the order across topics has to be the same.
     """
 
@@ -77,7 +77,7 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
 
 
 def _matched(a: Recording, b: Recording) -> list[tuple[Track, Track]]:
-    """Return the topics of both, by their keys, else by their names; a topic of one alone has an empty partner."""
+    """Pair the topics of both by key, otherwise by name; a topic of only one of them gets an empty partner."""
     left = dict(b.tracks)
     pairs = {key: left.pop(key) for key in a.tracks if key in left}
     names: defaultdict[str, list[Track]] = defaultdict(list)

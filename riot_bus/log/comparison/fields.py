@@ -1,4 +1,4 @@
-"""The fields of messages, and those of two messages side by side: which differ, and whether that is tolerated."""
+"""The fields of messages, and a comparison of two messages: which fields differ, and whether that is tolerated."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["ATTACHMENT", "KIND", "MOST_ELEMENTS", "PAYLOAD", "FieldChange", "Reading", "Shapes", "differing"]
 
 MOST_ELEMENTS = 4096
-"""So many elements of each array are fields of their own; the others are compared as bytes."""
+"""Most elements of an array that are fields of their own; the others are compared as bytes."""
 
 PAYLOAD, KIND, ATTACHMENT = "(payload)", "(kind)", "(attachment)"
-"""What is compared beside fields: payloads that do not decode, whether it is a delete, and what travels with it."""
+"""What is compared besides fields: payloads that do not decode, whether a message is a delete, and attachments."""
 
 _INDEX = re.compile(r"\[\d+\]")
 _SEQUENCE = "sequence number"
@@ -37,7 +37,7 @@ _HASH_BYTES = 16
 
 
 class _Odd:
-    """A value that Python takes for another one, or NaN, which it takes for another than itself."""
+    """A truth value, which Python considers equal to a number, or NaN, which is not equal to itself."""
 
     def __init__(self, value: Scalar) -> None:
         self.value = value
@@ -49,21 +49,21 @@ _TRUTH: Final = {True: _Odd(value=True), False: _Odd(value=False)}
 _PACK: Final = msgpack.Packer(default=lambda odd: odd.value, unicode_errors="surrogatepass").pack
 
 Value = Any
-"""A scalar or an `_Odd`: those that are equal are the same."""
+"""A scalar or an `_Odd`; values are the same if they are equal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """What messages of a topic have in common that have the same fields.
+    """The fields of those messages of a topic that have the same ones.
 
     Attributes:
         number: Number that stands for the shape.
         paths: Paths of all fields.
-        rules: What is tolerated, of each.
-        names: Of each: its path, in which `[*]` stands for any element.
+        rules: Tolerance of each field.
+        names: Path of each field, in which `[*]` stands for any element.
         place: Index of each path.
-        compared: Places of the fields that are compared.
-        identity: Places of those that tell the messages of a publisher from one another: stamps, else numbers.
+        compared: Indices of the fields that are compared.
+        identity: Indices of the fields that tell the messages of a publisher apart: stamps, or else sequence numbers.
         cut: Arrays that have more elements than are listed.
     """
 
@@ -79,7 +79,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The fields of one message; `opaque` says why they are those of its payload as a whole."""
+    """The fields of one message; `opaque` says why its payload counts as a single field, if it does."""
 
     message: Message
     kind: MessageType | None
@@ -88,13 +88,13 @@ class Reading:
     opaque: str = ""
 
     def content(self) -> bytes:
-        """Return a hash of what is compared of it: messages of equal content are the same."""
+        """Return a hash of the fields that are compared; messages of equal content are the same."""
         values = self.values
         known = [self.shape.number, *[values[place] for place in self.shape.compared]]
         return blake2b(_PACK(known), digest_size=_HASH_BYTES).digest()
 
     def identity(self) -> tuple[Value, ...] | None:
-        """Return its stamps or numbers, None if it has none."""
+        """Return the stamps or sequence numbers, None if there are none."""
         return tuple([self.values[place] for place in self.shape.identity]) or None
 
 
@@ -103,12 +103,12 @@ class FieldChange:
     """A field that is not the same in two messages.
 
     Attributes:
-        path: Where it stands.
-        name: Its path, in which `[*]` stands for any element.
-        before: Its value in the first one; None if that has no such field.
-        after: In the second one.
-        rule: What is tolerated.
-        allowed: Whether this is.
+        path: Path of the field.
+        name: Path in which `[*]` stands for any element.
+        before: Value in the first message; None if that has no such field.
+        after: Value in the second message; None if that has no such field.
+        rule: Tolerance of the field.
+        allowed: Whether the change is tolerated.
     """
 
     path: str
@@ -123,7 +123,7 @@ class Shapes:
     """Reads the messages of one topic in both logs.
 
     Args:
-        tolerances: What holds for their fields.
+        tolerances: Tolerances of their fields.
         attachments: Whether attachments are compared.
     """
 
@@ -133,11 +133,11 @@ class Shapes:
         self._paths = self._count = 0
 
     def read(self, message: Message, registry: TypeRegistry) -> Reading:
-        """Return a message's fields; of one that does not decode its payload as a whole.
+        """Return the fields of a message; if it does not decode, its whole payload is one field.
 
         Args:
-            message: The message.
-            registry: Knows the types of its log.
+            message: Message to read.
+            registry: Registry that knows the types of its log.
         """
         payload = message.payload
         kind = registry.type_of(message.key, payload=payload, encoding=message.encoding) if payload else None
@@ -150,7 +150,7 @@ class Shapes:
             values = [_canonical(leaf.value) for leaf in leaves]
         except PayloadError as error:
             kind, why = None, error.message
-        if why or not payload:  # which is another message than one without fields
+        if why or not payload:  # an empty payload is not a message without fields
             paths, values = [PAYLOAD], [payload]
         if message.kind == "delete":
             paths.append(KIND)
@@ -165,7 +165,7 @@ class Shapes:
         found = self._known.get(known)
         if found is None:
             self._paths += len(paths)
-            if self._paths > _MOST_PATHS:  # of hostile messages each may have other ones
+            if self._paths > _MOST_PATHS:  # hostile messages may each have other fields
                 self._known.clear()
                 self._paths = len(paths)
             found = self._known[known] = self._new(kind, paths)
@@ -195,7 +195,7 @@ def differing(a: Reading, b: Reading, tolerances: TolerancesOfTopic) -> list[Fie
     Args:
         a: The first message.
         b: The second one.
-        tolerances: Those that both were read with.
+        tolerances: Tolerances that both were read with.
     """
     one, other = a.shape, b.shape
     if one is other:
@@ -232,7 +232,7 @@ def _of_two_shapes(a: Reading, b: Reading) -> Iterator[FieldChange]:
 
 
 def _length_allowed(path: str, a: Reading, b: Reading) -> bool:
-    """Return whether an element is in one message alone because of a length of which that is tolerated."""
+    """Return whether an element is in one message only because array lengths differ by a tolerated amount."""
     for match in _INDEX.finditer(path):
         length = f"len({path[: match.start()]})"
         if length in a.shape.place and length in b.shape.place:
@@ -243,14 +243,14 @@ def _length_allowed(path: str, a: Reading, b: Reading) -> bool:
 
 
 def _beyond(a: Reading, b: Reading, found: list[FieldChange], tolerances: TolerancesOfTopic) -> Iterator[FieldChange]:
-    """Yield arrays whose elements that are not listed differ, as far as that can be told of all of them at once."""
+    """Yield a change for each array with unlisted elements, unless the changes found explain all differences."""
     if a.kind is not None and b.kind is not None and a.kind.name == b.kind.name:
         changes = {each.path: each.before for each in found if each.before is not None and each.after is not None}
         try:
             if a.kind.patch(b.message.payload, changes) == a.message.payload:
                 return
         except PayloadError:
-            pass  # lengths or texts differ, and with them the places of all bytes behind
+            pass  # lengths or texts differ, and with them the positions of all later bytes
     for array in dict.fromkeys(a.shape.cut + b.shape.cut):
         path = f"{array}[{MOST_ELEMENTS}]"
         rule = tolerances.of_field(path)

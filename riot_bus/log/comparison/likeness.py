@@ -1,7 +1,7 @@
-"""How alike messages are, as numbers: what an alignment asks of many pairs at once.
+"""Similarity of messages as numbers, which an alignment needs for many pairs at once.
 
-Of each message a few fields are taken, those that vary most; texts are told apart by a number each. The alignment
-decides nothing: the pairs that it finds are compared in all their fields.
+Only the few fields that vary most are used; each text is represented by a number. The alignment only pairs messages:
+the pairs that it finds are then compared in all their fields.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["MOST_FIELDS", "Likeness", "as_numbers", "most_varied"]
 
 MOST_FIELDS = 32
 _LEAST = 0.01
-"""What the distance of a pair adds to its cost at most: it decides between places, and never outweighs a message."""
+"""Most that the distance of a pair adds to its cost: it breaks ties, and never outweighs a message."""
 _MISSING, _NAN, _INFINITE = -9e300, 9e300, 3e300
 _FAR = 1e300
-"""Farther apart are only values of which one is one of these."""
+"""Two values are only farther apart than this if one of them is one of these."""
 
 
 def most_varied(sample: Sequence[Reading]) -> dict[str, Tolerance]:
-    """Return the compared fields that vary most among some messages, with what is tolerated of them."""
+    """Return the compared fields that vary most among some messages, with their tolerances."""
     values: dict[str, set[Value]] = {}
     rules: dict[str, Tolerance] = {}
     counts: Counter[str] = Counter()
@@ -48,7 +48,7 @@ def most_varied(sample: Sequence[Reading]) -> dict[str, Tolerance]:
 
 
 def as_numbers(readings: Iterable[Reading], paths: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return fields of messages as numbers, shape (messages, fields), and which fields are no numbers."""
+    """Return fields of messages as numbers, shape (messages, fields), and which fields are not numbers."""
     rows: list[NDArray[np.float64]] = []
     texts = np.zeros(len(paths), np.bool_)
     for reading in readings:
@@ -67,9 +67,9 @@ class Likeness:
 
     Args:
         a: Numbers of messages of one log, shape (messages, fields).
-        b: Of the other one.
-        texts: Which fields are no numbers.
-        rules: What is tolerated, by field.
+        b: Numbers of messages of the other log, shape (messages, fields).
+        texts: Which fields are not numbers.
+        rules: Tolerances by field.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Likeness:
         self._scale = np.array([_scale(column) for column in np.abs(np.diff(a, axis=0)).T])
 
     def costs(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the costs of pairs, by the places of their messages in both logs."""
+        """Return the costs of pairs, by the positions of their messages in both logs."""
         if not len(self._scale):
             return np.zeros(np.broadcast_shapes(rows.shape, columns.shape))
         left, right = self._a[rows], self._b[columns]
@@ -107,6 +107,6 @@ def _as_number(value: Any) -> tuple[float, bool]:
 
 
 def _scale(steps: NDArray[np.float64]) -> float:
-    """Return by how much a field changes from one message to the next."""
+    """Return how much a field typically changes from one message to the next."""
     moved = steps[(steps > 0) & (steps < _FAR)]
     return float(np.median(moved)) if len(moved) else 1.0

@@ -1,4 +1,4 @@
-"""Logs as recordings to be compared: files or folders of them, some of their topics, some of their time."""
+"""Logs as recordings to be compared: files or folders of them, or only some topics or a part of the time."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ __all__ = ["Extract", "compare_logs", "opened", "propose_tolerances"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extract:
-    """What of logs is compared.
+    """The part of the logs that is compared.
 
     Attributes:
         topics: Names or key expressions; empty for all.
-        exclude: Of what is not.
+        exclude: Names or key expressions of topics that are left out.
         start: Where to begin: seconds from the beginning of each log, or a point in time.
-        end: Where to end, likewise; exclusive.
-        types: `TOPIC=TYPE`.
+        end: Where to end, in the same form; exclusive.
+        types: Types of topics, as `TOPIC=TYPE`.
         definitions: Files that define message types.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
+        salvage: Whether to take messages of damaged chunks that an index confirms.
     """
 
     topics: Sequence[str] = ()
@@ -61,27 +61,27 @@ def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Ext
     """Compare two logs.
 
     Args:
-        a: What is expected: an MCAP file, or a folder of a recording's files.
+        a: Path of the expected log: an MCAP file, or a folder of a recording's files.
         b: Path of the log that is compared with it.
         wishes: What counts as a difference; None for everything but times.
-        extract: What of them is compared; None for all.
+        extract: Part of the logs that is compared; None for all.
 
     Raises:
-        ConfigError: A log cannot be read, or an option names what none of them has.
+        ConfigError: A log cannot be read, or an option names a topic that none of them has.
     """
     with opened([a, b], extract) as (first, second):
         return compare(first, second, wishes)
 
 
 def propose_tolerances(paths: Sequence[Path], *, extract: Extract | None = None) -> Proposal:
-    """Propose tolerances with which nominal runs are the same: of all pairs of their logs.
+    """Propose tolerances with which nominal runs are the same, from all pairs of their logs.
 
     Args:
-        paths: Two logs or more.
-        extract: What of them is compared; None for all.
+        paths: Paths of two logs or more.
+        extract: Part of the logs that is compared; None for all.
 
     Raises:
-        ConfigError: A log cannot be read, or an option names what none of them has.
+        ConfigError: A log cannot be read, or an option names a topic that none of them has.
     """
     if len(paths) < 2:
         raise ConfigError("tolerances are learnt from two runs or more", hint="riot diff --propose RUN1 RUN2 RUN3")
@@ -100,10 +100,10 @@ def opened(paths: Sequence[Path], extract: Extract | None = None) -> Iterator[li
 
     Args:
         paths: MCAP files, or folders of a recording's files.
-        extract: What of them is compared; None for all.
+        extract: Part of the logs that is compared; None for all.
 
     Raises:
-        ConfigError: A log cannot be read, or an option names what none of them has.
+        ConfigError: A log cannot be read, or an option names a topic that none of them has.
     """
     extract = extract or Extract()
     with ExitStack() as stack:
@@ -124,7 +124,7 @@ class _Log:
     """A log that is open.
 
     Attributes:
-        sources: What the log says of its keys.
+        sources: Channels of delivered messages, by key.
     """
 
     def __init__(self, path: Path, extract: Extract, stack: ExitStack) -> None:
@@ -144,7 +144,7 @@ class _Log:
         return any(is_chosen(source, [text], self._registry) for source in self.sources.values())
 
     def recording(self) -> Recording:
-        """Read it."""
+        """Read the log."""
         extract, registry = self._extract, self._registry
         chosen = {
             key

@@ -1,7 +1,7 @@
-"""Which messages of a topic belong together in two logs.
+"""Pairing of the messages of a topic in two logs.
 
-First those of equal bytes, then those of equal content, then those of the same stamp or number, at last those that are
-most alike (`band`). What cannot be aligned in bounded time is told as such.
+Messages are paired by equal bytes, then by equal content, then by the same stamp or sequence number, and finally by
+similarity (`band`). Those that cannot be aligned in bounded time are reported as unaligned.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["Half", "Pairing", "paired"]
 
 _NAMED = 0.9
-"""Share of messages that have a stamp or number of their own, where these tell which belong together."""
+"""Least share of messages with a stamp or number of their own for which messages are paired by these."""
 _MOST_TRIES = 1 << 14
-"""So many pairs are looked at to find messages in another order that are equal within tolerances alone."""
+"""Most pairs that are tried to find messages in another order that are only equal within tolerances."""
 _SAMPLE = 256
 
 
@@ -38,8 +38,8 @@ class Half:
     """One log's messages of the topic.
 
     Attributes:
-        hashes: What tells all of them apart, bit by bit.
-        read: Returns one that is looked into, by its place.
+        hashes: Hashes of the bytes of all of them.
+        read: Function that returns the fields of a message by its position.
     """
 
     hashes: Sequence[bytes]
@@ -48,15 +48,15 @@ class Half:
 
 @dataclass(slots=True)
 class Pairing:
-    """Messages by their places in both logs.
+    """Messages by their positions in both logs.
 
     Attributes:
-        blocks: Of equal bytes, one after the other.
-        pairs: Other ones that belong together, rising in both logs.
-        lost: Of the first log alone.
-        added: Of the second one alone.
-        moved: The same in both, in another order.
-        unaligned: Of which nobody can tell which belong together.
+        blocks: Sequences of messages with equal bytes.
+        pairs: Other messages that match, increasing in both logs.
+        lost: Messages of the first log only.
+        added: Messages of the second log only.
+        moved: Messages that are the same in both, in another order.
+        unaligned: Ranges of messages that could not be paired.
     """
 
     blocks: list[Twins]
@@ -67,7 +67,7 @@ class Pairing:
     unaligned: list[Gap] = field(default_factory=list)
 
     def add(self, other: Pairing) -> None:
-        """Take in what was found out of other messages."""
+        """Add the pairing of other messages."""
         self.pairs += other.pairs
         self.lost += other.lost
         self.added += other.added
@@ -75,14 +75,14 @@ class Pairing:
 
 
 def paired(blocks: list[Twins], gaps: Sequence[Gap], a: Half, b: Half, *, same: Callable[[int, int], bool]) -> Pairing:
-    """Find out which messages belong together.
+    """Pair the messages of both logs.
 
     Args:
-        blocks: Those of equal bytes.
-        gaps: What is between them.
-        a: One log's messages.
-        b: The other one's.
-        same: Says whether two messages are the same within tolerances.
+        blocks: Sequences of messages with equal bytes.
+        gaps: Ranges of messages between the blocks.
+        a: Messages of one log.
+        b: Messages of the other log.
+        same: Function that tells whether two messages are the same within tolerances.
     """
     found = Pairing(blocks)
     search = _Search(gaps, a, b)
@@ -98,7 +98,7 @@ def paired(blocks: list[Twins], gaps: Sequence[Gap], a: Half, b: Half, *, same: 
 
 
 class _Search:
-    """Pairs the messages that are looked into."""
+    """Pairs the messages in gaps by their fields."""
 
     def __init__(self, gaps: Sequence[Gap], a: Half, b: Half) -> None:
         self._halves = a, b
@@ -106,7 +106,7 @@ class _Search:
         self._b = _Keys(b, [place for gap in gaps for place in gap.b])
 
     def take(self, gap: Gap, found: Pairing) -> None:
-        """Find out what belongs together in a gap: what has the same stamp or number, unless less differs otherwise."""
+        """Pair the messages in a gap by stamp or number, unless fewer messages differ when paired by similarity."""
         blocks, gaps = anchored(self._a.contents, self._b.contents, gap)
         found.pairs += _pairs(blocks)
         for rest in gaps:
@@ -116,7 +116,7 @@ class _Search:
             found.add(named if named is not None and better else alike)
 
     def _named(self, gap: Gap, closeness: _Closeness) -> Pairing | None:
-        """Return what has the same stamp or number, and between these what is alike; None if none tells them apart."""
+        """Pair messages by stamp or number, and by similarity between these; None if stamps and numbers do not help."""
         if not (gap.a and gap.b and _tell(self._a.names, gap.a) and _tell(self._b.names, gap.b)):
             return None
         blocks, gaps = anchored(self._a.names, self._b.names, gap)
@@ -126,7 +126,7 @@ class _Search:
         return found if blocks else None
 
     def find_moves(self, found: Pairing) -> None:
-        """Take what is lost and added with the same content for moved."""
+        """Turn messages that are lost and added with the same content into moved ones."""
         self._take_apart(found)
         there: defaultdict[Hashable, deque[int]] = defaultdict(deque)
         for place in sorted(found.added):
@@ -141,11 +141,11 @@ class _Search:
         found.added = [place for places in there.values() for place in places]
 
     def _take_apart(self, found: Pairing) -> None:
-        """Take pairs apart of which both messages are elsewhere in the other log.
+        """Split pairs of which both messages occur elsewhere in the other log.
 
-        Messages that have changed places far from one another are paired with each other at first, as if they had
-        changed. Only contents of which each log has one tell that. Where a message is wanted that stays in its pair,
-        whoever wants it stays as well.
+        Messages that swapped positions far apart are at first paired with each other, as if they had changed. Only
+        contents that occur once in each log show this. If the equal of a message stays in its pair, the message stays
+        in its own pair as well.
         """
         there, here = self._b.only, self._a.only
         wants: dict[int, int] = {}
@@ -171,7 +171,7 @@ class _Search:
 
 
 class _Closeness:
-    """How alike the messages in a gap are."""
+    """The similarity of the messages in a gap."""
 
     def __init__(self, gap: Gap, a: Half, b: Half) -> None:
         self._gap = gap
@@ -182,7 +182,7 @@ class _Closeness:
         self._texts = texts_a | texts_b
 
     def pairing(self, gap: Gap) -> Pairing:
-        """Return what belongs together in a part of the gap because it is alike."""
+        """Pair the messages in a part of the gap by similarity."""
         if not (gap.a and gap.b):
             return Pairing([], lost=[*gap.a], added=[*gap.b])
         places = aligned(self._likeness(gap.a, gap.b).costs, len(gap.a), len(gap.b))
@@ -193,7 +193,7 @@ class _Closeness:
         return Pairing([], pairs, lost, sorted(set(gap.b) - {other for _, other in pairs}))
 
     def cost(self, found: Pairing) -> tuple[float, int]:
-        """Return how many messages differ, are lost or added, and the latter alone; infinitely many if nobody knows."""
+        """Return how many messages differ, are lost or added (infinite if unaligned), and without those that differ."""
         alone = len(found.lost) + len(found.added)
         if found.unaligned:
             return math.inf, alone
@@ -207,7 +207,7 @@ class _Closeness:
 
 
 class _Keys:
-    """What tells the messages of one log apart that are looked into."""
+    """Contents and names (stamps or numbers) of the messages of one log that are in gaps."""
 
     def __init__(self, half: Half, places: Sequence[int]) -> None:
         self.contents: dict[int, Hashable] = {}
@@ -219,7 +219,7 @@ class _Keys:
 
     @cached_property
     def only(self) -> dict[Hashable, int]:
-        """Places of messages of which no other one has the content, by content."""
+        """Positions of messages whose content is unique in the log, by content."""
         contents, hashes = Counter(self.contents.values()), Counter(self._hashes)
         return {
             content: place
@@ -229,7 +229,7 @@ class _Keys:
 
 
 def _find_near_moves(found: Pairing, same: Callable[[int, int], bool]) -> None:
-    """Take what is lost and added, and the same within tolerances, for moved."""
+    """Turn lost and added messages that are the same within tolerances into moved ones."""
     tries = _MOST_TRIES
     for one in list(found.lost):
         for other in found.added[: max(0, tries)]:

@@ -1,4 +1,4 @@
-"""What differs of one topic in two logs, as plain data."""
+"""The differences of one topic between two logs, as plain data."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class FieldExample:
     """One place where a field differs.
 
     Attributes:
-        path: Where in the message.
+        path: Path of the field in the message.
         a: Number of the message among those of its topic in the first log, from 0.
-        b: In the second one.
-        seconds: Since the first message of the first log.
+        b: Number of the message in the second log, counted in the same way.
+        seconds: Seconds since the first message of the first log.
         before: Value in the first log; None if the message has no such field.
-        after: In the second one.
+        after: Value in the second log; None if the message has no such field.
     """
 
     path: str
@@ -38,15 +38,15 @@ class FieldDifference:
     """A field that differs in some messages.
 
     Attributes:
-        name: Its path, in which `[*]` stands for any element.
+        name: Path of the field, in which `[*]` stands for any element.
         messages: Number of messages in which it differs.
-        example: Where it differs most; of texts, where it differs first.
-        largest: By how much it differs at most; None if that is no number.
-        typical: By how much it differs in half of the messages in which it does, likewise.
-        low: Least value in either log, likewise.
-        high: Greatest value, likewise.
+        example: Where it differs most; for texts, where it differs first.
+        largest: Largest difference; None if that is not a number.
+        typical: Median difference of the messages in which it differs; None if that is not a number.
+        low: Smallest value in either log; None if there is no number.
+        high: Largest value in either log; None if there is no number.
         whole: Whether all of these are whole numbers.
-        unlike: Messages in which it is there in one log alone, or no number in one.
+        unlike: Messages in which only one log has the field, or in which it is not a number in one log.
     """
 
     name: str
@@ -62,13 +62,13 @@ class FieldDifference:
 
 @dataclass(frozen=True, slots=True)
 class TopicTiming:
-    """By how many seconds messages of a topic came earlier or later, counted from the first message in common.
+    """Seconds by which messages of a topic were earlier or later, counted from the first message in common.
 
     Attributes:
-        median: Of all, without sign.
-        largest: Of all, without sign.
-        number: The message of which that is so, in the first log.
-        late: Messages of which it is more than was allowed.
+        median: Median of all, without sign.
+        largest: Largest of all, without sign.
+        number: Number of the message with the largest one, in the first log.
+        late: Number of messages for which it is more than allowed.
     """
 
     median: float
@@ -82,27 +82,27 @@ class TopicDifference:
     """One topic in two logs.
 
     Attributes:
-        topic: What people call it.
-        type: Name of its type, or what both logs call it where they differ.
+        topic: Name of the topic shown to users.
+        type: Name of its type in the first log, or in the second one if the first has none.
         count_a: Messages in the first log.
-        count_b: In the second one.
+        count_b: Messages in the second log.
         equal: Messages that are the same in both, in the same order.
         near: How many of those differ within the tolerances.
         changed: Messages in which a field differs.
-        lost: Messages of the first log alone.
-        added: Of the second log alone.
+        lost: Messages of the first log only.
+        added: Messages of the second log only.
         moved: Messages that both have, in another order.
-        unaligned: Messages of both logs of which nobody can tell which belong together.
-        fields: That differ, those in most messages first.
-        left: Fields that differ and are not compared: in how many messages, by name.
+        unaligned: Messages of both logs that could not be paired.
+        fields: Fields that differ, those in most messages first.
+        left: Number of messages by name of each field that differs and is not compared.
         same_fields: Messages that have other bytes, but the same fields.
         opaque: Messages that were compared as bytes in both logs, by reason.
-        lost_at: Numbers of the first ones.
-        added_at: Numbers of the first ones of the second log.
-        moved_at: Numbers in both logs, likewise.
-        allowed: So many may be lost, added or moved.
-        timing: When they came; None without any in common.
-        labels: What else both logs say in different ways, such as `encoding`.
+        lost_at: Numbers of the first lost messages.
+        added_at: Numbers of the first added messages.
+        moved_at: Numbers of the first moved messages in both logs.
+        allowed: How many messages may be lost, added or moved.
+        timing: Differences in time; None without any messages in common.
+        labels: Other properties that differ between the logs, such as `encoding`.
         profile: Share of the first log's messages that are changed, lost or moved, along the log; empty if none is.
     """
 

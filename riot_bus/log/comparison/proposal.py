@@ -1,10 +1,10 @@
-"""Tolerances learnt from nominal runs: what differs among them anyway, with a margin; pure.
+"""Tolerances learnt from nominal runs: the differences among them, with a margin; pure.
 
-A field gets the largest difference that any two of the runs have shown, times a margin. Where all pairs of runs show
-much the same, it is noise within the runs, and twice as much will do. Else each run may have an offset of its own, of
-which few runs show little: if it is drawn from a normal distribution, a further pair of runs stays in 99 of 100 cases
-within 7.3 times the largest difference of three runs, 3.7 times that of four, 2.7 of five, 2.2 of six (by 400,000
-draws). Two runs are one pair, which tells nothing of this; they get 5, which is 87 of 100.
+The tolerance of a field is the largest difference between any two of the runs, times a margin. If all pairs of runs
+differ by about the same, this is noise within the runs, and a margin of 2 suffices. Otherwise each run may have an
+offset of its own, and a few runs show little of it: if it is drawn from a normal distribution, a further pair of runs
+stays in 99 of 100 cases within 7.3 times the largest difference of three runs, 3.7 times that of four, 2.7 of five, 2.2
+of six (by 400,000 draws). Two runs are one pair, which does not show this; their margin is 5, enough in 87 of 100.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ __all__ = ["Proposal", "Proposed", "margin_of", "propose"]
 
 _MARGIN = 2.0
 _MARGINS = {2: 5.0, 3: 7.3, 4: 3.7, 5: 2.7, 6: 2.2}
-"""Margins where runs may have offsets, by how many runs there are."""
+"""Margins by number of runs, if the runs may have offsets."""
 _ALIKE = 0.7
-"""Of noise within runs, the largest difference of each pair is at least this share of the largest one of all."""
+"""For noise within runs, the largest difference of each pair is at least this share of the largest one of all."""
 _OFTEN, _FEW = 0.9, 10
-"""A field that differs in such a share of messages differs in all; of fewer messages, nothing of that kind is said."""
+"""A field that differs in this share of the messages, and in at least so many, counts as differing in all."""
 _ANEW = 1 / 8
-"""Where values are drawn anew each time, half of the differences are larger than this share of their range."""
+"""If values are drawn anew each time, half of the differences are larger than this share of their range."""
 _OFFSET = 0.8
-"""Where a run has an offset of its own, half of the differences are larger than this share of the largest one."""
+"""If a run has an offset of its own, half of the differences are larger than this share of the largest one."""
 _ROUNDS = 3
-"""How often tolerances are widened until their runs are the same: with them, other messages may belong together."""
+"""Most times that tolerances are widened until the runs are the same: with them, messages may pair differently."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """What is proposed for a field, or for the number of messages of a topic.
+    """A tolerance proposed for a field, or for the number of messages of a topic.
 
     Attributes:
         name: `TOPIC:PATH`, or `TOPIC`.
         value: A number, or `ignore`.
-        reason: Why.
+        reason: Reason for the value.
     """
 
     name: str
@@ -63,11 +63,11 @@ class Proposal:
     """Tolerances with which nominal runs are the same.
 
     Attributes:
-        logs: The runs.
-        pairs: So many pairs of them were compared.
-        messages: Pairs of messages that were compared.
-        tolerances: By topic and field.
-        unsettled: Topics of which pairs differ all the same.
+        logs: Names of the runs.
+        pairs: Number of pairs of runs that were compared.
+        messages: Number of pairs of messages that were compared.
+        tolerances: Tolerances by topic and field.
+        unsettled: Topics in which pairs of runs still differ.
     """
 
     logs: tuple[str, ...]
@@ -77,7 +77,7 @@ class Proposal:
     unsettled: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Raise InconclusiveError if nothing was compared, or if the runs differ all the same."""
+        """Raise InconclusiveError if nothing was compared, or if the runs still differ."""
         if not self.messages:
             raise InconclusiveError("no two of these logs have a message in common", where=", ".join(self.logs))
         if self.unsettled:
@@ -136,11 +136,11 @@ class Proposal:
 
 
 def margin_of(runs: int, largest: Sequence[float] = ()) -> float:
-    """Return what the largest difference among runs is multiplied by.
+    """Return the margin by which the largest difference among runs is multiplied.
 
     Args:
-        runs: How many there are.
-        largest: The largest difference of each pair of them; empty for what is one figure of each run.
+        runs: Number of runs.
+        largest: Largest difference of each pair of runs; empty for a quantity of which each run has one figure.
     """
     alike = len(largest) > 1 and min(largest) >= _ALIKE * max(largest)
     return _MARGIN if alike else _MARGINS.get(runs, _MARGIN)
@@ -151,7 +151,7 @@ def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence
 
     Args:
         names: Names of the nominal runs, for messages.
-        compared: Compares all pairs of them with some tolerances.
+        compared: Function that compares all pairs of them with given tolerances.
     """
     found = compared(TopicTolerances())
     proposal = Proposal(tuple(names), len(found), sum(each.compared for each in found))
@@ -167,7 +167,7 @@ def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence
 
 
 def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], runs: int) -> dict[str, Proposed]:
-    """Return what has to be tolerated so that all these are the same, beside what is known."""
+    """Return the tolerances needed for all these to be the same, as far as they are new or wider than known ones."""
     topics: dict[str, list[TopicDifference]] = {}
     for topic in (topic for each in found for topic in each.topics if not topic.same):
         topics.setdefault(topic.topic, []).append(topic)
@@ -199,7 +199,7 @@ def _wider(each: Proposed, former: Proposed | None) -> bool:
 
 
 def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: float) -> Proposed:
-    """Return what is proposed for a field from what it has shown in all pairs of runs in which it differs."""
+    """Return the tolerance proposed for a field from its differences in all pairs of runs in which it differs."""
     messages = sum(one.messages for one in ones)
     where = f"differs in {messages} of {counted(total, 'message')}"
     unlike, example = sum(one.unlike for one in ones), ones[0].example
@@ -225,7 +225,7 @@ def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: fl
 
 
 def _rounded_up(number: float) -> float:
-    """Return a number of two digits that is not smaller.
+    """Return a number rounded up to two digits.
 
     Example:
         >>> _rounded_up(0.12345), _rounded_up(1234.5), _rounded_up(0.3)
@@ -239,5 +239,5 @@ def _rounded_up(number: float) -> float:
 
 
 def _comment(text: str) -> str:
-    """Return a text that stays in its line, as a comment of TOML wants it."""
+    """Return a text without line breaks, for a comment in TOML."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -1,6 +1,6 @@
-"""One side of a comparison: the messages of each topic by hash and time, and those that are looked into.
+"""One side of a comparison: the messages of each topic by hash and time, some of them with their content.
 
-A recording is read once for what all messages are, and once more for those of which that is not enough.
+A recording is read once for the hashes of all messages, and once more for those of which the content is needed.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ _LATEST = (1 << 63) - 1
 
 @dataclass(slots=True)
 class Track:
-    """The messages of one topic, by their place among them.
+    """The messages of one topic, in order.
 
     Attributes:
-        key: Its Zenoh key.
-        topic: What people call it.
-        type: Name of the messages' type; empty if nothing tells.
-        attachments: Whether attachments are content, not what a middleware says of itself.
-        hashes: What tells messages apart, bit by bit.
-        times: Reception, nanoseconds.
-        places: Among all messages of the recording.
-        encodings: Those that messages had.
+        key: Zenoh key of the topic.
+        topic: Name of the topic shown to users.
+        type: Name of the messages' type; empty if it is unknown.
+        attachments: Whether attachments are content, not metadata of a middleware.
+        hashes: Hashes of the messages' bytes.
+        times: Reception times, nanoseconds.
+        places: Positions among all messages of the recording.
+        encodings: Encodings of the messages.
     """
 
     key: str
@@ -53,7 +53,7 @@ class Track:
         return len(self.hashes)
 
     def add(self, message: Message, place: int) -> None:
-        """Take in the next message."""
+        """Add the next message."""
         digest = blake2b(message.payload, digest_size=_HASH_BYTES)
         if message.kind == "delete":
             digest.update(b"delete")
@@ -69,16 +69,16 @@ class Recording:
     """The messages of a log.
 
     Args:
-        name: What people call it.
-        registry: Knows their types.
-        messages: Yields them, each time it is called, of all keys (None) or of these.
+        name: Name of the log shown to users.
+        registry: Registry that knows the types of the messages.
+        messages: Function that yields the messages of all keys (None) or of the given ones, at each call.
         names: Topic and type by key, where the log says more than the key does.
 
     Attributes:
-        tracks: By key, in the order in which they come first.
-        count: How many messages there are.
-        start: Time of the first one, nanoseconds.
-        missing: What of the log could not be read, or was lost when it was recorded; a line each.
+        tracks: Tracks by key, in the order in which the keys first occur.
+        count: Number of messages.
+        start: Time of the first message, nanoseconds.
+        missing: Parts of the log that could not be read, or were lost during recording; a line each.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Recording:
         self._names = names or {}
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115 - `close` does it
         self.close = weakref.finalize(self, self._file.close)
-        """Forget the messages that were kept; happens by itself when the recording is no longer used."""
+        """Discard the messages that were kept; done automatically when the recording is no longer used."""
         self._kept: dict[str, dict[int, tuple[int, int, Message]]] = {}
         for message in messages(None):
             self.start = self.start if self.count else message.time
@@ -107,10 +107,10 @@ class Recording:
             self.count += 1
 
     def keep(self, wanted: Mapping[str, Sequence[range]]) -> None:
-        """Read once more, so that `message` can return these.
+        """Read the log once more, so that `message` can return these messages.
 
         Args:
-            wanted: Places of messages, rising, by key.
+            wanted: Positions of messages, increasing, by key.
         """
         self._file.seek(0, 2)
         left = {key: iter(ranges) for key, ranges in wanted.items() if ranges}

@@ -1,4 +1,4 @@
-"""What a comparison of two logs has found, as plain data."""
+"""The result of a comparison of two logs, as plain data."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class OrderDifference:
 
     Attributes:
         total: Messages that both logs have, of all topics.
-        moved: The fewest of them that would have to be moved, so that all come in the same order.
-        counts: Whether it is a difference.
+        moved: Smallest number of them that have to be moved for all to be in the same order.
+        counts: Whether another order counts as a difference.
     """
 
     total: int
@@ -37,9 +37,9 @@ class ComparedLog:
     """One of the logs.
 
     Attributes:
-        name: What people call it.
-        messages: That were compared.
-        missing: What could not be read, or was lost when it was recorded; a line each.
+        name: Name of the log shown to users.
+        messages: Number of messages that were compared.
+        missing: Parts that could not be read, or were lost during recording; a line each.
     """
 
     name: str
@@ -49,15 +49,15 @@ class ComparedLog:
 
 @dataclass(frozen=True, slots=True)
 class LogDifference:
-    """Two logs side by side.
+    """The differences between two logs.
 
     Attributes:
-        a: What was expected.
+        a: The expected log.
         b: The log that is compared with it.
-        topics: All that were compared, those that differ first.
-        order: Across topics.
-        ignored: Topics that were not compared, as was wished.
-        notes: What else is to be said, a line each.
+        topics: All topics that were compared, those that differ first.
+        order: Order across topics.
+        ignored: Topics that were not compared, as requested.
+        notes: Further remarks, a line each.
     """
 
     a: ComparedLog
@@ -69,7 +69,7 @@ class LogDifference:
 
     @property
     def compared(self) -> int:
-        """Messages that both logs have, of which it is known whether they are the same."""
+        """Number of messages that both logs have and that were compared."""
         return sum(each.equal + each.changed + each.moved for each in self.topics)
 
     @property
@@ -79,14 +79,14 @@ class LogDifference:
 
     @property
     def same(self) -> bool:
-        """Whether the system has answered the same; never where there was nothing to compare."""
+        """Whether the system has behaved the same; false if there was nothing to compare."""
         return (
             self.comparable and all(each.same for each in self.topics) and not (self.order.counts and self.order.moved)
         )
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What of the logs is missing, a line each."""
+        """The missing parts of the logs, a line each."""
         return tuple(f"{side.name}: {line}" for side in (self.a, self.b) for line in side.missing)
 
     def check_compared(self) -> None:
@@ -102,7 +102,7 @@ class LogDifference:
             raise DataLossError(f"the same as far as they can be read; missing is {'; '.join(self.missing)}")
 
     def lines(self) -> Iterator[str]:
-        """Yield it for people, what differs first."""
+        """Yield the result as lines of text, differences first."""
         yield self.headline()
         for topic in self.topics:
             yield from topic_lines(topic)
@@ -127,7 +127,7 @@ class LogDifference:
         return f"{names} are the same: {counted(self.compared, 'message')} of {topics}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON values; bytes are hex text, and numbers that JSON lacks are text."""
+        """Return the result as JSON values; bytes are hex text, and numbers that JSON lacks are text."""
         document: dict[str, Any] = _json(asdict(self))
         topics = [{**row, "same": each.same} for row, each in zip(document["topics"], self.topics, strict=True)]
         return {"version": 1, "same": self.same, "compared": self.compared, **document, "topics": topics}

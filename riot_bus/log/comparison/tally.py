@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["MOST_FIELDS", "Tally"]
 
 MOST_FIELDS = 10_000
-"""So many fields of a topic are told apart; what differs in others is counted together."""
+"""Most fields of a topic that are counted separately; differences in others are counted together."""
 
 _OTHERS = "(other fields)"
 _LONGEST = 200
@@ -39,7 +39,7 @@ class _Field:
     every: int = 1
 
     def take(self, change: FieldChange, a: int, b: int, seconds: float) -> None:
-        """Take in a change; `messages` is counted apart, since a message may have several of a name."""
+        """Add a change; `messages` is counted elsewhere, since a message may have several changes of one name."""
         distance = 0.0
         both = [value for value in (change.before, change.after) if _is_number(value)]
         if len(both) == 2:
@@ -55,7 +55,7 @@ class _Field:
             self.example = FieldExample(change.path, a, b, seconds, _short(change.before), _short(change.after))
 
     def _note(self, distance: float) -> None:
-        """Keep every so manieth distance."""
+        """Keep the distance of one in `every` messages."""
         if self.messages % self.every == 0:
             self.distances.append(distance)
             if len(self.distances) >= _SAMPLE:
@@ -81,13 +81,13 @@ class _Field:
 
 
 class Tally:
-    """What differs in the pairs of messages of a topic.
+    """Counts of the differences in the pairs of messages of a topic.
 
     Attributes:
         near: Messages that differ within the tolerances.
         changed: Messages that differ by more.
         same_fields: Messages that have other bytes, but the same fields.
-        left: Messages in which a field differs that is not compared, by name.
+        left: Messages in which a field that is not compared differs, by name of the field.
         changed_at: Numbers of changed messages in the first log.
     """
 
@@ -98,13 +98,13 @@ class Tally:
         self._fields: dict[str, _Field] = {}
 
     def take(self, changes: Sequence[FieldChange], a: int, b: int, seconds: float) -> None:
-        """Take in a pair of messages whose bytes differ.
+        """Add a pair of messages whose bytes differ.
 
         Args:
-            changes: Of `riot_bus.log.comparison.fields.differing`.
+            changes: Result of `riot_bus.log.comparison.fields.differing`.
             a: Number of the message in the first log.
-            b: In the second one.
-            seconds: When it came in the first log.
+            b: Number of the message in the second log.
+            seconds: Time in the first log, in seconds since its start.
         """
         if not changes:
             self.same_fields += 1
@@ -136,7 +136,7 @@ def _is_number(value: Scalar | None) -> TypeGuard[int | float]:
 
 
 def _short(value: Scalar | None) -> Scalar | None:
-    """Return a value that is no longer than people read."""
+    """Return a value, shortened if it is long text or bytes."""
     if isinstance(value, str | bytes) and len(value) > _LONGEST:
         rest = f"... ({len(value)} {'bytes' if isinstance(value, bytes) else 'characters'})"
         return (value[:_LONGEST].hex() if isinstance(value, bytes) else value[:_LONGEST]) + rest

@@ -1,4 +1,4 @@
-"""What differs in a topic, in lines for people; pure."""
+"""The differences in a topic, as lines of text; pure."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 __all__ = ["MOST_FIELDS", "facts", "moves", "rest_lines", "spans", "topic_lines", "value_text"]
 
 MOST_FIELDS = 10
-"""So many fields of a topic are shown."""
+"""Most fields of a topic that are shown."""
 
 _MOST_NUMBERS = 8
 _LONGEST = 80
 
 
 def topic_lines(topic: TopicDifference) -> Iterator[str]:
-    """Yield what differs in a topic; a line that begins with `!` if that is more than is tolerated."""
+    """Yield the differences in a topic; the first line begins with `!` if they exceed what is tolerated."""
     sign = "=" if topic.same else "!"
     count = f"{topic.count_a}" if topic.count_a == topic.count_b else f"{topic.count_a} -> {topic.count_b}"
     parts = [f"{topic.equal} of {count} equal"]
@@ -51,7 +51,7 @@ def topic_lines(topic: TopicDifference) -> Iterator[str]:
 
 
 def facts(topic: TopicDifference) -> list[tuple[str, str]]:
-    """Return what there is to be counted besides equal messages, with how many."""
+    """Return the kinds of messages that occur besides equal ones, with their numbers."""
     a, b = topic.unaligned
     found = [
         ("within tolerances", str(topic.near)),
@@ -78,7 +78,7 @@ def _where(example: FieldExample, name: str) -> str:
 
 
 def value_text(value: Scalar | None) -> str:
-    """Return a value, no longer than a line."""
+    """Return a value as text that fits in a line."""
     if value is None:
         return "(none)"
     shown = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
@@ -87,11 +87,11 @@ def value_text(value: Scalar | None) -> str:
 
 
 def spans(places: Sequence[int], number: int) -> str:
-    """Return numbers of messages, those that follow one another together: `#3, #7-9`.
+    """Return numbers of messages as text, consecutive ones together: `#3, #7-9`.
 
     Args:
-        places: The first ones, rising.
-        number: How many there are.
+        places: First of the numbers, increasing.
+        number: Number of all messages.
     """
     found: list[list[int]] = []
     for place in places:
@@ -106,7 +106,7 @@ def spans(places: Sequence[int], number: int) -> str:
 
 
 def moves(topic: TopicDifference) -> str:
-    """Return which messages come in another order."""
+    """Return which messages are in another order."""
     shown = topic.moved_at[:_MOST_NUMBERS]
     text = ", ".join(f"#{one} as #{other}" for one, other in shown)
     left = topic.moved - len(shown)
@@ -114,7 +114,7 @@ def moves(topic: TopicDifference) -> str:
 
 
 def rest_lines(topics: Sequence[TopicDifference]) -> Iterator[str]:
-    """Yield what is to be said of all topics together: what was not compared, and when messages came."""
+    """Yield the lines about all topics together: fields that were not compared, same fields, and timing."""
     left = [f"{topic.topic}:{name} ({number})" for topic in topics for name, number in topic.left.items()]
     if left:
         more = f" and {len(left) - _MOST_NUMBERS} more" if len(left) > _MOST_NUMBERS else ""

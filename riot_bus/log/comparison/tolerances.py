@@ -1,6 +1,6 @@
-"""How far values may be apart, and still count as the same: `TOPIC:PATH=0.01`, `=1%`, `=ignore`; `TOPIC=5` messages.
+"""Tolerances, within which values count as the same: `TOPIC:PATH=0.01`, `=1%`, `=ignore`; `TOPIC=5` messages.
 
-A topic is a name or a key expression; in a path `*` stands for any text, and `[*]` for any element. What stands last
+A topic is a name or a key expression; in a path `*` stands for any text, and `[*]` for any element. The last match
 counts. A file is TOML: one table `[tolerances]` with the same left sides as keys.
 """
 
@@ -46,8 +46,8 @@ class Tolerance:
 
     Attributes:
         absolute: Allowed difference, in the unit of the field.
-        relative: Or by so much of the larger one.
-        leave: Why they are not compared at all; empty if they are.
+        relative: Allowed difference, as a share of the larger value.
+        leave: Reason why they are not compared at all; empty if they are.
     """
 
     absolute: float = 0.0
@@ -55,11 +55,11 @@ class Tolerance:
     leave: Literal["", "ignored", "a time"] = ""
 
     def allows(self, a: float, b: float) -> bool:
-        """Return whether two numbers are near enough; NaN is near NaN alone, an infinity near itself alone."""
+        """Return whether two numbers are close enough; NaN is only close to NaN, an infinity only to itself."""
         return a == b or abs(a - b) <= self.of(a, b) or (a != a and b != b)
 
     def of(self, a: float, b: float) -> float:
-        """Return by how much these two may be apart; nothing where one of them is infinite."""
+        """Return the allowed difference of two numbers; 0 if one of them is infinite."""
         most = max(abs(a), abs(b))
         return max(self.absolute, self.relative * most) if most < math.inf else 0.0
 
@@ -67,7 +67,7 @@ class Tolerance:
 EXACT: Final = Tolerance()
 IGNORED: Final = Tolerance(leave="ignored")
 TIME: Final = Tolerance(leave="a time")
-"""Of fields that are times: when something is answered is told apart from what is answered."""
+"""Tolerance of fields that are times: when the system responds is compared separately from what it responds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +79,10 @@ class _Entry:
 
 
 class TolerancesOfTopic:
-    """What holds for the fields of one topic, and for its number of messages.
+    """Tolerances of the fields of one topic, and of its number of messages.
 
     Args:
-        entries: Of this topic, those that count most first.
+        entries: Entries of this topic, in order of precedence.
     """
 
     def __init__(self, entries: Sequence[_Entry] = ()) -> None:
@@ -94,7 +94,7 @@ class TolerancesOfTopic:
         return next((each.tolerance for each in self._entries if not each.path), EXACT)
 
     def of_field(self, path: str, kind: MessageType | None = None) -> Tolerance:
-        """Return what holds for a field: what was said, else nothing for times, else that it has to be equal."""
+        """Return the tolerance of a field: the one given, or else `TIME` for times and `EXACT` for other fields."""
         for each in self._entries:
             if each.path and names_field(each.path, path):
                 return each.tolerance
@@ -103,14 +103,14 @@ class TolerancesOfTopic:
 
 
 class TopicTolerances:
-    """What holds for the topics of two logs.
+    """Tolerances of the topics of two logs.
 
     Args:
         given: Left sides and values: numbers, `1%`, `ignore`; the last one that names a field counts.
-        where: The option or file, for errors.
+        where: Option or file, for errors.
 
     Raises:
-        ConfigError: One is none.
+        ConfigError: An entry is not a tolerance.
     """
 
     def __init__(self, given: Sequence[tuple[str, object]] = (), *, where: str = TABLE) -> None:
@@ -118,7 +118,7 @@ class TopicTolerances:
 
     @classmethod
     def of_options(cls, texts: Sequence[str]) -> TopicTolerances:
-        """Return what `--tolerance` says; raises ConfigError if a text does not say what is tolerated."""
+        """Return the tolerances given with `--tolerance`; raises ConfigError if a text is not a tolerance."""
         given = []
         for text in texts:
             left, equals, value = text.rpartition("=")
@@ -133,27 +133,27 @@ class TopicTolerances:
         return both
 
     def of_topic(self, named: Callable[[str], bool]) -> TolerancesOfTopic:
-        """Return what holds for a topic.
+        """Return the tolerances of a topic.
 
         Args:
-            named: Says whether a name or key expression includes the topic.
+            named: Function that tells whether a name or key expression includes the topic.
         """
         return TolerancesOfTopic([each for each in reversed(self._entries) if named(each.topic)])
 
     def unused(self, named: Callable[[str], bool]) -> list[str]:
-        """Return those that name no topic; `named` says whether a name or key expression includes any."""
+        """Return the entries that name no topic; `named` tells whether a name or key expression includes any."""
         return [each.text for each in self._entries if not named(each.topic)]
 
 
 def tolerances_of(texts: Sequence[str], files: Sequence[Path]) -> TopicTolerances:
-    """Return what files say and then, which counts more, what options say.
+    """Return the tolerances of files and of options, which take precedence.
 
     Args:
-        texts: Of `--tolerance`.
-        files: Of `--tolerances`.
+        texts: Values of `--tolerance`.
+        files: Files given with `--tolerances`.
 
     Raises:
-        ConfigError: One does not say what is tolerated.
+        ConfigError: An entry is not a tolerance.
     """
     found = TopicTolerances()
     for file in files:
@@ -165,7 +165,7 @@ def read_tolerances(path: Path) -> TopicTolerances:
     """Read a file of tolerances.
 
     Raises:
-        ConfigError: It cannot be read, or says something else.
+        ConfigError: It cannot be read, or contains something else.
     """
     import tomllib
 
@@ -173,7 +173,7 @@ def read_tolerances(path: Path) -> TopicTolerances:
         document: Mapping[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"cannot read the tolerances: {error.strerror}", where=str(path)) from None
-    except ValueError as error:  # bytes that are no text, or text that is no TOML
+    except ValueError as error:  # bytes that are not text, or text that is not TOML
         raise ConfigError(f"not TOML: {error}", where=str(path)) from None
     table = document.get(TABLE)
     if set(document) != {TABLE} or not isinstance(table, Mapping):

@@ -1,4 +1,4 @@
-"""One topic in two logs: which of its messages belong together, and what differs in them."""
+"""Comparison of one topic in two logs: pairs of its messages, and the differences between them."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _BYTES_PER_VALUE = 32
 class TopicComparison:
     """Compares the messages of one topic.
 
-    What is equal bit by bit is found by hashes alone. Of what is left, `wanted` says which messages have to be looked
-    into; when both recordings have kept those, `look` does it.
+    Messages with equal bytes are found by hashes alone. `wanted` tells of which other messages the content is needed;
+    when both recordings have kept those, `look` compares them.
 
     Args:
         recordings: Both logs.
-        tracks: The topic in each of them.
-        tolerances: What holds for it.
+        tracks: Messages of the topic in each of them.
+        tolerances: Tolerances of the topic.
     """
 
     def __init__(
@@ -61,11 +61,11 @@ class TopicComparison:
 
     @property
     def wanted(self) -> tuple[list[range], list[range]]:
-        """Places of the messages of both logs that have to be looked into."""
+        """Positions of the messages of both logs of which the content is needed."""
         return [gap.a for gap in self._gaps if gap.a], [gap.b for gap in self._gaps if gap.b]
 
     def look(self) -> None:
-        """Find out which of them belong together, and compare them."""
+        """Pair the wanted messages, and compare them."""
         halves = [Half(track.hashes, partial(self._read, side)) for side, track in enumerate(self.tracks)]
         found = self._pairing = paired(self._pairing.blocks, self._gaps, *halves, same=self._same)
         times, start = self.tracks[0].times, self._recordings[0].start
@@ -79,18 +79,18 @@ class TopicComparison:
 
     @property
     def pairs(self) -> NDArray[np.int64]:
-        """Places of messages that belong together, shape (pairs, 2), rising."""
+        """Positions of paired messages, shape (pairs, 2), increasing."""
         found = self._pairing
         parts = [np.arange(block.size)[:, None] + np.array([[block.a, block.b]]) for block in found.blocks]
         rows = np.concatenate([np.array(found.pairs, np.int64).reshape(-1, 2), *parts])
         return rows[np.argsort(rows[:, 0])]
 
     def result(self, *, starts: tuple[int, int], timing: float | None) -> TopicDifference:
-        """Return what differs.
+        """Return the differences.
 
         Args:
             starts: Times of the first message that both logs have.
-            timing: Seconds that messages may come earlier or later; None for any.
+            timing: Seconds by which messages may be earlier or later; None for any.
         """
         (a, b), found, tally, pairs = self.tracks, self._pairing, self._tally, self.pairs
         longest = max(len(a), len(b))
@@ -134,7 +134,7 @@ class TopicComparison:
 
 
 def _labels(a: Track, b: Track) -> list[tuple[str, tuple[str, str]]]:
-    """Return what both logs say in different ways of all messages."""
+    """Return the properties of all messages that differ between the logs."""
     encodings = [", ".join(sorted(track.encodings - {""})) for track in (a, b)]
     told = [("type", (a.type, b.type)), ("encoding", (encodings[0], encodings[1]))]
     return [(name, both) for name, both in told if all(both) and both[0] != both[1]]

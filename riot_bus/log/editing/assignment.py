@@ -1,4 +1,4 @@
-"""How fields are changed: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number; conditions may follow.
+"""Changes of fields: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number; conditions may follow.
 
 Integers wrap to the bits of their type and floats become infinite when they overflow, as `MessageType.rebuild` says.
 """
@@ -39,13 +39,13 @@ _ALL_ELEMENTS = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """What happens to a field.
+    """A change of a field.
 
     Attributes:
-        text: As it was written.
-        selection: In which messages.
-        field: Its path; `[*]` stands for all elements.
-        operator: `=`, or what is done with its value and `value`.
+        text: Text as it was written.
+        selection: Messages in which the field is changed.
+        field: Path of the field; `[*]` stands for all elements.
+        operator: `=`, or the operation that combines the field's value with `value`.
         value: A scalar, a number for other operators than `=`.
     """
 
@@ -56,7 +56,7 @@ class Assignment:
     value: Scalar
 
     def applied(self, kind: MessageType, payload: bytes) -> bytes:
-        """Return the payload with the field changed; raises PayloadError if it has none or the value does not fit."""
+        """Return the payload with the field changed; raises PayloadError if it is missing or the value does not fit."""
         if "[*]" not in self.field:
             return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
         pattern = _elements(self.field)
@@ -67,11 +67,11 @@ class Assignment:
         return kind.rebuild(payload, {leaf.path: self._changed(leaf.value) for leaf in leaves})
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
-        """Return what does the same faster if all messages get one value at one place, else None.
+        """Return a faster equivalent if all messages get one value at one place, otherwise None.
 
         Args:
-            kind: Their type.
-            payload: One of them.
+            kind: Type of the messages.
+            payload: Payload of one of them.
         """
         patcher = getattr(kind, "patcher", None)
         if patcher is None or self.operator != "=" or "[*]" in self.field:
@@ -101,8 +101,8 @@ def parse_assignment(text: str, option: str) -> Assignment:
     """Parse `TOPIC:FIELD OPERATOR VALUE [conditions]`.
 
     Args:
-        text: What the user wrote.
-        option: Such as `--set`, for errors.
+        text: Text that the user wrote.
+        option: Option such as `--set`, for errors.
 
     Raises:
         ConfigError: It is not of this form.
@@ -146,7 +146,7 @@ def _value(text: str, option: str) -> Scalar:
 
 
 def _fitted(value: Scalar, before: Scalar) -> Scalar:
-    """Bring a value into the field's kind: `nan` is a number where the field is one, 2.0 an integer."""
+    """Convert a value to the field's kind: `nan` becomes a number if the field is one, 2.0 an integer."""
     if isinstance(before, str):
         return value if isinstance(value, str) else _spelt(value)
     if isinstance(before, float):

@@ -1,6 +1,6 @@
-"""Folders of ROS 2 bags: which files they hold, and what rosbag2 wants to know of those that an edit writes.
+"""Folders of ROS 2 bags: the files in them, and the metadata that rosbag2 needs of those that an edit writes.
 
-From version 9 of its metadata on rosbag2 writes QoS as names, before as numbers; what a bag's channels say decides.
+From version 9 of its metadata on, rosbag2 writes QoS as names, before as numbers; the channels of a bag decide which.
 Source: metadata_io and the MCAP plug-in of rosbag2.
 """
 
@@ -29,12 +29,12 @@ _HEAD = "rosbag2_bagfile_information:\n"
 
 @dataclass(frozen=True, slots=True)
 class Former:
-    """What an input says of itself, apart from what is known of the output.
+    """The metadata of an input, apart from what is known of the output.
 
     Attributes:
-        present: Whether it says anything.
-        mapping: Of its metadata record.
-        distro: The ROS distribution.
+        present: Whether the input has metadata.
+        mapping: Mapping of its metadata record.
+        distro: Name of the ROS distribution.
         custom: The user's own data, as YAML.
     """
 
@@ -45,7 +45,7 @@ class Former:
 
 
 def former_of(mapping: Mapping[str, str]) -> Former:
-    """Return what a metadata record `rosbag2` says."""
+    """Return the content of a metadata record `rosbag2`."""
     text = mapping.get(FIELD, "")[:_MOST_BYTES]
     if text.startswith(_HEAD):
         text = textwrap.dedent(text.removeprefix(_HEAD))

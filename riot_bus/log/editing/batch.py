@@ -1,4 +1,4 @@
-"""Many messages at once, as records in a buffer: what is not touched is moved, never taken apart."""
+"""Batches of messages, as records in a buffer: records that do not change are moved without being parsed."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ _WRAP = 1 << 64
 
 @dataclass(slots=True, eq=False)
 class Batch:
-    """Messages, n of them.
+    """A batch of n messages.
 
     Attributes:
-        buffer: Holds their records.
-        start: Where each record begins, shape (n,).
-        end: Where it ends, shape (n,).
-        course: Number of the `Course` of each, shape (n,).
-        time: Of each, nanoseconds, shape (n,).
-        extras: What `layout.extras_of` says of each, shape (n,); None if none has any.
-        notes: What interceptors did to each, tuples, shape (n,); None if there is nothing.
+        buffer: Buffer that holds their records.
+        start: Offset at which each record begins, shape (n,).
+        end: Offset at which each record ends, shape (n,).
+        course: Number of the course (`ChannelEdit`) of each message, shape (n,).
+        time: Time of each message, nanoseconds, shape (n,).
+        extras: Result of `layout.extras_of` for each message, shape (n,); None if no message has extras.
+        notes: Changes of each message by interceptors, tuples, shape (n,); None if there are none.
         changed: Number of the course for which each counts as changed, -1 if it does not, shape (n,); None if none.
-        whole: The log and the block that they are all of and that holds nothing else; None if something is different.
+        whole: Log and block, if these are exactly all messages of the block, unchanged; None otherwise.
     """
 
     buffer: bytes | bytearray
@@ -73,7 +73,7 @@ class Batch:
         return int((self.end - self.start).sum())
 
     def take(self, rows: NDArray[Any] | slice) -> Batch:
-        """Return some of them, by mask, by number or by range."""
+        """Return some of the messages, by mask, by number or by range."""
         return Batch(
             self.buffer,
             self.start[rows],
@@ -86,11 +86,11 @@ class Batch:
         )
 
     def where(self, mask: NDArray[np.bool_]) -> Batch:
-        """Return those for which a mask is true; the same batch if that is all of them."""
+        """Return the messages for which a mask is true; the same batch if these are all."""
         return self if mask.all() else self.take(mask)
 
     def by_time(self) -> Batch:
-        """Return them in the order of time, those of equal time as they are; the same batch if that is its order."""
+        """Return the messages sorted by time (stable); the same batch if it is already sorted."""
         if len(self) < 2 or bool((self.time[1:] >= self.time[:-1]).all()):
             return self
         return self.take(np.argsort(self.time, kind="stable"))
@@ -141,7 +141,7 @@ def gathered(batches: Sequence[Batch]) -> Batch:
 
 
 def runs_of(batch: Batch) -> list[tuple[int, int]]:
-    """Return where records stand that follow each other without a gap, from where to where."""
+    """Return start and end of each sequence of records without gaps."""
     if not len(batch):
         return []
     breaks = np.flatnonzero(batch.start[1:] != batch.end[:-1])
@@ -151,10 +151,10 @@ def runs_of(batch: Batch) -> list[tuple[int, int]]:
 
 
 def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.bool_]]:
-    """Move times; the batch is changed, and returned with a mask of those that still have a time.
+    """Shift times; the batch is changed in place, and returned with a mask of the messages whose time is still valid.
 
     Args:
-        batch: Messages.
+        batch: Messages whose times are shifted.
         delta: Nanoseconds to add to both times of each, shape (n,).
     """
     if not delta.any():

@@ -27,20 +27,20 @@ _HOPELESS = 1000
 
 
 class Trouble:
-    """How often something could be done with the messages of a topic, and how often not.
+    """How often an action on messages succeeded, and how often it failed.
 
     Args:
-        name: Name of what was done.
+        name: Name of the action.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.succeeded = self.failed = 0
         self.problem: PayloadError | None = None
-        """The first one."""
+        """The first failure."""
 
     def fail(self, error: PayloadError) -> None:
-        """Count a failure; raises ConfigError when there is no hope that it ever succeeds."""
+        """Count a failure; raises ConfigError after many failures without a success."""
         self.failed += 1
         if self.problem is None:
             self.problem = error
@@ -55,16 +55,16 @@ class Trouble:
 
 
 class EditStep:
-    """One `--keep`, `--drop` or `--set`, and how it goes.
+    """One `--keep`, `--drop` or `--set`, and its success.
 
     Args:
-        selection: Which messages are meant.
-        assignment: What is set, if it is such.
+        selection: Selection of the messages.
+        assignment: Assignment of a `--set`; None for the others.
 
     Attributes:
         matched: Whether there is such a topic.
-        reading: How the fields of its predicate can be read.
-        setting: How its field can be set.
+        reading: Success of reading the fields of its predicate.
+        setting: Success of setting its field.
     """
 
     def __init__(self, selection: Selection, assignment: Assignment | None = None) -> None:
@@ -76,7 +76,7 @@ class EditStep:
         self.setting = Trouble(self.name)
 
     def warnings(self) -> list[str]:
-        """Return what is to be said about it in the end; raises ConfigError if it has failed for all messages."""
+        """Return the warnings about it at the end; raises ConfigError if it has failed for all messages."""
         found = []
         for trouble, text in ((self.reading, "not selected"), (self.setting, "left as they are")):
             trouble.check()
@@ -89,7 +89,7 @@ class Kinds:
     """Finds the types of channels.
 
     Args:
-        adapters: Returns the adapters; they are not loaded before.
+        adapters: Function that returns the adapters, which are not loaded before it is called.
         declared: Type names by topic.
         definitions: Files that define types.
     """
@@ -102,7 +102,7 @@ class Kinds:
         self._definitions = definitions
 
     def of(self, topic: RecordedTopic, encoding: str, payload: bytes) -> MessageType:
-        """Return the type of a channel; raises PayloadError if nothing tells."""
+        """Return the type of a channel; raises PayloadError if it is unknown."""
         registry = TypeRegistry(self._adapters(), declared=self._declared, definitions=self._definitions)
         for name in {topic.key, topic.name}:
             if topic.schema.name or topic.encoding:
@@ -121,17 +121,17 @@ class ChannelEdit:
     """What happens to the messages of one channel.
 
     Attributes:
-        topic: What was recorded.
-        target: Where they are written; None if all are dropped.
-        channel: The channel's number in its input, -1 if it has none.
-        counts: Figures of the topic.
+        topic: Topic as it was recorded.
+        target: Channel that they are written to; None if all are dropped.
+        channel: Number of the channel in its input, -1 if it has none.
+        counts: Counts of the topic.
         original: Whether it holds originals.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.
-        drop: Conditions of which none must be met.
-        changes: What is set, under which conditions; None if always.
+        drop: Conditions of which none may be met.
+        changes: Assignments with their conditions, None for an unconditional one.
         piped: Whether interceptors see them.
-        numbers: How many messages of the topic came before, in a list of one.
+        numbers: Number of earlier messages of the topic, in a list with one element.
     """
 
     topic: RecordedTopic
@@ -160,14 +160,14 @@ class ChannelEdit:
         return self.keep is not None or bool(self.drop)
 
     def kind(self, payload: bytes) -> MessageType:
-        """Return the type of the messages; raises PayloadError if nothing tells."""
+        """Return the type of the messages; raises PayloadError if it is unknown."""
         if self._kind is None:
             encoding = self.target.constants.encoding if self.target is not None else ""
             self._kind = self.kinds.of(self.topic, encoding or self.topic.encoding, payload)
         return self._kind
 
     def chosen(self, time: int, number: int, payload: bytes) -> bool:
-        """Return whether a message stays."""
+        """Return whether a message is kept."""
         if self.keep is not None and not any(_holds(self, *each, time, number, payload) for each in self.keep):
             return False
         return not any(_holds(self, *each, time, number, payload) for each in self.drop)
@@ -194,7 +194,7 @@ class ChannelEdit:
 
 
 def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep]:
-    """Return the steps that mean a topic."""
+    """Return the steps that apply to a topic, and mark them as matched."""
     found = [step for step in steps if means(step.selection.topic, topic)]
     for step in found:
         step.matched = True

@@ -1,4 +1,4 @@
-"""Who is who in an edit: a course for each channel of the inputs, made when its first messages come."""
+"""The channels of an edit: a course (`ChannelEdit`) for each, made when the channel becomes known."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ __all__ = ["ChannelTable"]
 
 
 class ChannelTable:
-    """Makes courses.
+    """Makes the courses of an edit.
 
     Args:
-        options: What is wanted.
-        design: What that means.
-        inputs: The logs.
-        origin: Returns when they begin, nanoseconds.
+        options: Options of the edit.
+        design: Steps that follow from the options.
+        inputs: Logs that are edited.
+        origin: Function that returns when the logs begin, nanoseconds.
 
     Attributes:
         courses: The courses by number.
         steps: All selections and assignments.
 
     Raises:
-        ConfigError: An option names a topic that the logs do not have, or a new name is none.
+        ConfigError: An option names a topic that the logs do not have, or a new name is not valid.
     """
 
     def __init__(
@@ -74,14 +74,14 @@ class ChannelTable:
 
     @cached_property
     def adapters(self) -> list[Adapter]:
-        """All that are installed; they know the definitions that the user named."""
+        """All installed adapters; they know the definitions that the user named."""
         found = load_adapters()
         TypeRegistry(found, definitions=self._options.definitions)
         return found
 
     @cached_property
     def registry(self) -> TypeRegistry:
-        """Knows topics and types by the keys of the inputs."""
+        """Registry of topics and types by the keys of the inputs."""
         found = TypeRegistry(self.adapters, declared=self._options.types, definitions=self._options.definitions)
         for course in self.courses:
             topic = course.topic
@@ -91,7 +91,7 @@ class ChannelTable:
         return found
 
     def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
-        """Return a design that names topics by their keys where it named them by short names."""
+        """Return the design with short names of topics replaced by keys."""
         topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channels.values()]
 
         def full(text: str) -> str:
@@ -114,7 +114,7 @@ class ChannelTable:
             course.piped = not course.original and course.target is not None and is_wanted(course.topic.key)
 
     def counts(self) -> list[EditCounts]:
-        """Return what has become of the topics, by name."""
+        """Return the counts of all topics, sorted by name."""
         return sorted(self._counts.values(), key=lambda each: each.topic)
 
     def targets(self) -> list[OutputChannel]:
@@ -123,7 +123,7 @@ class ChannelTable:
         return [found[number] for number in sorted(found)]
 
     def target_list(self) -> list[OutputChannel | None]:
-        """Return where messages are written, by number of the course."""
+        """Return the channels that messages are written to, by number of the course."""
         return [course.target for course in self.courses]
 
     def course_of(self, log: InputLog, number: int) -> int:
@@ -137,7 +137,7 @@ class ChannelTable:
     def course_of_key(self, message: Message) -> int:
         """Return the number of the course of a message that an interceptor has made or put on another key."""
         known = self._by_key.get(message.key)
-        if known is None or self.courses[known].target is None:  # what is dropped, is dropped before
+        if known is None or self.courses[known].target is None:  # dropping precedes interceptors
             known = self._by_key[message.key] = self._add(*self._made_channel(message, known), made=True)
         return known
 
@@ -185,11 +185,11 @@ class ChannelTable:
         return number
 
     def _select(self, course: ChannelEdit) -> bool:
-        """Say which of a course's messages are kept and what is set in them; return whether any are kept."""
+        """Set which messages of a course are kept and what is set in them; return whether any may be kept."""
         topic, original = course.topic, course.original
         keeping, dropping = concerning(self._keep, topic), concerning(self._drop, topic)
         changing = concerning(self._changes, topic)
-        if original:  # they follow topic and time alone
+        if original:  # originals are only selected by topic and time
             dropping = [step for step in dropping if step.selection.follows_time]
             changing = []
         if original and (not self._options.originals or self._options.folder):

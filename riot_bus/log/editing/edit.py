@@ -45,11 +45,11 @@ def edit(
 
     Args:
         options: Inputs, changes and outputs.
-        interceptors: See each message after it was changed.
-        progress: Called now and then with bytes that were read and that there are.
+        interceptors: Interceptors, which see each message after it was changed.
+        progress: Function that is called repeatedly with the number of bytes read and of all bytes.
 
     Returns:
-        What became of the messages; damaged inputs are no error.
+        What happened to the messages; damaged inputs are not an error.
 
     Raises:
         ConfigError: An option, or an input or output file, is not usable.
@@ -82,7 +82,7 @@ class _Editor:
         self._sliced = self._low > -_END or self._high < _END
 
     def run(self, progress: Callable[[int, int], None]) -> EditResult:
-        """Do it."""
+        """Run the edit."""
         self._product.open(self._inputs, self._roster)
         total, done = sum(log.size for log in self._inputs), 0
         rank = 0
@@ -168,13 +168,13 @@ class _Editor:
 
     def _is_wanted(self, log: InputLog, block: Block) -> bool:
         if not self._sliced or log.counts is None:
-            return True  # all is read where the summary does not tell how much is left out
+            return True  # everything is read if the summary does not tell how much is left out
         if block.start + log.shift >= self._high:
             return False
         return self._latched is not None or block.end + log.shift >= self._low
 
     def _is_told(self, log: InputLog) -> bool:
-        """Whether messages are counted by what the summary says, since not all are read."""
+        """Return whether messages are counted from the summary, because not all are read."""
         return self._sliced and log.counts is not None
 
     def _in_window(self, log: InputLog, batch: Batch | None) -> Batch | None:
@@ -190,7 +190,7 @@ class _Editor:
         return batch
 
     def _processed(self, batch: Batch, bound: int | None) -> Batch:
-        """Choose and change; counts what stays as kept."""
+        """Select and change messages, and count those that are kept."""
         courses = self._roster.courses
         batch = batch.where(np.array([each.target is not None for each in courses], np.bool_)[batch.course])
         looked_at = np.array([each.choosy for each in courses], np.bool_)[batch.course]
@@ -200,7 +200,7 @@ class _Editor:
         return batch if self._piping is None else self._piping.run(batch, bound)
 
     def _looked_at(self, batch: Batch, rows: list[int]) -> Batch:
-        """Choose and change messages one by one: in place where they keep their length, else behind the others."""
+        """Select and change messages one by one: in place if they keep their length, otherwise behind the others."""
         courses = self._roster.courses
         changes = any(courses[number].changes for number in np.unique(batch.course[rows]).tolist())
         buffer = batch.writable() if changes else batch.buffer
@@ -277,7 +277,7 @@ class _Editor:
         self._product.write(batch, self._roster.target_list(), ready)
 
     def _ready(self, log: InputLog, block: Block) -> ReadyChunk | None:
-        """Return a chunk, if it can be copied: nothing in it needs to be different."""
+        """Return a chunk if it can be copied unchanged, otherwise None."""
         if not log.agrees(block, self._roster.targets()):
             return None
         found = log.packed(block)

@@ -1,4 +1,4 @@
-"""A log that is edited: its blocks as batches, and what is missing of it."""
+"""A log that is edited: its blocks as batches, and its losses."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _MOST_LOOKED_AT = 1000
 
 
 class InputLog:
-    """Opens a log; closes it when it is no longer used. Damage is never an exception.
+    """A log that is open, and is closed when it is no longer used; damage never raises an exception.
 
     Args:
-        number: Its place among the inputs.
-        path: The file.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
+        number: Position among the inputs.
+        path: Path of the file.
+        salvage: Whether to take messages of damaged chunks that an index confirms.
 
     Attributes:
         shift: Nanoseconds that are added to all its times.
@@ -104,7 +104,7 @@ class InputLog:
 
     @property
     def counts(self) -> Mapping[int, int] | None:
-        """How many messages each channel has, as the summary says; None if it does not."""
+        """Number of messages of each channel, from the summary; None if that does not tell."""
         statistics = self._scan.statistics
         if statistics is None or not self._scan.finished or self._scan.unread or self._scan.missing_chunks:
             return None
@@ -113,7 +113,7 @@ class InputLog:
 
     @property
     def compression(self) -> str | None:
-        """How its chunks are compressed, if some are; None if there is no chunk or this is done in another way."""
+        """Compression of its chunks, `none` if none is compressed; None if it is unknown or there are no chunks."""
         found: str | None = None
         for block in islice((block for block in self._scan.blocks if block.chunked), _MOST_LOOKED_AT):
             head = os.pread(self._file, 64, block.body.offset)
@@ -156,8 +156,8 @@ class InputLog:
         """Return the messages of a block in the order of the file; None if there are none.
 
         Args:
-            block: One of `blocks`.
-            course_of: Returns the number of a channel's course.
+            block: One of the `blocks`.
+            course_of: Function that returns the number of a channel's course.
         """
         try:
             data, records, saved = self._read(block)
@@ -197,7 +197,7 @@ class InputLog:
         """Return whether the definitions in the block that was loaded last are those of an output.
 
         Args:
-            block: The one that was loaded last.
+            block: Block that was loaded last.
             targets: All channels of the output.
         """
         number, others = self._others
@@ -219,7 +219,7 @@ class InputLog:
         return True
 
     def packed(self, block: Block) -> tuple[str, bytes] | None:
-        """Return how a chunk is compressed, and its compressed data; None if it cannot be told."""
+        """Return the compression of a chunk and its compressed data; None if the compression is unknown."""
         body = os.pread(self._file, block.body.length, block.body.offset)
         length = int.from_bytes(body[_CHUNK_NAME_AT : _CHUNK_NAME_AT + 4], "little")
         begin = _CHUNK_NAME_AT + 4 + length
@@ -228,7 +228,7 @@ class InputLog:
         return None if name is None else (name, body[begin + 8 : begin + 8 + size])
 
     def metadata(self) -> Iterator[tuple[str, dict[str, str]]]:
-        """Yield the metadata records as they stand, but for provenance."""
+        """Yield the metadata records unchanged, except for provenance."""
         for name, span in self._scan.metadata:
             if name != layout.PROVENANCE:
                 mapping = read_metadata(self._file, span, self._limits)
@@ -238,7 +238,7 @@ class InputLog:
                     yield name, mapping
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attachments of others."""
+        """Yield the attachments of other tools."""
         for span in self._scan.attachments:
             found = None
             if span.length <= self._limits.chunk:
@@ -269,7 +269,7 @@ class InputLog:
             define(self._scan, opcode, saved.data[begin:end])
 
     def _read(self, block: Block) -> tuple[bytes, Records, Salvage | None]:
-        """Return a block's records; of a damaged one, what an index confirms, or raise ValueError."""
+        """Return a block's records, for a damaged one those that an index confirms; or raise ValueError."""
         try:
             data = read_block(self._file, block, self._limits)
             return data, records_of(data, self._limits, cut=block.cut), None
@@ -309,7 +309,7 @@ class InputLog:
         return found
 
     def _provenance_spans(self) -> dict[int, list[Span]]:
-        """Return, by block, where what is noted of its messages stands: right before it."""
+        """Return the provenance records of each block, which are right before it."""
         found: dict[int, list[Span]] = defaultdict(list)
         blocks = iter(self._scan.blocks)
         block = next(blocks, None)

@@ -1,4 +1,4 @@
-"""What a late joiner would have got: the last messages of latched topics from before the beginning of a slice."""
+"""What a late joiner would have received: the last messages of latched topics from before the start of a slice."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class LatchedMessages:
     """Keeps the last messages of latched topics until the slice begins.
 
     Args:
-        start: When it begins, nanoseconds.
+        start: Start of the slice, nanoseconds.
         courses: The courses by number.
-        adapters: Know which topics are latched, and how many messages of each are kept.
+        adapters: Adapters, which know which topics are latched, and how many messages of each are kept.
     """
 
     def __init__(self, start: int, courses: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
@@ -37,16 +37,16 @@ class LatchedMessages:
         self._released = False
 
     def wanted(self, batch: Batch) -> NDArray[np.bool_]:
-        """Return which messages of a log are to be handed to `run`: of others only what is in the slice."""
+        """Return which messages of a log `run` needs: all of latched topics, of others those in the slice."""
         latched = np.array(self._depths, np.int64)[batch.course] > 0
         found: NDArray[np.bool_] = latched | (batch.time >= np.uint64(self._start))
         return found
 
     def run(self, batch: Batch) -> Batch:
-        """Return what is in the slice, and before its first messages what is latched.
+        """Return the messages in the slice, and the latched ones before the first of these.
 
         Args:
-            batch: Messages by time.
+            batch: Messages, sorted by time.
         """
         early = batch.time < np.uint64(self._start)
         before, inside = batch.where(early), batch.where(~early)
@@ -59,7 +59,7 @@ class LatchedMessages:
         return gathered([self.rest(), inside])
 
     def rest(self) -> Batch:
-        """Return what is latched, with the time at which the slice begins; nothing if it was returned already."""
+        """Return the latched messages, with the start of the slice as their time; none if already returned."""
         if self._released:
             return gathered([])
         self._released = True

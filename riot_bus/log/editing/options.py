@@ -1,4 +1,4 @@
-"""What an edit shall do, as plain values; `EditOptions.design` says what they mean."""
+"""The options of an edit, as plain values; `EditOptions.design` parses them."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _LARGEST_CHUNK = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """Messages that get other times.
+    """A shift of the times of messages.
 
     Attributes:
-        topic: Name or key expression; None for all.
+        topic: Name or key expression; None for all topics.
         delta: Nanoseconds that are added.
     """
 
@@ -38,7 +38,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What is done, step by step, in the order of the attributes."""
+    """The steps of an edit, in the order of the attributes."""
 
     keep: Sequence[Selection]
     drop: Sequence[Selection]
@@ -49,7 +49,7 @@ class Design:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditOptions:
-    """What to make of which logs.
+    """The inputs, changes and outputs of an edit.
 
     Attributes:
         inputs: MCAP files, or folders of ROS 2 bags; merged by time.
@@ -57,28 +57,28 @@ class EditOptions:
         start: Where to begin, as `naming.parse_time` takes it; None at the beginning.
         end: Where to end, exclusive.
         duration: Seconds from `start` on, in place of `end`.
-        latched: Begin with the last messages of latched topics from before `start`.
-        align: Let all logs begin at the same time, whenever they were recorded.
+        latched: Whether to begin with the last messages of latched topics from before `start`.
+        align: Whether all logs begin at the same time, whenever they were recorded.
         keep: Selections, of which a message must meet one; empty for all.
-        drop: Selections, of which it must meet none.
-        changes: `TOPIC:FIELD = VALUE` and its like.
-        interceptors: How the interceptors are called, for the record that the output holds.
-        plan: Text of the injection plan, likewise.
-        seed: Of everything that is random, likewise.
-        shifts: `SECONDS` or `TOPIC=SECONDS`.
-        remap: `OLD:=NEW`.
+        drop: Selections, of which a message may meet none.
+        changes: Assignments, such as `TOPIC:FIELD = VALUE`.
+        interceptors: Names of the interceptors, for the record that the output holds.
+        plan: Text of the injection plan, for the same record.
+        seed: Seed of everything that is random, for the same record.
+        shifts: Shifts of times, as `SECONDS` or `TOPIC=SECONDS`.
+        remap: New names of topics, as `OLD:=NEW`.
         originals: Whether originals and provenance stay; never in the folder of a ROS 2 bag.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
-        sort: Write by time even if the only input is not in this order.
-        compression: `zstd`, `lz4` or `none`; None as the first input has it.
+        salvage: Whether to take messages of damaged chunks that an index confirms.
+        sort: Whether to sort by time even if there is only one input.
+        compression: `zstd`, `lz4` or `none`; None for that of the first input.
         chunk_bytes: Size of a chunk before compression.
-        split_seconds: Begin another file after so much of the log's time.
-        split_bytes: Begin another file when one is so large.
-        split_topics: A file for each topic.
+        split_seconds: Seconds of the log's time after which another file begins.
+        split_bytes: Size of a file at which another one begins.
+        split_topics: Whether each topic gets a file of its own.
         types: Type names by topic or key expression.
         definitions: Files that define message types.
-        force: Replace what is there.
-        dry_run: Whether nothing is written, only told.
+        force: Whether existing files are replaced.
+        dry_run: Whether nothing is written, only reported.
     """
 
     inputs: Sequence[Path]
@@ -120,7 +120,7 @@ class EditOptions:
         return self.split_topics or self.split_seconds is not None or self.split_bytes is not None
 
     def design(self) -> Design:
-        """Return what is meant; raises ConfigError if an option is wrong."""
+        """Return the parsed steps; raises ConfigError if an option is wrong."""
         if not self.inputs:
             raise ConfigError("no log to edit is named", hint="write riot edit IN.mcap OUT.mcap")
         if self.compression is not None:
@@ -143,7 +143,7 @@ class EditOptions:
         )
 
     def told(self) -> dict[str, Any]:
-        """Return what is done, as JSON values, for the record that the output holds."""
+        """Return the options as JSON values, for the record that the output holds."""
         found: dict[str, Any] = {
             "start": self.start,
             "end": self.end,

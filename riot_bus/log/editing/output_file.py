@@ -46,11 +46,11 @@ class ReadyChunk(NamedTuple):
 
 
 class OutputFile:
-    """Takes messages in.
+    """Writes messages to one file.
 
     Args:
         path: File to create.
-        where: How the user calls it, for errors.
+        where: Name that the user gave it, for errors.
         profile: MCAP profile.
         compression: `zstd`, `lz4` or `none`.
         chunk_bytes: Size of a chunk before compression.
@@ -77,7 +77,7 @@ class OutputFile:
         self.messages = 0
 
     def size(self) -> int:
-        """Return how large the file is when all that was written so far is in it, the last chunk not compressed."""
+        """Return the size of the file with all messages written so far, the last chunk counted uncompressed."""
         self._collect(0)
         return self._file.size + self._bytes
 
@@ -93,7 +93,7 @@ class OutputFile:
         return [(each, counts.get(number, 0)) for number, each in sorted(self._targets.items())]
 
     def open(self, targets: Sequence[OutputChannel]) -> None:
-        """Define channels, whether messages come or not."""
+        """Define channels, even if they get no messages."""
         for target in targets:
             self._define(target)
 
@@ -101,8 +101,8 @@ class OutputFile:
         """Write messages.
 
         Args:
-            batch: Whose records have the numbers of their channels already.
-            targets: By number of the course.
+            batch: Messages, whose records have the channel numbers of the output.
+            targets: Channels of the output, by number of the course.
 
         Raises:
             EnvironmentFaultError: The disk is full or broken.
@@ -121,12 +121,12 @@ class OutputFile:
             position = following
 
     def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: ReadyChunk) -> bool:
-        """Write a whole chunk as it stands; return whether that was done.
+        """Write a whole chunk unchanged; return whether that was done.
 
         Args:
             batch: All messages of the chunk, nothing else.
-            targets: By number of the course.
-            ready: Its data.
+            targets: Channels of the output, by number of the course.
+            ready: Compression and data of the chunk.
         """
         if 0 < self._bytes < self._chunk_bytes // _SMALL:
             return False
@@ -156,7 +156,7 @@ class OutputFile:
         return True
 
     def attachment(self, attachment: Attachment) -> None:
-        """Write an attachment of somebody else's; raises EnvironmentFaultError."""
+        """Write an attachment of another tool; raises EnvironmentFaultError."""
         self._submit(self._attach, attachment)
 
     def metadata(self, name: str, mapping: dict[str, str]) -> None:
@@ -164,7 +164,7 @@ class OutputFile:
         self._submit(self._file.metadata, name, mapping)
 
     def drain(self) -> None:
-        """Return when all messages are in the file; raises EnvironmentFaultError."""
+        """Wait until all messages are in the file; raises EnvironmentFaultError."""
         self._end_chunk()
         self._collect(0)
 
@@ -174,7 +174,7 @@ class OutputFile:
         targets = [each for _, each in sorted(self._targets.items())]
         schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
         ordered = [schemas[number] for number in sorted(schemas)]
-        if self._definitions:  # of channels without messages
+        if self._definitions:  # those of channels without messages
             self._file.define(b"".join(self._definitions))
         self._submit(self._file.finish, ordered, [each.channel for each in targets])
         self._submit(self._file.sync)

@@ -1,4 +1,4 @@
-"""What an edit produces: files with messages, what the inputs say besides, and a record of the edit itself."""
+"""What an edit produces: files with messages, other records of the inputs, and a record of the edit itself."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ EDIT = "riot_bus.edit"
 
 
 class OutputSet:
-    """Takes messages; nothing has its name before `commit`.
+    """The output of an edit; no file has its final name before `commit`.
 
     Args:
-        options: What is wanted.
-        paths: The inputs.
+        options: Options of the edit.
+        paths: Paths of the inputs.
 
     Attributes:
         unwritable: Messages, by topic, whose time does not fit into a log.
@@ -62,11 +62,11 @@ class OutputSet:
         self._former = Former()
 
     def open(self, inputs: Sequence[InputLog], roster: ChannelTable) -> None:
-        """Begin.
+        """Open the output.
 
         Args:
-            inputs: The logs.
-            roster: Knows the channels.
+            inputs: Logs that are edited.
+            roster: Table of the channels.
         """
         if self._options.dry_run:
             return
@@ -92,12 +92,12 @@ class OutputSet:
     def write(
         self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
     ) -> None:
-        """Take messages; see `riot_bus.log.editing.sink.Sink`."""
+        """Write messages; see `riot_bus.log.editing.sink.Sink`."""
         if self._sink is not None:
             self._sink.write(batch, targets, ready)
 
     def warnings(self, roster: ChannelTable) -> list[str]:
-        """Return what is odd about what was written."""
+        """Return warnings about the output."""
         if not self._options.folder:
             return []
         odd = sorted(
@@ -111,10 +111,10 @@ class OutputSet:
         self.unwritable[topic] += 1
 
     def commit(self, inputs: Sequence[InputLog], roster: ChannelTable) -> list[WrittenFile]:
-        """End all files and give them their names; return them.
+        """Finish all files, give them their names, and return them.
 
         Raises:
-            ConfigError: Somebody has made such a file meanwhile.
+            ConfigError: Such a file has been created in the meantime.
             EnvironmentFaultError: The disk is full or broken.
         """
         if self._sink is None:
@@ -137,7 +137,7 @@ class OutputSet:
         return files
 
     def discard(self) -> None:
-        """Leave nothing behind; safe to call twice, and after `commit`."""
+        """Remove temporary files; safe to call twice, and after `commit`."""
         if self._sink is not None:
             self._sink.close()
         self._outputs.discard()
@@ -161,7 +161,7 @@ class OutputSet:
             self._former = self._beside()
 
     def _beside(self) -> Former:
-        """Return what `metadata.yaml` beside the first input says."""
+        """Return the content of the `metadata.yaml` beside the first input."""
         path = self._options.inputs[0]
         try:
             text = ((path if path.is_dir() else path.parent) / METADATA).read_text(encoding="utf-8")
@@ -191,7 +191,7 @@ class OutputSet:
 
 
 def _combined(accounts: Sequence[Account], names: Mapping[str, str]) -> Account:
-    """Return what several recorders say together of the topics that are kept, under their new names."""
+    """Return the sum of several accounts for the topics that are kept, under their new names."""
 
     def of_kept(numbers: Sequence[Mapping[str, int]]) -> Counter[str]:
         total: Counter[str] = Counter()

@@ -1,4 +1,4 @@
-"""The files of an edit: written under other names, and named as wanted when all is done."""
+"""The files of an edit: written under temporary names, and renamed when all are complete."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Outputs:
     """Gives files their names.
 
     Args:
-        output: What the user has named.
+        output: Path that the user gave.
         folder: Whether that is the folder of a ROS 2 bag.
         splits: Whether there may be several files.
-        inputs: What must not be overwritten.
-        force: Replace what is there.
-        dry: Whether nothing is written, only told.
+        inputs: Files that must not be overwritten.
+        force: Whether existing files are replaced.
+        dry: Whether nothing is written, only reported.
 
     Raises:
         ConfigError: The output is one of the inputs, exists already, or cannot be created.
@@ -64,13 +64,13 @@ class Outputs:
         self._place = self._make_place()
 
     def path(self, label: str | None) -> tuple[Path, str]:
-        """Return where to write a file, and what it will be called.
+        """Return where to write a file, and its final path.
 
         Args:
-            label: What tells it from the others; None if there are no others.
+            label: Label that distinguishes it from the others; None if there are no others.
 
         Raises:
-            ConfigError: There is such a file.
+            ConfigError: Such a file exists.
         """
         assert self._place is not None
         stem = self._output.name if self._folder else self._output.stem
@@ -98,8 +98,8 @@ class Outputs:
         """Give all files their names.
 
         Raises:
-            EnvironmentFaultError: That failed.
-            ConfigError: Somebody else has made such a file meanwhile.
+            EnvironmentFaultError: The files cannot be written there.
+            ConfigError: Such a file has been created in the meantime.
         """
         if self._place is None:
             return
@@ -116,7 +116,7 @@ class Outputs:
         self.discard()
 
     def discard(self) -> None:
-        """Leave nothing behind; safe to call twice."""
+        """Remove temporary files; safe to call twice."""
         if self._place is not None:
             shutil.rmtree(self._place, ignore_errors=True)
             self._place = None
@@ -150,7 +150,7 @@ class Outputs:
             raise ConfigError("this file exists", where=str(path), hint="--force replaces it")
 
     def _check_inside(self, path: Path) -> None:
-        """See that a folder holds a bag and nothing else, before it is replaced."""
+        """Check that a file in the output folder is part of a bag, before the folder is replaced."""
         if path.name != METADATA and path.suffix != ".mcap":
             hint = "name a folder that does not exist"
             raise ConfigError(f"this folder holds other things than a bag: {path.name}", where=str(path), hint=hint)

@@ -1,4 +1,4 @@
-"""Interceptors in an edit: what comes out of a pipeline takes its place among the messages that did not go through."""
+"""Interceptors in an edit: the output of a pipeline is merged with the messages that did not pass through it."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class _Item:
 
 
 class Piping:
-    """Feeds a pipeline, and holds what comes out later.
+    """Feeds a pipeline, and holds its delayed messages until they are due.
 
     Args:
-        pipeline: Fed by time.
-        roster: Knows the courses.
-        refuse: Told the topic of a message whose time does not fit into a log.
+        pipeline: Pipeline that is fed in the order of time.
+        roster: Table of the courses.
+        refuse: Function called with the topic of each message whose time does not fit into a log.
     """
 
     def __init__(self, pipeline: Pipeline, roster: ChannelTable, refuse: Callable[[str], None]) -> None:
@@ -54,15 +54,15 @@ class Piping:
         self._order = 0
 
     def rest(self) -> Batch:
-        """Return what is still held."""
+        """Return the messages that are still held."""
         return self._merged(gathered([]), np.zeros(0, np.int64), _TIMES)
 
     def run(self, batch: Batch, bound: int | None) -> Batch:
-        """Return what is to be written, by time.
+        """Return the messages to write, sorted by time.
 
         Args:
-            batch: Messages by time.
-            bound: What comes later has this time or a later one; None if nothing comes.
+            batch: Messages, sorted by time.
+            bound: Earliest time of the messages that follow; None if none follow.
         """
         base = self._order
         self._order += 2 * len(batch) + 2
@@ -88,7 +88,7 @@ class Piping:
         replaced: dict[int, _Item],
         noted: dict[int, tuple[Change, ...]],
     ) -> bool:
-        """Feed one message; return whether it, or what has become of it, stays at its place."""
+        """Feed one message; return whether it stays at its position, changed or not."""
         course = self._courses[int(batch.course[row])]
         message = _message(batch, row, head, course)
         before: tuple[Change, ...] = () if batch.notes is None else batch.notes[row] or ()
@@ -124,7 +124,7 @@ class Piping:
         self._later_bytes += len(item.record)
 
     def _item(self, emission: Emission, notes: tuple[Change, ...], number: int, *, changed: int) -> _Item:
-        """Return what is written of an emission; an empty record if its time does not fit into a log."""
+        """Return what to write for an emission; the record is empty if its time does not fit into a log."""
         target = self._courses[number].target
         assert target is not None
         if not 0 <= emission.due < _TIMES:
@@ -135,7 +135,7 @@ class Piping:
         if published is None or not 0 <= published < _TIMES:
             published = message.time
         elif extras is not None and not target.own:
-            extras.pop("p", None)  # others' files say it as it is
+            extras.pop("p", None)  # files of other tools hold it in the record
         sequence = message.sequence & 0xFFFFFFFF
         record = pack_message(target.channel.id, sequence, message.time, published, message.payload)
         return _Item(record, number, extras or None, notes or None, changed)

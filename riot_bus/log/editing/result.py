@@ -1,4 +1,4 @@
-"""What became of an edit."""
+"""The result of an edit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class EditCounts:
     """The messages of one topic: `read == kept + dropped`, and the output holds `kept + added`.
 
     Attributes:
-        topic: Its name in the input; for topics that an interceptor has made, in the output.
-        written_as: Its name in the output, empty if nothing of it is kept.
+        topic: Name in the input; for topics that an interceptor has made, in the output.
+        written_as: Name in the output, empty if nothing of the topic is kept.
         read: Messages in the inputs.
-        kept: Of these, in the output; changed ones included.
-        changed: Of these, those of which more was changed than their topic, or their time by `--shift`.
-        dropped: Not in the output.
-        added: Only in the output: copies, and what interceptors have added.
+        kept: Messages of the inputs that are in the output, changed ones included.
+        changed: Kept messages of which more was changed than their topic, or their time by `--shift`.
+        dropped: Messages of the inputs that are not in the output.
+        added: Messages that are only in the output: copies, and those that interceptors have added.
         originals: Kept originals, which are not counted otherwise.
     """
 
@@ -45,14 +45,14 @@ class WrittenFile:
 
 @dataclass(frozen=True, slots=True)
 class EditResult:
-    """What became of an edit.
+    """The result of an edit.
 
     Attributes:
-        topics: Figures of each topic by name.
-        files: What was written; empty for a dry run.
-        losses: By input, what could not be read.
+        topics: Counts of each topic, sorted by name.
+        files: Files that were written; empty for a dry run.
+        losses: What could not be read, by input.
         unwritable: Messages, by topic, whose time would not fit into a log.
-        warnings: Sentences on what is odd.
+        warnings: Warnings, as sentences.
         hint: What to do about damage, if something can be done.
     """
 
@@ -72,7 +72,7 @@ class EditResult:
         return found
 
     def document(self) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the result as JSON values."""
         total = asdict(self.total())
         del total["topic"], total["written_as"]
         return {**asdict(self), "total": total}

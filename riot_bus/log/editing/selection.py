@@ -1,4 +1,4 @@
-"""Which messages are meant: `TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]`.
+"""Selections of messages: `TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]`.
 
 `A..B` are times as `riot_bus.log.naming.parse_time` takes them, `I..J` numbers of a topic's messages from 0 on; either
 end may be left out, and the last one is not included. `every 5` means the numbers 0, 5, 10 ...
@@ -29,15 +29,15 @@ _HINT = "write TOPIC [during A..B] [index I..J] [every N] [where PREDICATE], suc
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What a message has to meet; all of it.
+    """A condition on messages; all parts of it must be met.
 
     Attributes:
         low: Earliest time, nanoseconds.
         high: Latest time, exclusive.
         first: First number within the topic.
-        last: Last number, exclusive; None for ever.
-        every: Only numbers that this divides.
-        where: What its fields have to be.
+        last: Last number, exclusive; None for no limit.
+        every: Divisor of the selected numbers.
+        where: Predicate on the fields.
     """
 
     low: int = -_ALL_TIME
@@ -49,11 +49,11 @@ class Condition:
 
     @property
     def always(self) -> bool:
-        """Whether it holds whatever comes."""
+        """Whether it holds for all messages."""
         return self == _ALWAYS
 
     def holds(self, time: int, number: int, read: Callable[[str], Scalar]) -> bool:
-        """Return whether a message is meant; raises PayloadError if its fields cannot be read or compared."""
+        """Return whether a message is selected; raises PayloadError if its fields cannot be read or compared."""
         if not self.low <= time < self.high or number % self.every:
             return False
         if number < self.first or (self.last is not None and number >= self.last):
@@ -71,17 +71,17 @@ _ALWAYS = Condition()
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """A topic, and which of its messages.
+    """A selection of messages of a topic.
 
     Attributes:
-        text: As it was written.
+        text: Text as it was written.
         topic: Name or key expression.
         during: Texts of two times, empty for an open end; None for all the time.
         first: First number within the topic.
-        last: Last number, exclusive.
-        every: Only numbers that this divides.
-        where: Predicate on fields.
-        option: Where it was written, for errors.
+        last: Last number, exclusive; None for no limit.
+        every: Divisor of the selected numbers.
+        where: Predicate on the fields.
+        option: Option in which it was written, for errors.
     """
 
     text: str
@@ -95,19 +95,19 @@ class Selection:
 
     @property
     def whole(self) -> bool:
-        """Whether all messages of the topic are meant."""
+        """Whether all messages of the topic are selected."""
         return (self.during, self.first, self.last, self.every, self.where) == (None, 0, None, 1, None)
 
     @property
     def follows_time(self) -> bool:
-        """Whether it depends on topic and time alone."""
+        """Whether it depends only on topic and time."""
         return (self.first, self.last, self.every, self.where) == (0, None, 1, None)
 
     def condition(self, origin: Callable[[], int]) -> Condition:
-        """Return it with times in nanoseconds.
+        """Return the condition, with times in nanoseconds.
 
         Args:
-            origin: Returns when the logs begin, nanoseconds.
+            origin: Function that returns when the logs begin, nanoseconds.
 
         Raises:
             ConfigError: A time cannot be read, or the last one is not after the first.
@@ -126,11 +126,11 @@ def parse_selection(text: str, option: str) -> Selection:
     """Parse a selection.
 
     Args:
-        text: What the user wrote.
-        option: Such as `--drop`, for errors.
+        text: Text that the user wrote.
+        option: Option such as `--drop`, for errors.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: The text is not a selection.
     """
     head, _, where = text.partition(" where ")
     match = _CLAUSE.match(head)
@@ -149,12 +149,12 @@ def parse_selection(text: str, option: str) -> Selection:
 
 
 def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection:
-    """Parse what follows the topic.
+    """Parse the clauses after a topic.
 
     Args:
         topic: Name or key expression.
-        clauses: Such as ` during 5..9 where x > 3`.
-        text: All that the user wrote.
+        clauses: Text of the clauses, such as ` during 5..9 where x > 3`.
+        text: Whole text that the user wrote.
         option: Option that the text stands in, for messages.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Where edited messages go: to files by time, size or topic, or nowhere."""
+"""Destinations of edited messages: files by time, size or topic, or nothing."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ __all__ = ["FileSink", "NullSink", "Sink"]
 
 
 class Sink(Protocol):
-    """Takes messages."""
+    """A destination of messages."""
 
     def write(
         self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
     ) -> None:
-        """Take messages.
+        """Write messages.
 
         Args:
-            batch: By number of the course.
-            targets: By number of the course.
-            ready: Returns the chunk that they are the whole of, if they are.
+            batch: Messages to write.
+            targets: Channels of the output, by number of the course.
+            ready: Function that returns the chunk that holds exactly these messages, if there is one.
         """
         ...
 
 
 class NullSink:
-    """Takes nothing."""
+    """A destination that ignores all messages."""
 
     def write(
         self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
@@ -48,14 +48,14 @@ class NullSink:
 
 
 class FileSink:
-    """Writes files.
+    """Writes messages to files.
 
     Args:
-        options: How they are split.
-        outputs: Gives the files their names.
+        options: Options of the edit, which tell how files are split.
+        outputs: Object that gives the files their names.
         profile: MCAP profile.
-        compression: Of their chunks.
-        began: Called with each file when it is opened.
+        compression: Compression of their chunks.
+        began: Function that is called with each file when it is opened.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class FileSink:
         return self._current.get(label) or self._open(label)
 
     def files(self) -> list[WrittenFile]:
-        """Return what was written."""
+        """Return the files that were written."""
         return [WrittenFile(final, path.stat().st_size, part.messages) for part, path, final in self.parts]
 
     def close(self) -> None:
@@ -123,14 +123,14 @@ class FileSink:
             large = options.split_bytes is not None and part.messages and part.size() >= options.split_bytes
             if not late and not large:
                 return part
-            part.drain()  # nothing more comes into this file but what is said of the whole edit
+            part.drain()  # this file gets no more messages, only records about the whole edit
         span = int((options.split_seconds or 0.0) * 1e9)
         former = self._begins.get(label)
         self._begins[label] = time if former is None or not span else former + (time - former) // span * span
         return self._open(label)
 
     def _fitting(self, label: str, share: Batch) -> int:
-        """Return how many messages go into the present file before another one is looked for."""
+        """Return how many messages go into the current file before it may have to be changed."""
         count = len(share)
         if self._options.split_seconds is not None:
             end = self._begins[label] + self._options.split_seconds * 1e9

@@ -1,4 +1,4 @@
-"""Put messages of blocks that overlap in time into the order of time, in bounded memory."""
+"""Sorting by time of messages of blocks that overlap in time, in bounded memory."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _LAST = (1 << 64) - 1
 
 
 class Sorter:
-    """Keeps messages until no earlier ones can come; a stable order.
+    """Holds messages until no earlier ones can follow; the order is stable.
 
-    When too many have to be kept, the earliest of them leave all the same: a reader sorts by time in any case.
+    If too many have to be held, the earliest of them are released anyway: a reader sorts by time in any case.
 
     Args:
-        most: Bytes to keep.
+        most: Most bytes to hold.
     """
 
     def __init__(self, most: int = _MOST_BYTES) -> None:
@@ -33,10 +33,10 @@ class Sorter:
         self._held = 0
 
     def add(self, rank: tuple[int, int], batch: Batch) -> None:
-        """Take in messages.
+        """Add messages.
 
         Args:
-            rank: Of messages of equal time, those of lower rank come first.
+            rank: Rank of the batch; of messages of equal time, those of lower rank come first.
             batch: Messages, in any order.
         """
         if len(batch):
@@ -44,10 +44,10 @@ class Sorter:
             self._held += _weight(batch)
 
     def ready(self, bound: int | None) -> Batch | None:
-        """Return what can leave, by time; None if there is nothing.
+        """Return the messages that can be released, sorted by time; None if there are none.
 
         Args:
-            bound: What comes later has this time or a later one; None if nothing comes.
+            bound: Earliest time of the messages that follow; None if none follow.
         """
         limit = _LAST + 1 if bound is None else bound
         if self._held > self._most:

@@ -1,4 +1,4 @@
-"""The channels of the output: as they were, unless something has to be different."""
+"""The channels of the output: those of the inputs, unless something has to be different."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class OutputChannel:
     """A channel of the output.
 
     Attributes:
-        channel: Its record.
-        schema: Its schema's record, None if it has none.
-        key: Of its messages.
-        name: What people call its topic.
+        channel: Record of the channel.
+        schema: Record of its schema, None if it has none.
+        key: Key of its messages.
+        name: Name of its topic shown to users.
         role: Whether it holds originals.
-        own: Whether it says what riot_bus writes.
-        constants: What its messages have in common.
+        own: Whether it has the metadata that riot_bus writes.
+        constants: Properties that its messages have in common.
     """
 
     channel: Channel
@@ -55,7 +55,7 @@ class OutputChannel:
 
 
 class Targets:
-    """Gives numbers to channels and schemas: the same as in the input where they are free."""
+    """Assigns numbers to channels and schemas, the same as in the input if these are free."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str, frozenset[tuple[str, str]], int], OutputChannel] = {}
@@ -64,11 +64,11 @@ class Targets:
         self._schema_numbers: set[int] = {0}
 
     def open(self, channel: Channel, schema: Schema | None) -> OutputChannel:
-        """Return a channel of the output; the same one for all that say the same.
+        """Return a channel of the output; the same one for equal definitions.
 
         Args:
-            channel: What it shall say; its number is a wish.
-            schema: Its schema; likewise.
+            channel: Definition of the channel; its number is used if it is free.
+            schema: Schema of the channel; its number is used if it is free.
         """
         own_schema = None if schema is None else self._schema(schema)
         number = 0 if own_schema is None else own_schema.id
@@ -111,12 +111,12 @@ def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Se
 
     Args:
         channel: The channel as it was read.
-        topic: What is recorded in it.
-        name: The new name of the topic.
-        adapters: Asked for the key.
+        topic: Topic that is recorded in it.
+        name: New name of the topic.
+        adapters: Adapters that are asked for the key.
 
     Raises:
-        ConfigError: There cannot be such a topic.
+        ConfigError: No topic can have this name.
     """
     metadata: dict[str, str] = dict(channel.metadata)
     if not topic.keyed:

@@ -1,4 +1,4 @@
-"""What is in a block of a log: its bytes as they were before compression, and where its records stand."""
+"""The content of a block of a log: its uncompressed bytes, and the positions of its records."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 __all__ = ["EXTRAS", "MAX_BLOCK", "Block", "Records", "Span", "packed_size", "read_block", "records_of", "unzstd"]
 
 EXTRAS = "riot_bus.extras"
-"""Name of an attachment that belongs to the chunk behind it; others are left alone."""
+"""Name of an attachment that belongs to the chunk after it; other attachments are left alone."""
 MAX_BLOCK = 1 << 30
-"""Largest chunk in bytes, uncompressed, that is looked for behind damage."""
+"""Largest chunk in bytes, uncompressed, that is searched for after damage."""
 
 HEAD = struct.Struct("<BQ")
 CHUNK = struct.Struct("<QQQII")
 SHORTEST_MESSAGE = 22
 """Bytes of a message's record besides its payload, without opcode and length."""
 MOST_OTHERS = 1 << 18
-"""Records of one block that are no messages: a damaged one must not take the memory."""
+"""Most records of one block that are not messages: a damaged block must not exhaust the memory."""
 
-_REPEATED = 4  # so many records of equal length in a row, and more of them are looked for at once
+_REPEATED = 4  # after this many records of equal length in a row, more of them are searched for at once
 _FIRST_LOOK = 32
 
 
@@ -59,11 +59,11 @@ class Block:
 
 @dataclass(slots=True)
 class Records:
-    """Where the records of a block stand.
+    """The positions of the records of a block.
 
     Attributes:
-        messages: Where each message's record begins, shape (n,).
-        others: Opcode, and from where to where the body goes, of each other record.
+        messages: Offset at which each message's record begins, shape (n,).
+        others: Opcode, and start and end of the body, of each other record.
     """
 
     messages: NDArray[Any]
@@ -71,12 +71,12 @@ class Records:
 
 
 def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None) -> bytes:
-    """Return a block's records, uncompressed; of a chunk that was cut off, what is left.
+    """Return a block's records, uncompressed; for a chunk that was cut off, what is left.
 
     Args:
         file: Descriptor of the log.
         block: The block that is read.
-        limits: Of what is read.
+        limits: Limits of what is read.
         memory: Most bytes, before and after decompression, if these are fewer.
 
     Raises:
@@ -103,9 +103,9 @@ def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) ->
     """Find the records in a block.
 
     Args:
-        data: Of `read_block`.
-        limits: Of what is read.
-        cut: Whether the last one may be incomplete.
+        data: Result of `read_block`.
+        limits: Limits of what is read.
+        cut: Whether the last record may be incomplete.
 
     Raises:
         ValueError: A record goes beyond the end, or there are too many.
@@ -156,7 +156,7 @@ def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) ->
 
 
 def _equal_run(data: bytes, position: int, length: int) -> int:
-    """Return how many messages of this length stand one after the other from here on."""
+    """Return how many messages of this length follow one another from this position on."""
     import numpy as np
 
     stride = HEAD.size + length
@@ -203,7 +203,7 @@ def _unpack_chunk(body: bytes, block: Block, limits: LogLimits, memory: int | No
 
 
 def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> bytes:
-    """Decompress what claims to be so large; never more than that is made."""
+    """Decompress data, but never to more than the size that it claims."""
     if compression == "":
         return packed
     if compression == "zstd":
@@ -219,7 +219,7 @@ def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> byt
 
 
 def unzstd(packed: bytes, size: int, *, step: int) -> Iterator[bytes]:
-    """Yield what is left of damaged zstd data, at most so many bytes, and so many at once, up to a damaged step."""
+    """Yield what is left of damaged zstd data, at most `size` bytes, in pieces of at most `step` bytes."""
     reader = zstandard.ZstdDecompressor().stream_reader(packed)
     while size > 0:
         try:

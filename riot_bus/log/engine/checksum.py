@@ -1,4 +1,4 @@
-"""CRC-32 as MCAP has it: several times faster than zlib's, where ISA-L is there."""
+"""CRC-32 as MCAP uses it, several times faster than zlib's if ISA-L is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One chunk of a log while it is filled: messages, their definitions, and where they stand."""
+"""One chunk of a log while it is filled: messages, their definitions, and their positions."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 __all__ = ["LARGE", "MESSAGE_BYTES", "Buffer", "Chunk", "ChunkBuilder", "Draft", "Row"]
 
 MESSAGE_BYTES = 31
-"""What a message takes besides its payload."""
+"""Bytes of a message besides its payload."""
 LARGE = 1 << 16
-"""Bytes of a payload that is looked at by itself."""
+"""Least bytes of a payload that is treated separately."""
 Buffer = bytes | memoryview
 
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -44,7 +44,7 @@ class Chunk:
         end: Time of the latest message.
         indexes: Message index record of each channel.
         counts: Number of messages of each channel.
-        definitions: Those of its records that define schemas and channels.
+        definitions: Records in the data that define schemas and channels.
         large: Payloads of at least `LARGE` bytes.
     """
 
@@ -62,13 +62,13 @@ Row = tuple[int, int, int, int, bytes, dict[str, Any] | None]
 
 
 class Draft(NamedTuple):
-    """What a chunk will be made of; making it takes time that need not be that of whoever writes messages.
+    """The parts of a future chunk; building it takes time, which the writer of messages need not wait for.
 
     Attributes:
-        parts: Heads and payloads of messages in turn.
+        parts: Heads and payloads of messages, alternating.
         definitions: Schema and channel records.
-        extras: Places of messages, and what else there is to say of them.
-        size: Bytes of all that.
+        extras: Positions of messages, and their extras.
+        size: Bytes of all of these.
     """
 
     parts: list[bytes]
@@ -110,7 +110,7 @@ class Draft(NamedTuple):
         )
 
     def _chunk_of_few(self, definitions: bytes) -> Chunk:
-        """Return the chunk; for large messages, of which there are few in it."""
+        """Return the chunk; used for few messages, which are usually large."""
         entries: dict[int, bytes] = {}
         counts: Counter[int] = Counter()
         times, position = [], len(definitions)
@@ -137,7 +137,7 @@ class Draft(NamedTuple):
 
 
 class ChunkBuilder:
-    """Takes messages in.
+    """Collects the messages of a chunk.
 
     Attributes:
         size: Bytes so far.
@@ -159,16 +159,16 @@ class ChunkBuilder:
         return len(self._parts) // 2
 
     def define(self, record: bytes) -> None:
-        """Take in a schema or channel record."""
+        """Add a schema or channel record."""
         self._definitions.append(record)
         self.size += len(record)
 
     def fill(self, rows: Iterator[Row], most: int) -> bool:
-        """Take messages in until there are so many bytes, then return True; False when there are no more messages.
+        """Add messages until there are `most` bytes and return True, or return False if there are no more messages.
 
         Args:
-            rows: Numbers have to fit the format: 16, 32, 64 and 64 bits.
-            most: Bytes.
+            rows: Messages, whose numbers have to fit the format: 16, 32, 64 and 64 bits.
+            most: Bytes at which the chunk is full.
         """
         put, pack, size = self._parts.append, _MESSAGE.pack, self.size
         for channel, sequence, time, published, payload, extras in rows:
@@ -186,7 +186,7 @@ class ChunkBuilder:
         return False
 
     def take(self) -> Draft:
-        """Return what there is, and begin another chunk."""
+        """Return the parts collected so far, and begin another chunk."""
         draft = Draft(self._parts, self._definitions, self._extras, self.size)
         self.size = 0
         self._parts, self._definitions, self._extras = [], [], []

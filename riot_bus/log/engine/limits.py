@@ -1,4 +1,4 @@
-"""How much of a log is taken in: a small file must not take large memory, nor its numbers long time."""
+"""Limits of what is read of a log: a small file must not take much memory, nor its numbers much time."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 __all__ = ["DEFAULT_LIMITS", "BeyondLimitError", "LogLimits"]
 
 _PER_CHUNK = 1 << 16
-_MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that is one byte again and again takes 4
+_MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that repeats one byte takes 4 bytes
 
 
 class BeyondLimitError(ValueError):
     """Something would take more than a limit allows.
 
     Args:
-        what: What it is, and how much.
+        what: Description of it, with its amount.
         name: Name of the limit.
-        value: Value that it has now.
-        needed: What it would have to be.
+        value: Present value of the limit.
+        needed: Value that the limit would need.
     """
 
     def __init__(self, what: str, name: str, value: int, needed: int) -> None:
@@ -27,17 +27,17 @@ class BeyondLimitError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogLimits:
-    """LogLimits of what is read; what is beyond is treated as damage.
+    """Limits of what is read; anything beyond them is treated as damage.
 
     Attributes:
-        chunk: Bytes of a chunk or attachment, uncompressed.
-        ratio: How many times as large as compressed a chunk may be, if it has more than `loose` bytes.
-        loose: Bytes of a chunk that may be compressed in any ratio: blank images reach 30000, but chunks of them are
-            small. A larger chunk is one large message, and such messages hold more than zeros.
-        chunks: Chunks, and runs of messages outside of any; one more is allowed for each 64 KiB of the file.
-        messages: Messages of a chunk.
-        held: Bytes of what is read ahead, and of messages that wait for earlier ones of other chunks.
-        definitions: Bytes of all schemas and channels, and of a single record of metadata.
+        chunk: Most bytes of a chunk or attachment, uncompressed.
+        ratio: Largest ratio of uncompressed to compressed size of a chunk with more than `loose` bytes.
+        loose: Most bytes of a chunk that may be compressed in any ratio: blank images reach 30000, but chunks of them
+            are small. A larger chunk is one large message, and such messages hold more than zeros.
+        chunks: Most chunks, and runs of messages outside of any; one more is allowed for each 64 KiB of the file.
+        messages: Most messages of a chunk.
+        held: Most bytes that are read ahead, and of messages that wait for earlier ones of other chunks.
+        definitions: Most bytes of all schemas and channels, and of a single record of metadata.
     """
 
     chunk: int = 1 << 30
@@ -49,7 +49,7 @@ class LogLimits:
     definitions: int = 1 << 26
 
     def check_size(self, size: int, packed: int) -> None:
-        """Raise BeyondLimitError if nobody should make so many bytes of so few, ValueError if nobody can."""
+        """Raise BeyondLimitError if a size is beyond the limits, ValueError if `packed` bytes cannot give it."""
         if size > _MOST_RATIO * packed and size > _PER_CHUNK:
             raise ValueError(f"{size} bytes cannot be made of {packed}")
         if size > self.chunk:
@@ -59,7 +59,7 @@ class LogLimits:
             raise BeyondLimitError(f"{size} bytes, {needed} times as large as compressed", "ratio", self.ratio, needed)
 
     def check_messages(self, count: int) -> None:
-        """Raise BeyondLimitError if a chunk has more messages than it may; nobody has counted them to the end."""
+        """Raise BeyondLimitError if a chunk has more messages than allowed; not all may have been counted."""
         if count > self.messages:
             raise BeyondLimitError(f"more than {self.messages} messages", "messages", self.messages, 4 * self.messages)
 

@@ -54,7 +54,7 @@ def record_bytes(record: McapRecord) -> bytes:
 
 
 class McapFile:
-    """Appends records to a file. After an error it ends with the last whole record, and the next one is tried again.
+    """Appends records to a file; after an error it ends with the last whole record, and the next one is tried again.
 
     Args:
         path: File to create; an existing one is overwritten.
@@ -108,16 +108,16 @@ class McapFile:
         return self._statistics
 
     def is_linked(self) -> bool:
-        """Whether the file still has a name; not all file systems know."""
+        """Return whether the file still has a name; not all file systems can tell."""
         return os.fstat(self._file).st_nlink > 0
 
     def sync(self) -> None:
-        """Return when what was written is on the disk; raises OSError."""
+        """Wait until everything written is on the disk; raises OSError."""
         os.fdatasync(self._file)
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Append what is appended in this block all together, or, if it raises, nothing of it."""
+        """Append all records that are written within this block, or none of them if it raises."""
         end, counts = self._end, {opcode: len(records) for opcode, records in self._indexes.items()}
         try:
             yield
@@ -130,7 +130,7 @@ class McapFile:
             raise
 
     def define(self, records: bytes) -> None:
-        """Write schema and channel records before the next chunk, since it does not have them."""
+        """Write schema and channel records before the next chunk, which does not contain them."""
         self._missing += records
 
     def chunk(self, chunk: Chunk) -> None:
@@ -256,7 +256,7 @@ class McapFile:
 
 
 def _channel_bytes(channel: Channel) -> bytes:
-    """Return a channel's record: what `mcap` writes, in a quarter of the time, since somebody may invent keys."""
+    """Return a channel's record as `mcap` writes it, in a quarter of the time, since there may be many keys."""
     metadata = b"".join([_text(each) for pair in channel.metadata.items() for each in pair])
     body = b"".join(
         (
@@ -276,7 +276,7 @@ def _text(text: str) -> bytes:
 
 
 def _without(parts: list[bytes], written: int) -> list[bytes]:
-    """Return what is left of parts of which so many bytes are written."""
+    """Return the rest of the parts after this many written bytes."""
     for place, part in enumerate(parts):
         if written < len(part):
             return [part[written:], *parts[place + 1 :]]

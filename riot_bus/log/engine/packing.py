@@ -1,4 +1,4 @@
-"""How a chunk is compressed, unless that would be in vain."""
+"""Compression of chunks, where it is worthwhile."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _lz4(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
     return (frame.begin(sum(map(len, pieces))), *map(frame.compress, pieces), frame.flush())
 
 
-# In pieces: a chunk in one, and one more compressed, would be memory that the system gives and takes each time.
+# In pieces: a whole chunk, and another one compressed, would be allocated and freed by the system each time.
 COMPRESSIONS: dict[str, Callable[[Sequence[bytes]], tuple[bytes, ...]]] = {"zstd": _zstd, "lz4": _lz4, "none": tuple}
 
 
@@ -51,15 +51,15 @@ def check_compression(name: str, where: str) -> None:
 
 
 def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
-    """Return this compression, or `none` where it would gain next to nothing: a sample tells.
+    """Return this compression, or `none` if a sample shows that it would gain next to nothing.
 
-    To compress what is compressed already, such as images, takes longer than to write it. That a message stands twice
-    in a chunk, such as an original and what was delivered, no sample tells; that is looked for.
+    Compressing data that is compressed already, such as images, takes longer than writing it. A sample does not show
+    that a message is in a chunk twice, such as an original and the delivered one; this is checked separately.
 
     Args:
         compression: One of `COMPRESSIONS`.
-        payloads: The large ones of a chunk (`riot_bus.log.engine.chunk.LARGE`).
-        size: All bytes of the chunk.
+        payloads: Large payloads of a chunk (`riot_bus.log.engine.chunk.LARGE`).
+        size: Size of the whole chunk in bytes.
     """
     large = sum(map(len, payloads))
     if compression == "none" or not payloads or _LEAST_SHARE * (size - large) > size:
@@ -76,13 +76,13 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """A chunk as it will stand in a file.
+    """A chunk as it is stored in a file.
 
     Attributes:
         compression: One of `COMPRESSIONS`.
         data: Its records, compressed, whole or in pieces.
-        size: Their bytes before that.
-        checksum: CRC of these.
+        size: Size of the records before compression, in bytes.
+        checksum: CRC of the uncompressed records.
         start: Time of the earliest message, nanoseconds.
         end: Time of the latest message.
         indexes: Message index record of each channel.
@@ -120,7 +120,7 @@ class PackedChunk:
 
     @property
     def weight(self) -> int:
-        """Bytes in memory, about."""
+        """Approximate bytes in memory."""
         return self.length + sum(map(len, self.indexes.values()))
 
     @property

@@ -1,4 +1,4 @@
-"""Find the next record of an MCAP file behind a damaged one: where the walk over the file can go on."""
+"""Search for the next record of an MCAP file after a damaged one, where the walk over the file can continue."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22
 _NAMES = (b"", b"lz4", b"zstd")
 _CHUNK_HEAD = HEAD.size + CHUNK.size + len(b"zstd") + 8
 _NAME_LENGTH = HEAD.size + CHUNK.size - 4
-_CHAIN = 3  # so many records in a row are no accident
+_CHAIN = 3  # this many records in a row are no accident
 
 
 def next_record(file: int, start: int, size: int, channels: Container[int]) -> int | None:
     """Return where the next chunk, or run of messages outside chunks, begins; None if there is none.
 
-    Chunks are known by the lengths in their head, which must agree. Messages must be of known channels and be followed
-    by other whole records.
+    Chunks are recognised by the lengths in their head, which must agree. Messages must be of known channels and be
+    followed by other whole records.
 
     Args:
         file: Descriptor of the log.
-        start: Where to begin.
-        size: Bytes of the file.
-        channels: Known ones.
+        start: Offset at which to begin.
+        size: Size of the file in bytes.
+        channels: Numbers of the known channels.
     """
     import numpy as np
 

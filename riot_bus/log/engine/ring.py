@@ -1,4 +1,4 @@
-"""The last seconds of a recording, kept in memory as compressed chunks until somebody wants them as a file."""
+"""The last seconds of a recording, kept in memory as compressed chunks until they are wanted as a file."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class RingContent:
     Attributes:
         start: Time of the earliest message, nanoseconds; 0 if there is none.
         end: Time of the latest message.
-        messages: Their number by channel.
+        messages: Number of messages by channel.
     """
 
     start: int
@@ -71,8 +71,8 @@ class RingContent:
             path: File to create.
             profile: MCAP profile.
             library: Name of the writing library.
-            schemas: From `LogWriter.definitions`; those that are not used here are left out.
-            channels: Likewise; those without messages here are left out.
+            schemas: Schemas from `LogWriter.definitions`; those that are not used here are left out.
+            channels: Channels from `LogWriter.definitions`; those without messages here are left out.
             notes: Metadata records for the beginning.
             after: Metadata records for the end.
 
@@ -108,12 +108,12 @@ class Ring:
     """Implements `riot_bus.log.writer.Storage` in bounded memory; thread-safe.
 
     Args:
-        seconds: How much is kept at least, by the times of messages, as long as there is room.
-        most_bytes: Room in memory, for compressed chunks.
+        seconds: Least time span that is kept, by the times of messages, as long as there is room.
+        most_bytes: Most bytes in memory, for compressed chunks.
         compression: `zstd`, `lz4` or `none`.
 
     Attributes:
-        cut: Whether there was no room for all of the time that was asked for, since the last message that is gone.
+        cut: Whether the messages discarded last had to go for lack of room, although they were not too old.
     """
 
     def __init__(self, seconds: float, *, most_bytes: int, compression: str = "zstd") -> None:
@@ -132,7 +132,7 @@ class Ring:
 
     @property
     def statistics(self) -> Statistics:
-        """What is kept at present."""
+        """Statistics of what is kept at present."""
         found = self.content()
         return Statistics(
             attachment_count=0,
@@ -159,7 +159,7 @@ class Ring:
         return RingContent(start, max((chunk.end for chunk in chunks), default=0), messages, entries)
 
     def is_linked(self) -> bool:
-        """Return that nobody can remove it."""
+        """Return True: memory cannot be deleted like a file."""
         return True
 
     def sync(self) -> None:
@@ -167,7 +167,7 @@ class Ring:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Keep and forget what is appended in this block together."""
+        """Keep, and later discard, all that is appended within this block together."""
         self._open = _Entry()
         try:
             yield
@@ -204,10 +204,10 @@ class Ring:
             self._keep(_Entry(notes=[each]))
 
     def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
-        """Do nothing: what nobody wanted is forgotten."""
+        """Do nothing: what was not wanted as a file is discarded."""
 
     def close(self) -> None:
-        """Do nothing; `content` works on."""
+        """Do nothing; `content` still works."""
 
     def _keep(self, entry: _Entry) -> None:
         with self._lock:

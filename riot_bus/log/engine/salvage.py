@@ -1,8 +1,8 @@
 """What is left of a damaged chunk: the messages that its index confirms.
 
-The checksum of a chunk says that something is wrong, not where. The index behind the chunk says of each message where
-it begins, its channel and its time. A message is taken if all of that is so, and if it ends where the next record
-begins. That its payload is as it was, nobody can say.
+The checksum of a chunk shows that something is wrong, but not where. The index after the chunk has the position, the
+channel and the time of each message. A message is taken if all of these agree, and if it ends where the next record
+begins. Its payload may still be damaged.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Salvage", "salvage"]
 
 _INDEX = struct.Struct("<HI")
-_STEP = 1 << 12  # what is decompressed at once: so much is lost before the place that cannot be
+_STEP = 1 << 12  # bytes that are decompressed at once: up to this many are lost before a damaged place
 _PACKED_STEP = 1 << 10
 _FIELDS = (("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"))
 
@@ -34,10 +34,10 @@ class Salvage(NamedTuple):
     """Messages of a damaged chunk.
 
     Attributes:
-        data: Their records, and definitions before them, one after the other.
-        records: Where these stand in the data.
+        data: Definitions, followed by the records of the messages.
+        records: Positions of these in the data.
         places: Number of each message in the chunk as it was written, ascending, shape (n,).
-        missing: How many messages there were besides.
+        missing: Number of messages of the chunk that are lost.
     """
 
     data: bytes
@@ -46,7 +46,7 @@ class Salvage(NamedTuple):
     missing: int
 
     def extras(self, extras: Mapping[int, dict[str, Any]]) -> dict[int, dict[str, Any]]:
-        """Return extras by the places of messages in `data`, of those by the places in the chunk."""
+        """Return extras by the number of the message in `data`, given those by its number in the chunk."""
         return {new: extras[old] for new, old in enumerate(self.places.tolist()) if old in extras}
 
 
@@ -58,7 +58,7 @@ def salvage(
     Args:
         file: Descriptor of the log.
         block: The damaged chunk.
-        limits: Of what is read.
+        limits: Limits of what is read.
         memory: Most bytes, before and after decompression, if these are fewer.
     """
     import numpy as np
@@ -74,7 +74,7 @@ def salvage(
     heads_size = HEAD.size + SHORTEST_MESSAGE
     if len(data) < heads_size or not len(offsets):
         return None
-    offsets = np.minimum(offsets, np.uint64(limit)).astype(np.int64)  # else they are nowhere
+    offsets = np.minimum(offsets, np.uint64(limit)).astype(np.int64)  # larger ones are invalid
     order = np.argsort(offsets, kind="stable")
     channels, times, offsets = channels[order], times[order], offsets[order]
     unique = np.concatenate([[True], offsets[1:] != offsets[:-1]])
@@ -104,7 +104,7 @@ def _joined(
     places: NDArray[Any],
     written: int,
 ) -> Salvage | None:
-    """Put together what is confirmed; between two messages there may only be whole records."""
+    """Join the confirmed messages; between two messages there may only be whole records."""
     import numpy as np
 
     definitions, _ = _between(data, 0, int(begins[0])) if len(begins) else ([], False)
@@ -131,7 +131,7 @@ def _joined(
 
 
 def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]], bool]:
-    """Return schemas and channels, from where to where, and whether nothing but whole records is there."""
+    """Return start and end of each schema and channel, and whether there is nothing else."""
     found: list[tuple[int, int]] = []
     while position + HEAD.size <= end and len(found) <= MOST_OTHERS:
         opcode, length = HEAD.unpack_from(data, position) if position + HEAD.size <= len(data) else (0, 0)
@@ -144,7 +144,7 @@ def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]
 
 
 def _index(file: int, block: Block, limits: LogLimits) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return channel, time and offset of all messages, as the index records behind a chunk have them."""
+    """Return channel, time and offset of all messages, from the index records after a chunk."""
     import numpy as np
 
     channels: list[NDArray[Any]] = []
@@ -175,7 +175,7 @@ def _index(file: int, block: Block, limits: LogLimits) -> tuple[NDArray[Any], ND
 
 
 def _remains(body: bytes, limits: LogLimits, limit: int) -> bytes:
-    """Return a chunk's records, decompressed as far as that goes."""
+    """Return a chunk's records, decompressed as far as possible."""
     _, _, size, _, name_length = CHUNK.unpack_from(body)
     name = body[CHUNK.size : CHUNK.size + name_length]
     packed = body[CHUNK.size + name_length + 8 :]

@@ -1,8 +1,8 @@
 """Find and load the parts of an MCAP file, whoever wrote it and however it ends.
 
 The file is walked once from record to record, skipping the data of chunks, so damage or a missing summary costs nothing
-but the damaged part, and memory holds one entry per chunk. Behind a record whose length is damaged the walk goes on at
-the next chunk.
+but the damaged part, and memory holds one entry per chunk. After a record whose length is damaged, the walk continues
+at the next chunk.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ __all__ = [
 
 MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
-"""What stands at the end of a file that was closed: footer and magic."""
+"""Bytes at the end of a file that was closed: footer and magic."""
 
 RecordT = TypeVar("RecordT")
 
@@ -84,21 +84,21 @@ class Scan:
     blocks: list[Block] = field(default_factory=list)
     metadata: list[tuple[str, Span]] = field(default_factory=list)
     attachments: list[Span] = field(default_factory=list)
-    """Those of others: not the extras of a chunk."""
+    """Attachments other than the extras of a chunk."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     statistics: Statistics | None = None
     finished: bool = False
     unread: int = 0
-    """Bytes of which nothing can be said: at the end, or behind a damaged length."""
+    """Bytes that cannot be interpreted: at the end, or after a damaged length."""
     damaged: set[int] = field(default_factory=set)
-    """Checksums of definitions that were left out; 0 stands for metadata of which there is too much."""
+    """Checksums of definitions that were left out; 0 stands for too many metadata records or attachments."""
     conflicts: set[int] = field(default_factory=set)
     """Channels that are defined twice in different ways; the first one counts."""
     defined: int = 0
-    """Bytes of definitions that were taken in."""
+    """Bytes of definitions that were accepted."""
     refused: BeyondLimitError | None = None
-    """The first limit that was met, if any, by what was left out or is counted in `damaged`."""
+    """The first limit, if any, because of which something was left out or is counted in `damaged`."""
     stopped: bool = False
     """Whether the file has more chunks than its limits allow."""
     joins: bool = False
@@ -106,7 +106,7 @@ class Scan:
 
     @property
     def missing_chunks(self) -> int:
-        """Chunks that the summary counts, but that are not there."""
+        """Number of chunks that the summary counts, but that are missing."""
         known = self.statistics.chunk_count if self.statistics is not None and self.finished else 0
         return max(0, known - sum(block.chunked for block in self.blocks))
 
@@ -166,7 +166,7 @@ def _walk(file: int, scan: Scan) -> Scan:
 
 
 def _stop(file: int, scan: Scan, position: int) -> int:
-    """Take note that there are too many chunks; return where to go on: at the summary, once."""
+    """Note that there are too many chunks; return where to continue: at the summary, but only once."""
     most, footer = scan.limits.chunks_of(scan.size), _footer(file, scan)
     scan.refused = scan.refused or BeyondLimitError(f"more than {most} chunks", "chunks", scan.limits.chunks, 4 * most)
     again, scan.stopped = scan.stopped, True
@@ -177,7 +177,7 @@ def _stop(file: int, scan: Scan, position: int) -> int:
 
 
 def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
-    """Take in a record; return where extras are, if it is such."""
+    """Process a record; return its span if it holds extras."""
     length = body.length
     match opcode:
         case Opcode.MESSAGE if length >= SHORTEST_MESSAGE:
@@ -204,7 +204,7 @@ def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside:
 
 
 def _after_gap(file: int, scan: Scan, position: int) -> int:
-    """Return where to go on behind a record that cannot be: at a chunk, at the summary, or at the end of the file."""
+    """Return where to continue after an invalid record: at a chunk, at the summary, or at the end of the file."""
     from riot_bus.log.engine.resync import next_record
 
     found = next_record(file, position + 1, scan.size, scan.channels)
@@ -229,7 +229,7 @@ def parse_footer(tail: bytes) -> Footer | None:
 
 
 def define(scan: Scan, opcode: int, body: bytes) -> None:
-    """Take in a schema, channel or statistics record; a damaged one is left out and counted."""
+    """Add a schema, channel or statistics record; a damaged one is left out and counted."""
     record: Schema | Channel | Statistics | None
     if len(body) > scan.limits.definitions:
         _refuse(scan, len(body), crc32(body))
@@ -262,14 +262,14 @@ def _has_room(scan: Scan, body: bytes) -> bool:
 
 
 def _refuse(scan: Scan, needed: int, mark: int) -> None:
-    """Take note of a definition that is too large; the mark is its own."""
+    """Note a definition that is too large; the mark identifies it."""
     scan.damaged.add(mark)
     most = scan.limits.definitions
     scan.refused = scan.refused or BeyondLimitError(f"{needed} bytes of definitions", "definitions", most, needed)
 
 
 def _has_place(scan: Scan, among: Sequence[object]) -> bool:
-    """Return whether another record of metadata, or another attachment, is taken in."""
+    """Return whether another metadata record, or another attachment, is accepted."""
     most = scan.limits.chunks_of(scan.size)
     if len(among) < most:
         return True
@@ -301,7 +301,7 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
     Args:
         file: Descriptor of the log.
         span: Body of its record.
-        limits: Of what is read.
+        limits: Limits of what is read.
 
     Raises:
         ValueError: It is damaged or, as BeyondLimitError, too large.
@@ -316,16 +316,16 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
 
 
 def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[MessageEntry]:
-    """Return a block's messages in file order, and take in its schemas and channels.
+    """Return a block's messages in file order, and add its schemas and channels to the scan.
 
     Args:
-        data: Its records.
+        data: Records of the block.
         block: The block that is read.
-        scan: Takes in definitions.
-        extras: Its extras.
+        scan: Scan to which definitions are added.
+        extras: Extras of the block's messages, by number.
 
     Raises:
-        ValueError: The block is damaged; of a block that was cut off, what is left is returned instead.
+        ValueError: The block is damaged; for a block that was cut off, what is left is returned instead.
     """
     entries: list[MessageEntry] = []
     order, place, others, most = block.number << 32, 0, 0, scan.limits.messages
@@ -359,7 +359,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
 
 
 def learn_block(file: int, block: Block, scan: Scan) -> None:
-    """Take in a block's schemas and channels alone; raises ValueError if it is damaged."""
+    """Add only a block's schemas and channels to the scan; raises ValueError if it is damaged."""
     data = read_block(file, block, scan.limits)
     for opcode, start, end in records_of(data, scan.limits, cut=block.cut).others:
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):

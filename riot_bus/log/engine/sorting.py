@@ -17,7 +17,7 @@ _ENTRY_BYTES = 200
 
 @dataclass(slots=True)
 class _Run:
-    """The messages of one block, by time; those before `place` are gone."""
+    """The messages of one block, sorted by time; those before `place` have been taken."""
 
     entries: list[MessageEntry]
     place: int
@@ -30,7 +30,7 @@ class Waiting:
     Each message costs about as many steps as the logarithm of the blocks that overlap, however these overlap.
 
     Attributes:
-        held: Bytes that they take, about.
+        held: Approximate bytes that they take.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class Waiting:
         self._runs: list[tuple[int, int, _Run]] = []
 
     def add(self, entries: list[MessageEntry], size: int) -> None:
-        """Take in the messages of a block; the list is sorted and becomes ours.
+        """Add the messages of a block; the list is sorted in place and kept.
 
         Args:
             entries: Messages, in any order.
@@ -52,7 +52,7 @@ class Waiting:
         heappush(self._runs, (entries[0].time, entries[0].order, run))
 
     def take(self, before: int | None = None) -> list[MessageEntry]:
-        """Give away those of times before this one, sorted; None: all."""
+        """Remove and return the messages before this time (None: all), sorted."""
         parts: list[list[MessageEntry]] = []
         runs = self._runs
         while runs and (before is None or runs[0][0] < before):
@@ -77,7 +77,7 @@ class Waiting:
         return found
 
     def _shorten(self, run: _Run) -> None:
-        """Forget the messages that are gone."""
+        """Discard the messages that have been taken."""
         del run.entries[: run.place]
         run.place = 0
         self.held -= run.weight

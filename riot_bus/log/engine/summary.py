@@ -1,4 +1,4 @@
-"""The summary at the end of an MCAP file: what can be said of a log without reading it, if the summary is sound."""
+"""The summary at the end of an MCAP file: what is known of a log without reading it, if the summary is sound."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _OPCODES = frozenset(
 
 @dataclass(slots=True)
 class ChunkIndexes:
-    """What the indexes of chunks say together; they may be many, so none is kept.
+    """The combined content of all chunk indexes, which are not kept, because they may be many.
 
     Attributes:
-        most: How many are taken in.
+        most: Most indexes that are accepted.
         count: Number of chunks.
-        spans: From when to when the chunks go that have messages of a channel, by channel.
-        ends: Where the first and the last chunk begin, and their bytes.
-        end: Where the last one ends, with its message index.
+        spans: Earliest and latest time of the chunks that have messages of a channel, by channel.
+        ends: Offset and length of the first and the last chunk.
+        end: Offset at which the last one ends, with its message index.
     """
 
     most: int
@@ -56,7 +56,7 @@ class ChunkIndexes:
     end: int = len(MAGIC)
 
     def take(self, body: bytes) -> bool:
-        """Take in an index; return whether it is whole, behind the chunk before it, and not one too many."""
+        """Add an index; return whether it is whole, after the previous chunk, and not one too many."""
         if len(body) < _INDEX.size:
             return False
         start, end, offset, length, size = _INDEX.unpack_from(body)
@@ -75,7 +75,7 @@ class ChunkIndexes:
 
 @dataclass(slots=True)
 class Summary:
-    """What the summary says."""
+    """The content of a summary."""
 
     size: int
     header: Header
@@ -86,7 +86,7 @@ class Summary:
     metadata: list[tuple[str, Span]]
 
     def spans(self) -> dict[int, tuple[int, int]]:
-        """Return about from when to when the messages of each channel go: as the chunks say that have some."""
+        """Return the approximate time span of the messages of each channel, from the chunks that have some."""
         known = self.statistics
         return self.chunks.spans or dict.fromkeys(self.channels, (known.message_start_time, known.message_end_time))
 
@@ -96,7 +96,7 @@ def read_summary(file: int, limits: LogLimits = DEFAULT_LIMITS) -> Summary | Non
 
     Args:
         file: Descriptor of the log.
-        limits: Of what is read; a summary that is beyond them is none.
+        limits: Limits of what is read; a summary beyond them counts as none.
     """
     try:
         return _read(file, limits)

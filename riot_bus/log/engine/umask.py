@@ -1,4 +1,4 @@
-"""The mode of files that are made under another name first: what the user's umask leaves, as for any new file."""
+"""The mode of files that are first made under a temporary name: as the user's umask gives it to any new file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STATUS = Path("/proc/self/status")
 
 @cache
 def new_file_mode() -> int:
-    """Return the mode of a new file; asked once, where the system tells it without setting it for a moment."""
+    """Return the mode of a new file; read once, and if possible without changing the umask for a moment."""
     try:
         lines = _STATUS.read_text(encoding="ascii", errors="replace").splitlines()
         mask = next(int(line.split()[1], 8) for line in lines if line.startswith("Umask:"))

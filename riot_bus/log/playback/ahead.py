@@ -25,7 +25,7 @@ class AheadSource:
     """A source that is read ahead by some 2000 messages or 32 MiB, whichever is less, but by one message at least.
 
     Args:
-        source: The messages; read by threads of ours, one for each `messages`.
+        source: Source of the messages, read by a thread for each call of `messages`.
     """
 
     def __init__(self, source: Source) -> None:
@@ -93,7 +93,7 @@ class _Ahead:
                     if not self._hand_over(batch, size):
                         return
                     batch, size = [], 0
-        except BaseException as error:  # raised where the messages are wanted
+        except BaseException as error:  # raised by `messages`
             self._error = error
         finally:
             if batch:

@@ -26,7 +26,7 @@ class Lateness:
         self.count = 0
 
     def add(self, nanoseconds: int) -> None:
-        """Count one delay; less than nothing is nothing."""
+        """Count one delay; a negative one counts as 0."""
         if nanoseconds > self._worst:
             self._worst = nanoseconds
         elif nanoseconds < 0:

@@ -1,4 +1,4 @@
-"""Time for a player: a clock whose waiting commands can interrupt."""
+"""Time for a player: a clock on which commands can interrupt a wait."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ _IDLE_S = 3600.0
 
 
 class Pace(Protocol):
-    """Where a player's time comes from."""
+    """The source of a player's time."""
 
     def now(self) -> int:
         """Return nanoseconds since the Unix epoch."""
         ...
 
     def wait(self, bell: threading.Condition, until: int | None) -> None:
-        """Return when `now()` is `until`, when somebody has rung, or a little earlier.
+        """Wait until `now()` is `until` or the bell is notified; may return a little earlier.
 
         Args:
-            bell: Held by the caller.
-            until: Nanoseconds; None to wait for the bell alone.
+            bell: Condition held by the caller.
+            until: Time in nanoseconds; None to wait only for the bell.
         """
         ...
 
 
 class SteadyPace:
-    """The machine's time without the jumps of its clock being set; exact to some 10 microseconds.
+    """The machine's time, without jumps when its clock is set; exact to some 10 microseconds.
 
-    The system wakes a thread 50 to 100 microseconds late, so the last bit is waited for awake.
+    The system wakes a thread 50 to 100 microseconds late, so the last part of a wait is a busy loop.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class SteadyPace:
         return time.monotonic_ns() + self._offset
 
     def wait(self, bell: threading.Condition, until: int | None) -> None:
-        """Return when it is `until`, when somebody has rung, or a little earlier."""
+        """Wait until `now()` is `until` or the bell is notified; may return a little earlier."""
         if until is None:
             bell.wait(_IDLE_S)
             return

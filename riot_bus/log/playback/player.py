@@ -60,14 +60,14 @@ def play(
     predecessor's is published at once.
 
     Args:
-        messages: A log.
-        publish: Called for each message.
+        messages: Messages of a log.
+        publish: Function called for each message.
         rate: Speed relative to the log's own; 0 is as fast as possible.
-        clock: Paces the replay.
-        stop: Asked before each message and while waiting.
+        clock: Clock that paces the replay.
+        stop: Function that tells whether to stop, called before each message and while waiting.
 
     Raises:
-        ConfigError: The rate is no speed.
+        ConfigError: The rate is not valid.
     """
     check_rate(rate)
     begun = clock.now()
@@ -107,10 +107,10 @@ def _wait(due: int, clock: Clock, stop: Callable[[], bool] | None) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PlayStatus:
-    """Where a player is.
+    """The state of a player.
 
     Attributes:
-        position: The log's time, nanoseconds.
+        position: Present time of the log, nanoseconds.
         start: Where the time line begins.
         end: Where the time line ends.
         passes: Number of the present pass, from 1.
@@ -129,26 +129,26 @@ class PlayStatus:
 class Player:
     """Plays a source; commands may come from any thread at any time.
 
-    The log's time goes on from an anchor, at the rate, so lateness does not add up: pausing, seeking and another rate
-    drop a new anchor. Messages are published by the thread that calls `run`, one after another in the source's order.
+    The log's time is counted from an anchor, at the rate, so lateness does not add up; pausing, seeking and changing
+    the rate set a new anchor. Messages are published by the thread that calls `run`, one by one in the source's order.
 
     Args:
         source: Messages in the order of their times.
-        publish: Called for each message; what it raises ends the play.
-        pace: The time.
+        publish: Function called for each message; an exception from it ends the play.
+        pace: Source of the time.
         rate: Speed relative to the log's own; 0 is as fast as possible.
-        loop: Begin again at the end, until stopped.
+        loop: Whether to begin again at the end, until stopped.
         delay: Seconds before each pass.
-        paused: Begin paused.
-        hold: Do not end at the end, but wait for commands.
-        settle: Called after each message; time stands still until it returns. It gets a function that says when to
-            give up.
+        paused: Whether to begin paused.
+        hold: Whether to wait for commands at the end instead of ending.
+        settle: Function called after each message; time stands still until it returns. Its argument is a function that
+            tells when to give up.
 
     Attributes:
         lateness: How late messages were, when a pace was asked for.
 
     Raises:
-        ConfigError: The rate is no speed.
+        ConfigError: The rate is not valid.
     """
 
     def __init__(
@@ -176,9 +176,9 @@ class Player:
         self._barren = False  # whether this pass has had no message so far, from the very beginning
         self._exhausted = False  # whether this pass has no more messages
         self._reading = False
-        self._fresh = False  # whether reading begins anew
-        self._log = self._last = source.start  # at this time of the log
-        self._wall = 0  # it was this time on the clock
+        self._fresh = False  # whether reading has just begun
+        self._log = self._last = source.start  # `_log` is the anchor's time in the log
+        self._wall = 0  # the anchor's time on the clock
 
     @property
     def in_lockstep(self) -> bool:
@@ -196,7 +196,7 @@ class Player:
                 self._bell.notify_all()
 
     def resume(self) -> None:
-        """Let time go on."""
+        """Let time continue."""
         with self._bell:
             if self._paused:
                 self._paused = False
@@ -212,7 +212,7 @@ class Player:
             self._bell.notify_all()
 
     def seek(self, time: int) -> None:
-        """Go on from another time of the log; before its beginning is its beginning. Steps not made are forgotten."""
+        """Continue from another time, clamped to the log's time span; pending steps are discarded."""
         with self._bell:
             self._begin(min(max(time, self._source.start), self._source.end))
             self._barren = False
@@ -220,7 +220,7 @@ class Player:
             self._bell.notify_all()
 
     def set_rate(self, rate: float) -> None:
-        """Go on at another speed; raises ConfigError if it is none."""
+        """Continue at another speed; raises ConfigError if it is not valid."""
         check_rate(rate)
         with self._bell:
             now = self._pace.now()
@@ -230,14 +230,14 @@ class Player:
             self._bell.notify_all()
 
     def stop(self) -> None:
-        """End as soon as possible; safe to call at any time, also where the source hangs."""
+        """End as soon as possible; safe to call at any time, even if the source hangs."""
         self._stopped = True
         if self._bell.acquire(timeout=_STOP_S):
             self._bell.notify_all()
             self._bell.release()
 
     def status(self) -> PlayStatus:
-        """Return where it is."""
+        """Return the present state."""
         with self._bell:
             state: PlayState = "paused" if self._paused else "playing"
             if not self._running:
@@ -252,7 +252,7 @@ class Player:
     # -- playing ------------------------------------------------------------------------------------------------------
 
     def run(self) -> PlayReport:
-        """Play until the end or `stop`; once."""
+        """Play until the end or `stop`; to be called only once."""
         began = self._pace.now()
         with self._bell:
             self._running = True

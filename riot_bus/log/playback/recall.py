@@ -1,4 +1,4 @@
-"""Latched topics where a play begins in the middle: first comes what a late joiner of the recording would have got."""
+"""Latched topics in a play that begins in the middle: first comes what a late joiner would have received."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["RecallingSource"]
 
 
 class RecallingSource:
-    """A source that begins with the last messages of latched topics from before, if it does not begin at the beginning.
+    """A source that starts with the last earlier messages of latched topics, if it does not start at the beginning.
 
-    They get the time at which it begins, and keep their order. To find them, the logs are read up to there; when it
-    begins anew later on, from the time before.
+    They get the time of the start, and keep their order. To find them, the logs are read up to the start; for a later
+    start, only from the previous one on.
 
     Args:
-        source: The messages.
-        before: Returns the messages of the latched topics from one time until another (exclusive).
-        depths: How many of the last messages of a key are latched.
-        origin: Where the logs begin, nanoseconds; `source` may begin later.
+        source: Source of the messages.
+        before: Function that returns the messages of the latched topics from one time until another (exclusive).
+        depths: Number of the last messages that are latched, by key.
+        origin: Time at which the logs begin, nanoseconds; `source` may begin later.
     """
 
     def __init__(
@@ -35,10 +35,10 @@ class RecallingSource:
     ) -> None:
         self._source, self._before, self._depths, self._origin = source, before, depths, origin
         self.start, self.end = source.start, source.end
-        self._known = _Known(origin, 0, {})  # in one piece: two threads may look at once
+        self._known = _Known(origin, 0, {})  # replaced as a whole: two threads may use it at once
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
-        """Yield what is latched, then the messages."""
+        """Yield the latched messages, then those of the source."""
         begin = self.start if start is None else max(start, self.start)
         for message in self._recalled(begin):
             yield message.with_(time=begin)
@@ -60,7 +60,7 @@ class RecallingSource:
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What is latched at a time; messages are numbered in the logs' order."""
+    """The latched messages at a time, numbered in the logs' order."""
 
     until: int
     number: int

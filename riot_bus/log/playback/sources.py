@@ -1,4 +1,4 @@
-"""What a player plays: messages by time that can be read again from anywhere, in bounded memory."""
+"""Sources for a player: messages sorted by time, which can be read again from any time, in bounded memory."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ __all__ = ["LogSource", "MergedSource", "PipedSource", "Source"]
 
 
 class Source(Protocol):
-    """Messages by time.
+    """Messages sorted by time.
 
     Attributes:
-        start: Where the time line begins, nanoseconds; the first message may come later.
-        end: Where it ends; no message is later.
+        start: Beginning of the time line, nanoseconds; the first message may come later.
+        end: End of the time line, nanoseconds; no message is later.
     """
 
     start: int
     end: int
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
-        """Yield the messages by time, those of equal time always in the same order.
+        """Yield the messages sorted by time, those of equal time always in the same order.
 
         Args:
             start: Earliest time, nanoseconds; None for all.
@@ -43,8 +43,8 @@ class LogSource:
     """The delivered messages of a log, under other keys if wanted.
 
     Args:
-        reader: The log, open as long as the source is used.
-        keys: By recorded key, the key to play it as; others are left out. None for all as they are.
+        reader: Reader of the log, open as long as the source is used.
+        keys: Key to play as, by recorded key; other keys are left out. None for all keys unchanged.
         shift: Nanoseconds that are added to each message's time.
     """
 
@@ -84,14 +84,14 @@ class LogSource:
 
 
 class MergedSource:
-    """Several sources on one time line; of equal times, the source that is named first comes first.
+    """Several sources on one time line; at equal times, the source that is named first comes first.
 
     Memory holds what each of the sources holds, and one message of each.
 
     Args:
-        sources: Any number; without one there are no messages.
-        start: Where to begin; None at the beginning.
-        end: Where to end, exclusive; None at the end.
+        sources: Any number of sources; without one there are no messages.
+        start: Time at which to begin, nanoseconds; None for the beginning.
+        end: Time at which to end, nanoseconds, exclusive; None for the end.
     """
 
     def __init__(self, sources: Sequence[Source], *, start: int | None = None, end: int | None = None) -> None:
@@ -118,14 +118,14 @@ class MergedSource:
 
 
 class PipedSource:
-    """What interceptors make of a source: those of the pipeline, by the log's own time.
+    """A source whose messages pass through the interceptors of a pipeline, in the log's own time.
 
-    A delayed message comes later by the log's time, so it is played later as much as the rate says. What is still
-    delayed when somebody seeks is gone. A message goes through the pipeline shortly before it is due.
+    Messages are delayed in the log's time, so the actual delay depends on the rate. Messages that are still delayed
+    when the player seeks are lost. A message passes through the pipeline shortly before it is due.
 
     Args:
-        source: The messages.
-        pipeline: Fed by whoever reads, one at a time.
+        source: Source of the messages.
+        pipeline: Pipeline, fed by the thread that reads; only one may read at a time.
     """
 
     def __init__(self, source: Source, pipeline: Pipeline) -> None:
@@ -134,7 +134,7 @@ class PipedSource:
         self.start, self.end = source.start, source.end
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
-        """Yield what comes out, by due time."""
+        """Yield the resulting messages, sorted by due time."""
         queue = EmissionQueue()
         for message in self._source.messages(start):
             queue.push(*self._pipeline.feed(message).emissions)

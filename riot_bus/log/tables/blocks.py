@@ -41,9 +41,9 @@ _MESSAGE = np.dtype(
         "itemsize": HEAD.size + SHORTEST_MESSAGE,
     }
 )
-"""What stands before a payload."""
+"""The part of a message record before its payload."""
 _LATEST = (1 << 63) - 1
-_SMALL = 1 << 14  # to hand over so little takes longer than to load it
+_SMALL = 1 << 14  # handing a block of this size to a thread takes longer than loading it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +52,11 @@ class LoadedBlock:
 
     Attributes:
         block: The block that was read.
-        data: Its records.
-        places: Where each message's record begins, shape (n,).
-        heads: What stands before the payload of each, shape (n,).
-        times: Nanoseconds, shape (n,); those beyond the year 2262 are -1.
-        numbers: Place of each message in the block as it was written, shape (n,); None: 0, 1, 2 ...
+        data: The records of the block.
+        places: Offset of each message's record in `data`, shape (n,).
+        heads: Header before each message's payload, shape (n,).
+        times: Time of each message, nanoseconds, shape (n,); -1 beyond the year 2262.
+        numbers: Position of each message in the block as it was written, shape (n,); None for 0, 1, 2 ...
     """
 
     block: Block
@@ -86,15 +86,15 @@ class LoadedBlock:
         return (self.block.number << 32) + (rows if self.numbers is None else self.numbers[rows])
 
     def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the publish time of some messages as the file has it."""
+        """Return the publish times of these rows, as stored in the file."""
         return _as_times(self.heads["published"][rows])
 
     def payloads(self, rows: NDArray[np.int64]) -> Payloads:
-        """Return the payloads of some messages."""
+        """Return the payloads of these rows."""
         return Payloads(self.data, self.places[rows] + _MESSAGE.itemsize, self.lengths()[rows])
 
     def lengths(self) -> NDArray[np.int64]:
-        """Return the bytes of the payloads of all messages, shape (n,)."""
+        """Return the payload size of each message in bytes, shape (n,)."""
         lengths: NDArray[np.int64] = self.heads["length"].astype(np.int64) - SHORTEST_MESSAGE
         return lengths
 
@@ -102,16 +102,16 @@ class LoadedBlock:
 def load_ahead(
     reader: LogReader, blocks: Sequence[Block], *, memory: int, threads: int, largest: int | None = None
 ) -> Iterator[LoadedBlock]:
-    """Yield blocks in this order, some of them loaded ahead; damaged ones are counted.
+    """Yield blocks in the given order, loading some of them ahead; damaged ones are counted.
 
-    Those are left out, but for what is salvaged of them if the reader was told so.
+    Damaged blocks are left out, except for what the reader salvages if it was told to.
 
     Args:
-        reader: The log, open as long as this is used; counts what is lost.
+        reader: The log, which must stay open during the iteration; it counts losses.
         blocks: The blocks, in the wanted order.
-        memory: Bytes that blocks may take while they wait.
-        threads: How many blocks are decompressed at the same time; 0: none ahead.
-        largest: Bytes that a single one may take, if not `memory`; larger ones are counted as damaged.
+        memory: Bytes that waiting blocks may take.
+        threads: Number of blocks that are decompressed at the same time; 0 to load none ahead.
+        largest: Bytes that a single block may take, by default `memory`; larger ones are counted as damaged.
     """
     limit = memory if largest is None else largest
     known = np.zeros(1 << 16, np.bool_)
@@ -165,7 +165,7 @@ def _load(reader: LogReader, block: Block, memory: int) -> tuple[LoadedBlock, Re
 def _rest(
     reader: LogReader, block: Block, error: ValueError, limit: int, known: NDArray[np.bool_]
 ) -> Iterator[LoadedBlock]:
-    """Take note that a block is damaged, and yield what is salvaged of it."""
+    """Count a block as damaged, and yield what is salvaged of it."""
     reader.count_damage(block, error)
     rest = reader.rest_of(block, memory=limit)
     if rest is not None:
@@ -198,7 +198,7 @@ def _claimed(file: int, block: Block) -> int:
 
 
 def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[Any]:
-    """Return what stands before the payloads of the messages at these places, which need not be aligned."""
+    """Return the headers of the messages at these offsets, which need not be aligned."""
     size = _MESSAGE.itemsize
     stride = _stride(places)
     if stride:
@@ -211,7 +211,7 @@ def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[Any]:
 
 
 def _stride(places: NDArray[np.int64]) -> int:
-    """Return how far one place is from the next, 0 if that differs."""
+    """Return the distance between successive offsets, 0 if it varies."""
     steps = np.diff(places)
     return int(steps[0]) if len(steps) and (steps == steps[0]).all() else 0
 

@@ -50,12 +50,12 @@ class TableWriter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written.
+    """Result of an export.
 
     Attributes:
         rows: Number of messages.
-        values: By column, how many of them have a value.
-        loss: What of the log could not be read.
+        values: Number of messages with a value, by column.
+        loss: Parts of the log that could not be read.
     """
 
     rows: int
@@ -78,20 +78,20 @@ def export_table(
 ) -> Exported:
     """Write fields of a log's delivered messages as a table.
 
-    Each message from which a field is wanted is one row, by time; columns of other topics are empty there. The file
-    gets its name when it is complete.
+    Each message with a selected field becomes one row, ordered by time; columns of other topics are empty in it. The
+    file gets its name when it is complete.
 
     Args:
-        log: The log.
-        selectors: Such as `/odom:pose.pose.position.x`, as `riot_bus.log.columns` takes them.
+        log: Path of the log.
+        selectors: Field selectors, such as `/odom:pose.pose.position.x`, as for `riot_bus.log.columns`.
         out: File to write: `.csv` or `.parquet`.
         start: Earliest time, nanoseconds.
         end: Latest time (exclusive), nanoseconds.
         force: Whether an existing file is replaced.
-        registry: Knows types that the log does not tell.
-        memory: As `riot_bus.log.iter_columns` takes it.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
-        raw: Write texts into CSV as they are, also those that a spreadsheet or a terminal would obey.
+        registry: Types that the log does not define.
+        memory: Memory limit in bytes, as for `riot_bus.log.iter_columns`.
+        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
+        raw: Whether texts are written to CSV unchanged, even those that a spreadsheet or a terminal would obey.
 
     Raises:
         ConfigError: The file exists or is of another kind, or a selector does not fit the log.
@@ -169,7 +169,7 @@ def _names(selectors: Sequence[str]) -> dict[str, str]:
 
 
 def _kinds(reader: LogReader, selectors: Sequence[str], registry: TypeRegistry) -> dict[str, Kind]:
-    """Return what each column will hold; where only payloads can tell, they are read for this alone."""
+    """Return what each column will hold; an extra pass reads the payloads where only they can tell."""
     wishes, feeds = plan_columns(reader, selectors, registry)
     nothing = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
     seen: dict[str, set[Kind]] = {wish.text: set() for wish in wishes}
@@ -196,7 +196,7 @@ def _kinds_of(values: NDArray[Any]) -> set[Kind]:
 
 
 def _common(kinds: set[Kind]) -> Kind:
-    """Return a kind that holds them all; integers above 2^53 beside floats lose their last digits."""
+    """Return a kind that can hold all of these; integers above 2^53 mixed with floats lose precision."""
     if len(kinds) == 1:
         return next(iter(kinds))
     if not kinds:

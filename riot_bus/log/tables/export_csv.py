@@ -25,7 +25,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-](inf|nan)")
 
 
 class CsvWriter:
-    r"""Writes a table: numbers so that they are read back exactly, a missing value as an empty cell.
+    r"""Writer of CSV tables: numbers can be read back exactly, and a missing value is an empty cell.
 
     Texts of a log may come from anyone. Texts that begin with `=`, `+`, `-` or `@` and are not numbers get a leading
     `'`, so that a spreadsheet does not take them for formulas. Control characters are escaped, as in `\x1b`, so that
@@ -34,7 +34,7 @@ class CsvWriter:
     Args:
         path: File to write.
         kinds: What the columns hold, by name.
-        raw: Write texts as they are.
+        raw: Whether texts are written unchanged.
     """
 
     def __init__(self, path: str, kinds: dict[str, Kind], *, raw: bool = False) -> None:

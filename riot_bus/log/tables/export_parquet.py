@@ -27,10 +27,10 @@ def require_pyarrow() -> None:
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows that have the same columns as a table.
+    """Write rows, all with the same columns, to a Parquet file.
 
     Raises:
-        ConfigError: The file exists, or is not called `.parquet`.
+        ConfigError: The file exists, or its suffix is not `.parquet`.
         MissingExtraError: pyarrow is not installed.
     """
     if path.suffix != ".parquet" or path.exists():
@@ -44,7 +44,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
 
 
 class ParquetTableWriter:
-    """Writes a table; times are timestamps in UTC, a missing value is null.
+    """Writer of Parquet tables: times are timestamps in UTC, and a missing value is null.
 
     Args:
         path: File to write.

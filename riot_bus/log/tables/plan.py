@@ -1,4 +1,4 @@
-"""Which channels of a log the fields of selectors are read from, and as which type."""
+"""Choice of the channels of a log, and of their types, from which selected fields are read."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _NOTHING = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What one selector wants: a field, of the messages that meet a predicate."""
+    """A parsed selector: a field of the messages of a topic that meet a predicate."""
 
     text: str
     topic: str
@@ -63,9 +63,9 @@ class Feed:
 
     Attributes:
         number: The channel's number in the file.
-        source: What its messages are.
-        wishes: Numbers of the wishes that it fulfils.
-        kind: Its type, None until a payload tells.
+        source: Topic, key, schema and encoding of its messages.
+        wishes: Indices of the wishes that read from it.
+        kind: Type of its messages, None while it is unknown.
     """
 
     number: int
@@ -74,7 +74,7 @@ class Feed:
     kind: MessageType | None = None
 
     def settle(self, payloads: Payloads, registry: TypeRegistry) -> MessageType | None:
-        """Return the type of these messages; the first payloads may tell."""
+        """Return the type of these messages, derived from the first payloads if it is unknown."""
         if self.kind is None and len(payloads):
             for payload in payloads.take(np.arange(min(len(payloads), _SAMPLES))):
                 self.kind = registry.type_of(
@@ -88,11 +88,11 @@ class Feed:
 def log_registry(
     *readers: LogReader, declared: dict[str, str] | None = None, definitions: Sequence[Path] = ()
 ) -> TypeRegistry:
-    """Return what knows the types of a log's messages.
+    """Return a registry of the types of a log's messages.
 
     Args:
-        readers: The log, or the files of it.
-        declared: Type names by topic, where nothing else tells.
+        readers: The log, or the files that it consists of.
+        declared: Type names by topic, for types that are not known otherwise.
         definitions: Files that define message types.
 
     Raises:
@@ -106,7 +106,7 @@ def log_registry(
 
 
 def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegistry) -> tuple[list[Wish], list[Feed]]:
-    """Return what is wanted, and the channels that have it.
+    """Return the parsed selectors, and the channels to read them from.
 
     Raises:
         ConfigError: A selector names no field, a topic that the log does not have, or one of an unknown type.
@@ -147,7 +147,7 @@ def delivered_sources(
 
     Args:
         reader: The log.
-        registry: Of `log_registry`.
+        registry: What `log_registry` returns.
         topics: Topic names or key expressions; None for all.
 
     Raises:
@@ -166,14 +166,14 @@ def _no_topic(reader: LogReader, topic: str, sources: Mapping[int, ChannelSource
 
 
 def is_chosen(source: ChannelSource, topics: Sequence[str] | None, registry: TypeRegistry) -> bool:
-    """Return whether a channel is of one of these topics, by the log's names or by those that adapters know."""
+    """Return whether a channel has one of these topics, by its name in the log or by a name that adapters know."""
     return source.chosen(topics) or any(registry.matches(topic, source.key) for topic in topics or ())
 
 
 def topic_types(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> list[tuple[str, TypeListing]]:
-    """Return each topic of a log and its type; fields that no definition tells are those of the first messages.
+    """Return each topic of a log and its type; without a definition, the fields are those of the first messages.
 
     Args:
         reader: The log.
@@ -207,7 +207,7 @@ def topic_types(
 
 
 def _samples(reader: LogReader, keys: set[str]) -> dict[str, list[bytes]]:
-    """Return the first payloads of each key; of what comes late in a long log, none."""
+    """Return the first payloads of each key, none for a key that first appears late in a long log."""
     found: dict[str, list[bytes]] = {key: [] for key in keys}
     missing = len(keys)
     for message in islice(reader.messages(topics=sorted(keys)), _MOST_SAMPLED) if keys else ():
@@ -246,7 +246,7 @@ def _wish(text: str) -> Wish:
 
 
 def _check(feed: Feed, wish: Wish, registry: TypeRegistry) -> None:
-    """Raise an error if messages of a channel cannot have what is wanted."""
+    """Raise an error if messages of a channel cannot have the fields of a wish."""
     source = feed.source
     if feed.kind is None:
         feed.kind = registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
@@ -269,7 +269,7 @@ def chosen_rows(kind: MessageType, payloads: Payloads, where: Predicate) -> NDAr
     for row in range(len(payloads)):
         try:
             chosen[row] = where(_reader(columns, row))
-        except (PayloadError, TypeError):  # such as bytes, that have no order with text
+        except (PayloadError, TypeError):  # such as bytes, which cannot be ordered with text
             continue
     return chosen
 

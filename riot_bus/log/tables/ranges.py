@@ -43,13 +43,13 @@ class FieldRange:
     """One field of a topic.
 
     Attributes:
-        path: Such as `pose.position.x`; the elements of an array together are `ranges[*]`.
-        type: As in `riot_bus.types.model.Leaf`; several, joined by `|`, if payloads differ.
-        count: Values, NaN among them.
-        nan: How many of them are NaN.
-        low: The least value but NaN; None if there is none, and for text and bytes.
-        high: The greatest one, likewise.
-        examples: The first few texts that differ, shortened.
+        path: Path, such as `pose.position.x`; `ranges[*]` for all elements of an array.
+        type: Type as in `riot_bus.types.model.Leaf`; several, joined by `|`, if payloads differ.
+        count: Number of values, including NaN.
+        nan: Number of NaN values.
+        low: Least value except NaN; None if there is none, and for text and bytes.
+        high: Greatest value except NaN; None as for `low`.
+        examples: The first few distinct texts, shortened.
         partial: Whether only the first elements of its arrays were looked at.
     """
 
@@ -63,7 +63,7 @@ class FieldRange:
     partial: bool = False
 
     def take(self, values: NDArray[Any]) -> None:
-        """Take in some values."""
+        """Extend the range by some values."""
         self.count += len(values)
         if not len(values):
             return
@@ -102,13 +102,13 @@ class TopicFields:
     """The fields of a topic.
 
     Attributes:
-        topic: What people call it.
+        topic: Name of the topic.
         key: Its Zenoh key.
         type: Name of the type; empty if it is not known.
-        count: Messages.
-        unreadable: Messages that do not decode.
-        fields: In payload order.
-        omitted: Fields that were not looked at, since there are so many.
+        count: Number of messages.
+        unreadable: Number of messages that cannot be decoded.
+        fields: Fields in payload order.
+        omitted: Number of fields that were left out, as too many or too deeply nested.
     """
 
     topic: str
@@ -132,8 +132,8 @@ def field_ranges(
     Args:
         reader: The log.
         topics: Topic names or key expressions; None for all.
-        registry: Knows types that the log does not tell.
-        progress: Called now and then with the bytes that are read, and those of the file.
+        registry: Types that the log does not define.
+        progress: Function called after each block with the bytes read so far and the size of the file.
 
     Raises:
         ConfigError: The log has no such topic.
@@ -192,7 +192,7 @@ class _Survey:
             self.ranges[each.path] = FieldRange(each.path, each.type, partial=partial)
 
     def take(self, payloads: Payloads) -> int:
-        """Take in some messages; return how many do not decode."""
+        """Survey some messages, and return how many cannot be decoded."""
         if self._described is None:
             return self._one_by_one(payloads)
         whole = np.ones(len(payloads), np.bool_)

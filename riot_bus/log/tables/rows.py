@@ -1,4 +1,4 @@
-"""Rows of a table that is exported, whatever the format of its file."""
+"""Rows of an exported table, independent of the file format."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Rows:
     """Some rows of the table.
 
     Attributes:
-        times: Reception, nanoseconds since the Unix epoch, shape (n,).
-        publish_times: Time at the source, likewise.
+        times: Times of reception, nanoseconds since the Unix epoch, shape (n,).
+        publish_times: Times at the source, nanoseconds since the Unix epoch, shape (n,).
         topics: Topic of each message, shape (n,).
-        values: Of each field, shape (n,).
-        valid: Where there are any, shape (n,) each.
+        values: Values of each field, shape (n,) each.
+        valid: Whether each value is present, shape (n,) for each field.
     """
 
     times: NDArray[np.int64]

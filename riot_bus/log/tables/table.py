@@ -36,20 +36,20 @@ _MOST_THREADS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """One field of n messages, by time; those of equal time in the file's order.
+    """One field of n messages, sorted by time and, at equal times, by position in the file.
 
     Attributes:
-        selector: What was asked for.
+        selector: The selector as it was given.
         field: Path of the field.
-        keys: The Zenoh keys of the messages (of a ROS bag the topics); more than one only if the selector has
-            wildcards, or a topic several keys.
-        times: Reception, nanoseconds since the Unix epoch, int64, shape (n,).
-        publish_times: Time at the source, likewise; where it is unknown, that of reception.
-        values: In the field's own type, shape (n,): bool, int8 ... uint64, float32, float64, or object for text, bytes
-            and mixtures.
-        valid: Where there is a value, shape (n,); elsewhere a float is NaN, a number 0, an object None.
-        key: Number of each message's key in `keys`, shape (n,).
-        order: Place of each message in the file, shape (n,): grows with the file, and is the same in all columns.
+        keys: Zenoh keys of the messages (topics for a ROS bag); more than one only if the selector has wildcards, or
+            a topic several keys.
+        times: Times of reception, nanoseconds since the Unix epoch, int64, shape (n,).
+        publish_times: Times at the source, in the same form; the time of reception where it is unknown.
+        values: Values in the field's own type, shape (n,): bool, int8 ... uint64, float32, float64, or object for
+            text, bytes and mixtures.
+        valid: Whether there is a value, shape (n,); without one, a float is NaN, a number 0, an object None.
+        key: Index of each message's key in `keys`, shape (n,).
+        order: Number that increases with the message's position in the file, shape (n,); the same in all columns.
     """
 
     selector: str
@@ -67,7 +67,7 @@ class Column:
 
 
 class Columns(Mapping[str, Column]):
-    """Columns by selector; `loss` says what of the log could not be read (so far)."""
+    """Columns by selector; `loss` says which parts of the log could not be read (so far)."""
 
     def __init__(self, found: Mapping[str, Column], loss: Loss) -> None:
         self._found = dict(found)
@@ -118,18 +118,18 @@ def columns(
 ) -> Columns:
     """Read fields of a log's delivered messages into arrays.
 
-    Fields of fixed layout are decoded many at once; JSON and MessagePack message by message.
+    Fields of fixed layout are decoded in bulk, JSON and MessagePack message by message.
 
     Args:
-        path: The log; damaged ones are read as far as they go.
+        path: Path of the log; a damaged one is read as far as possible.
         selectors: Such as `/odom:pose.pose.position.x`, `/scan:len(ranges)` or `robot/*/state:speed where mode == 2`.
         start: Earliest time, nanoseconds.
         end: Latest time (exclusive), nanoseconds.
-        memory: Bytes that arrays and decompressed chunks may take together; the file may be larger. A chunk that is
-            larger is counted as damaged.
-        registry: Knows types that the log does not tell.
-        threads: Threads for decompression, 0: none; by default one per processor, four at most.
-        salvage: Take messages of damaged chunks as far as an index confirms them.
+        memory: Bytes that arrays and decompressed chunks may take together; the file may be larger. A larger chunk is
+            counted as damaged.
+        registry: Types that the log does not define.
+        threads: Number of threads for decompression, 0 for none; by default one per processor, at most four.
+        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
 
     Returns:
         A `Column` for each selector.
@@ -171,11 +171,10 @@ def iter_columns(
     threads: int | None = None,
     salvage: bool = False,
 ) -> Iterator[Columns]:
-    """Yield what `columns` returns piece by piece, by time; for logs of any size.
+    """Yield the result of `columns` piece by piece, in order of time, for logs of any size.
 
     The type of the values of JSON and MessagePack fields may differ from piece to piece. Where so many chunks overlap
-    in time that sorting them would need more than `memory`, messages come later than their time and are counted in
-    `loss.unsorted`.
+    in time that sorting them would need more than `memory`, messages are yielded late and counted in `loss.unsorted`.
     """
     with LogReader(path, salvage=salvage) as reader:
         yield from column_parts(
@@ -193,7 +192,7 @@ def column_parts(
     registry: TypeRegistry | None = None,
     threads: int | None = None,
 ) -> Iterator[Columns]:
-    """Yield what `iter_columns` yields, of a log that is open."""
+    """Yield what `iter_columns` yields, for a log that is already open."""
     work = _Work(reader, selectors, registry)
     waiting: list[list[_Rows]] = [[] for _ in work.wishes]
     held, bound = 0, 0
@@ -217,7 +216,7 @@ def column_parts(
 
 
 class _Work:
-    """What is read from a log, and how."""
+    """Plan and state of reading columns from a log."""
 
     def __init__(self, reader: LogReader, selectors: Sequence[str], registry: TypeRegistry | None) -> None:
         self._reader = reader
@@ -233,7 +232,7 @@ class _Work:
     def blocks(
         self, start: int | None, end: int | None, memory: int, share: int, threads: int | None
     ) -> Iterator[LoadedBlock]:
-        """Yield the blocks that may have what is wanted, by time; those that wait take a share of the memory."""
+        """Yield the blocks that may hold wanted messages, by time; waiting blocks take 1/`share` of `memory`."""
         self._low, self._high = max(start or 0, 0), 1 << 64 if end is None else end
         blocks = self._reader.blocks(self._low, self._high)
         self._following = {one.number: other.start for one, other in pairwise(blocks)}
@@ -246,14 +245,14 @@ class _Work:
         return self._following.get(block.number)
 
     def rows(self, block: LoadedBlock) -> Iterator[tuple[int, _Rows]]:
-        """Yield the number of each wish and what a block has of it."""
+        """Yield the index of each wish and its rows in a block."""
         for feed in self._feeds:
             rows = block.rows_of(feed.number, self._low, self._high)
             if len(rows):
                 yield from self._of_feed(block, feed, rows)
 
     def column(self, place: int, rows: _Rows) -> Column:
-        """Return the column of a wish, by its number, of sorted rows."""
+        """Return the column of sorted rows for the wish at an index."""
         wish, keys, found = self.wishes[place], tuple(self._keys[place]), rows.found
         return Column(
             wish.text, wish.path, keys, rows.times, rows.published, found.values, found.valid, rows.key, rows.order
@@ -305,7 +304,7 @@ def _sorted(parts: Sequence[_Rows]) -> _Rows:
 
 
 def _split(work: _Work, waiting: list[list[_Rows]], limit: int | None) -> tuple[list[_Rows], list[list[_Rows]]]:
-    """Return what is earlier than the limit, sorted, and what still waits."""
+    """Return the rows earlier than the limit, sorted, and the rows that still wait."""
     ready: list[_Rows] = []
     rest: list[list[_Rows]] = []
     for parts in waiting:

@@ -1,9 +1,9 @@
-"""Histories for those who ask for them by the id of a publisher's session, which they know from elsewhere.
+"""Histories for clients that query them by the id of a publisher's session, which they know from elsewhere.
 
-An advanced subscriber asks all caches of a key, or those that show a token, which in other segments are our own. A few
-clients know the publisher's session from other announcements instead (zenoh-ros2-sdk: from ROS 2 tokens) and ask for
-`KEY/@adv/pub/ZID/**`. They get what the stand-in keeps. Answers to them have no numbers, since Python cannot give any;
-that is why nobody else is answered.
+An advanced subscriber queries all caches of a key, or those that show a token, which in other segments are our own. A
+few clients know the publisher's session from other announcements instead (zenoh-ros2-sdk: from ROS 2 tokens) and query
+`KEY/@adv/pub/ZID/**`. They get what the proxy keeps. These answers have no numbers, since Python cannot set any; that
+is why no other queries are answered.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _AGAIN_S = 0.01
 
 
 class Answers:
-    """Answers such questions in every segment.
+    """Answers to such queries in every segment.
 
     Args:
         sessions: The segments' own sessions.
-        worker: Waits for publishers whose history is not there yet.
-        find: Returns what is known of a session's publishers, by key and id of the session.
+        worker: Worker that waits for publishers whose history is not there yet.
+        find: Function that returns the states of a session's publishers, by key and id of the session.
     """
 
     def __init__(
@@ -52,9 +52,9 @@ class Answers:
     def begin(self, key: str) -> None:
         """Answer for the publishers of a key, unless that is done already; called by the worker.
 
-        Not before there is one: every question for the history of a key comes here as well, and ends no sooner than we
-        say. A subscriber whose first question ends late, while it asks again because of a token, loses the first
-        samples. For the same reason questions are not taken on a thread of their own.
+        This must not begin before there is a publisher: every query for the history of a key comes here as well, and
+        ends no sooner than we say. A subscriber whose first query ends late, while it queries again because of a token,
+        loses the first samples. For the same reason, queries are not handled on a thread of their own.
         """
         if key in self._declared:
             return
@@ -67,7 +67,7 @@ class Answers:
             declared.append(session.declare_queryable(text, take, allowed_origin=zenoh.Locality.REMOTE))
 
     def end(self, key: str) -> None:
-        """Answer no more for a key; called by the worker."""
+        """Stop answering for a key; called by the worker."""
         release(*self._declared.pop(key, ()))
 
     def _take(self, segment: str, query: Any) -> None:
@@ -82,12 +82,12 @@ class Answers:
         if all(relay.opened for relay in relays) or time.monotonic() >= deadline:
             caches = [relay.outlets[asked.segment].cache for relay in relays if asked.segment in relay.outlets]
             self._ask(asked.segment, query, deque(caches))
-        else:  # who asks in this way asks only once
+        else:  # clients that query in this way do so only once
             again = partial(self._answer, asked, query, deadline)
             self._worker.later(_AGAIN_S, again, background=True)
 
     def _ask(self, segment: str, query: Any, caches: deque[str]) -> None:
-        """Pass on what one cache has, then ask the next one; without waiting, since other questions come this way."""
+        """Pass on what one cache has, then query the next one; without waiting, which would delay other queries."""
         if not caches:
             query.drop()
             return
@@ -110,7 +110,7 @@ class Answers:
 
 
 def _pass_on(query: Any, sample: Any) -> None:
-    with suppress(library_of(query).ZError):  # a question that wants answers on its own key alone gets none from caches
+    with suppress(library_of(query).ZError):  # a query that accepts answers only on its own key gets none from caches
         query.reply(
             sample.key_expr,
             sample.payload,

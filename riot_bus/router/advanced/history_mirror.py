@@ -1,7 +1,7 @@
-"""Keeps the stand-ins of publishers like the publishers' own caches: history, what was lost, and how deep they are.
+"""Synchronisation of proxies with the publishers' own caches: history, lost messages, and the depth of the cache.
 
-All of this is done by a worker, one task after another for each relay. A relay's lock is only ever tried: a lane may
-hold it for as long as a receiver is slow.
+All of this is done by a worker, one task after another for each publisher. A publisher's lock is only tried, not waited
+for, since a lane may hold it for as long as a receiver is slow.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ _STAND_IN = 1 << 30
 
 
 class HistoryMirror:
-    """Carries out the tasks of relays.
+    """Execution of the tasks of publishers.
 
     Args:
         sessions: The segments' own sessions.
-        outlets: Where to publish, by segment.
-        converters: Make messages of samples, by segment.
-        crossing: The way through the interceptors.
-        worker: The thread for it.
-        upstream: Where the publishers' caches are asked.
-        depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Returns what tells whether lanes have taken all that had come in from a segment until then; asked twice.
+        outlets: Outlets to publish to, by segment.
+        converters: Converters of samples to messages, by segment.
+        crossing: Queue that takes messages through the interceptors.
+        worker: Worker that runs the tasks.
+        upstream: Access to the publishers' caches.
+        depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
+        fence: Function that returns a test, asked twice, whether lanes have taken what came from a segment until then.
     """
 
     def __init__(
@@ -77,12 +77,12 @@ class HistoryMirror:
     # -- tasks --------------------------------------------------------------------------------------------------------
 
     def open(self, relay: PublisherState) -> None:
-        """Fetch the history and make stand-ins; until then live messages wait."""
+        """Fetch the history and create the proxies; until then live messages wait."""
         fetch = partial(self._upstream.ask, relay.source, "", partial(self._step, relay, partial(self._fetched, relay)))
         self._add(relay, fetch, holds=True)
 
     def recover(self, relay: PublisherState, first: int, last: int) -> None:
-        """Fetch what was lost on the way to us, before what came after it is let go."""
+        """Fetch messages that were lost on the way to us, before later ones are sent."""
         self._add(relay, partial(self._recover, relay, first, last), holds=True)
 
     def check(self, relay: PublisherState) -> None:
@@ -90,22 +90,22 @@ class HistoryMirror:
         self._add(relay, partial(self._check, relay), holds=False)
 
     def beat(self, relay: PublisherState, told: int) -> None:
-        """Take note of a heartbeat; called by the worker.
+        """Process a heartbeat; called by the worker.
 
         Args:
             relay: State of the publisher.
-            told: Number of the last sample, as the heartbeat says.
+            told: Number of the last sample, according to the heartbeat.
         """
         relay.beats = True
         before = relay.last
         if before is not None and told > before:
-            # It may have overtaken what is still on its way through a lane, whose progress with one key nobody knows.
+            # It may have overtaken samples that are still in a lane, whose progress with one key is not known.
             self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
         else:
             self._locked(relay, relay.beat)
 
     def end(self, relay: PublisherState, then: Callable[[], None]) -> None:
-        """Take everything away, once earlier tasks are done."""
+        """Remove everything for a publisher, once earlier tasks are done."""
 
         def close() -> None:
             relay.close()
@@ -161,8 +161,8 @@ class HistoryMirror:
             wait = bool(found.samples) and relay.first is None and not relay.ended
             relay.waiting = partial(self._worker.do, adopt) if wait else None
         if wait:
-            # What was just published is on its way through a lane too, and is no history then. How long it takes to
-            # come in nobody can tell, nor whether there is any; what comes later still is recognised by its number.
+            # Samples published just now are also in a lane, and then are no history. How long they take to come in is
+            # not known, nor whether there are any; samples that come even later are recognised by their numbers.
             taken = self._fence(relay.source.segment)
             self._worker.later(_UNDER_WAY_S, partial(self._adopt_behind, relay, taken, adopt, 0, _MOST_LOOKS))
         else:
@@ -171,14 +171,14 @@ class HistoryMirror:
     def _adopt_behind(
         self, relay: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
     ) -> None:
-        """Adopt the history once lanes have taken what came in before it, which may last on a busy machine.
+        """Adopt the history once lanes have taken what came in before it, which may take long on a busy machine.
 
         Args:
             relay: State of the publisher.
-            taken: Whether they have.
-            adopt: Does it; not needed any more when the first live sample has come.
-            seen: How many times in a row they had.
-            left: How many more looks to take.
+            taken: Function that returns whether they have.
+            adopt: Function that adopts it; not needed any more when the first live sample has come.
+            seen: Number of times in a row that they had.
+            left: Number of checks that are left.
         """
         if relay.waiting is None:
             return
@@ -209,7 +209,7 @@ class HistoryMirror:
         for standin in relay.outlets.values() if relay.token else ():
             standin.announce(next(self._numbers), again=relay.again)
         if history and relay.token and not relay.again:
-            # Who asks for the history because of the token refuses it once a live message has come.
+            # A subscriber that queries the history because of the token refuses it once a live message has come.
             self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._finish, relay)))
         else:
             self._finish(relay)
@@ -291,7 +291,7 @@ class HistoryMirror:
             self._upstream.ask(relay.source, "", partial(self._locked, relay, partial(self._measured, relay)))
 
     def _measured(self, relay: PublisherState, found: CacheAnswer) -> None:
-        """Take over the depth; of a cache that never answers, late joiners would not have got anything either."""
+        """Take over the depth; 0 if a cache never answers, as late joiners would not have got anything either."""
         relay.failures = 0 if found.complete else relay.failures + 1
         first, samples = relay.first, found.samples
         gone = first is not None and not (samples and samples[0][0] <= first)
@@ -307,7 +307,7 @@ class HistoryMirror:
 
 
 def _once(action: Callable[[], None]) -> Callable[[], None]:
-    """Return what does something the first time only; for one thread."""
+    """Return a function that runs an action only the first time; for one thread."""
     left = [action]
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""What other segments see of an advanced publisher: a silent cache, and a voice that numbers as the cache does."""
+"""Proxy of an advanced publisher in another segment: a silent cache, and a plain publisher with the same numbers."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 __all__ = ["ProxyPublisher", "StoreFilter"]
 
-_DEEP = 1 << 20  # while nobody knows how much the publisher keeps
+_DEEP = 1 << 20  # while it is not known how much the publisher keeps
 _MOST_SKIPPED = 10_000
 
 
 class ProxyPublisher:
-    """Stands in one segment for an advanced publisher of another; calls are serialised by its relay.
+    """Proxy in one segment for an advanced publisher of another; calls are serialised by `PublisherState`.
 
     Args:
-        outlets: Where to publish.
+        outlets: Outlets to publish to.
         session: The segment's own session.
         key: The publisher's key.
-        depth: How many samples to keep, 0 for no cache, None if unknown.
+        depth: Number of samples to keep, 0 for no cache, None if unknown.
     """
 
     def __init__(self, outlets: Outlets, session: zenoh.Session, key: str, depth: int | None) -> None:
@@ -50,26 +50,26 @@ class ProxyPublisher:
         )
         self._depth, self._next, self._beaten = depth, 0, 0
         self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
-        pin(self._session, self._suffix)  # who has seen a token asks just there, also when the cache is replaced
+        pin(self._session, self._suffix)  # subscribers query this key after a token, even if the cache is replaced
 
     @property
     def cache(self) -> str:
-        """Where the cache answers."""
+        """Key on which the cache answers."""
         return self._suffix
 
     def announce(self, number: int, *, again: bool) -> None:
         """Show a token.
 
         Args:
-            number: Stands for the entity if `again`.
-            again: Those who subscribe already have had the history, so the token does not lead to it.
+            number: Number used instead of the entity if `again`.
+            again: Whether present subscribers have had the history, so that the token must not lead to it.
         """
         self._quiet = again
         key = f"{self._key}/@adv/pub/{self._cache.id.zid}/{number}/_" if again else self._suffix
         self._token = self._session.liveliness().declare_token(key)
 
     def store(self, message: Message, stamp: Any) -> int:
-        """Put into the cache alone; return the number."""
+        """Put a message only into the cache, and return its number."""
         stamp = moved(stamp, self._library)
         if message.kind == "delete":
             self._cache.delete(attachment=message.attachment, timestamp=stamp)
@@ -101,13 +101,13 @@ class ProxyPublisher:
         self.send(message, self.store(message, stamp), stamp)
 
     def skip(self, numbers: int) -> None:
-        """Leave numbers out, so that subscribers miss what nobody can recover; only without a cache."""
+        """Skip numbers, so that subscribers notice messages that cannot be recovered; only without a cache."""
         for _ in range(min(numbers, _MOST_SKIPPED)):
             self._cache.put(b"")
             self._next += 1
 
     def beat(self) -> None:
-        """Tell the last number, if it has changed."""
+        """Send a heartbeat with the last number, if it has changed."""
         from riot_bus.zenoh.api import ext
 
         if self._next != self._beaten and not self._quiet:
@@ -117,7 +117,7 @@ class ProxyPublisher:
             self._session.put(self._suffix, ext.z_serialize(number).to_bytes(), congestion_control=block)
 
     def resize(self, depth: int) -> None:
-        """Keep only the last samples from now on: another cache, which present subscribers shall not ask."""
+        """Keep only the last samples from now on, in another cache, which present subscribers should not query."""
         kept, self._kept = list(self._kept)[-depth:] if depth else [], deque()
         release(self._cache)
         self._declare(depth)
@@ -126,12 +126,12 @@ class ProxyPublisher:
             self.store(message, stamp)
 
     def close(self) -> None:
-        """Take token and cache away."""
+        """Undeclare the token and the cache."""
         release(*[each for each in (self._token, self._cache) if each is not None])
 
 
 class StoreFilter:
-    """Tells observers within the router what is only stored: they hear what is put into caches, as nobody else does.
+    """Filter of samples that are only stored, for observers within the router, which alone receive puts into caches.
 
     Numbers of one cache grow, and each sample is stored before it is sent.
 
@@ -144,7 +144,7 @@ class StoreFilter:
         self._stored: dict[int, int] = {}
 
     def __call__(self, sample: Any) -> bool:
-        """Return whether a sample is only stored; ask for all samples of the session, in their order."""
+        """Return whether a sample is only stored; call this for all samples of the session, in their order."""
         info = sample.source_info
         if info is None or str(info.source_id.zid) != self._zid:
             return False

@@ -1,4 +1,4 @@
-"""Notices advanced publishers on intercepted keys, and says what becomes of their messages."""
+"""Detection of advanced publishers on intercepted keys, and the handling of their messages."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ _MOST_RELAYS = 1 << 14
 
 
 class PublisherProxies:
-    """Detects advanced publishers on intercepted keys and stands in for them in the other segments.
+    """Proxies, in the other segments, for the advanced publishers of intercepted keys.
 
     Args:
         sessions: The segments' own sessions.
-        outlets: Where to publish, by segment.
-        converters: Make messages of samples, by segment.
-        crossing: The way through the interceptors.
-        changed: Called, on a thread that must not be held up, when another key has got an advanced publisher.
-        depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Returns what tells whether lanes have taken all that had come in from a segment until then; asked twice.
+        outlets: Outlets to publish to, by segment.
+        converters: Converters of samples to messages, by segment.
+        crossing: Queue that takes messages through the interceptors.
+        changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
+        depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
+        fence: Function that returns a test, asked twice, whether lanes have taken what came from a segment until then.
     """
 
     def __init__(
@@ -100,15 +100,15 @@ class PublisherProxies:
 
     @property
     def watched(self) -> list[str]:
-        """The key expressions that are looked after."""
+        """The key expressions that are watched."""
         return list(self._watched)
 
     def watch(self, expression: str, *, again: bool) -> None:
-        """Look after an intercepted expression; call once the junction cuts it and the lanes receive.
+        """Watch an intercepted expression; call this once the junction cuts it and the lanes receive.
 
         Args:
             expression: Canonical key expression.
-            again: Its messages crossed natively until now, so subscribers have had the caches' content.
+            again: Whether its messages crossed natively until now, so that subscribers have had the caches' content.
         """
         text = f"{expression}/@adv/pub/**"
         mine = self._watched[expression] = []
@@ -126,7 +126,7 @@ class PublisherProxies:
             self._search(name, text, again=again)
 
     def unwatch(self, expression: str) -> None:
-        """End all that stands in on an expression; call when its lanes are closed and the junction still cuts it."""
+        """End all proxies on an expression; call when its lanes are closed and the junction still cuts it."""
         from riot_bus.zenoh import api as zenoh
 
         release(*self._watched.pop(expression, ()))
@@ -150,7 +150,7 @@ class PublisherProxies:
         return self._worker.idle() and not any(relay.holds for relay in self._relays())
 
     def held(self) -> Counter[str]:
-        """Return how many messages wait for what has to go before them, by key."""
+        """Return how many messages wait for others that have to be sent before them, by key."""
         total: Counter[str] = Counter()
         for relay in self._relays():
             total.update(relay.held())
@@ -179,7 +179,7 @@ class PublisherProxies:
         """Take a live message of a key that concerns us; safe to call twice for the same one.
 
         Args:
-            segment: Where it came from.
+            segment: Segment that it came from.
             sample: The sample that came in.
 
         Returns:
@@ -206,15 +206,15 @@ class PublisherProxies:
         return relayed(message, relay)
 
     def through(self, message: Message) -> None:
-        """Take note that a message which was taken has been sent."""
+        """Note that a message returned by `take` has been sent."""
         if isinstance(message, Relayed) and message.relay is not None:
             message.relay.busy = False
 
     def relay_of(self, original: Message | None, message: Message) -> PublisherState | None:
-        """Return to whose stream a message belongs that came out of the interceptors; None if to nobody's.
+        """Return the publisher to whose stream a message from the interceptors belongs; None if there is none.
 
         Args:
-            original: What came in; None for a message that an interceptor added.
+            original: Message that came in; None for a message that an interceptor added.
             message: A message that interceptors have let through.
         """
         here = self.keys.get(message.key)
@@ -229,7 +229,7 @@ class PublisherProxies:
         return relays[0] if len(relays) == 1 else None
 
     def _send_stored(self, stored: Stored, live: Message) -> None:
-        """Send what was stored: unlike the answer of a cache, a live message has its own QoS, and may be a delete."""
+        """Send a stored sample; unlike the cache's answer, the live message has its own QoS, and may be a delete."""
         try:
             for standin, message, number, stamp in stored.places:
                 kind = "delete" if live.kind == "delete" else message.kind
@@ -255,7 +255,7 @@ class PublisherProxies:
             self._end(relay)
 
     def _present(self, text: str) -> list[tuple[str, Any]]:
-        """Return segments and the tokens that are seen there, those of components that are connected there first."""
+        """Return segments and the tokens seen there; tokens of components that are connected there come first."""
         found = []
         for name, session in self._sessions.items():
             near = self._connected(name)
@@ -284,7 +284,7 @@ class PublisherProxies:
         self._upstream.search(segment, f"{selector}?_max=1", partial(self._found, again=again))
 
     def _ask(self) -> None:
-        """Ask about new keys, a few at a time: a question takes the longer the more publishers there are."""
+        """Query new keys, a few at a time: a query takes longer the more publishers there are."""
         began, took = time.monotonic(), 0.0
         for _ in range(min(_ASK_AT_ONCE, len(self._unasked))):
             segment, key = self._unasked.popleft()
@@ -354,7 +354,7 @@ class PublisherProxies:
             self._keeper.beat(relay, int(ext.z_deserialize(ext.UInt32, payload)))
 
     def _tick(self) -> None:
-        """Send heartbeats for those who do, and end what shows no token when its session has left."""
+        """Send heartbeats for publishers that do, and end those without a token whose session has left."""
         self._worker.later(_BEAT_S, self._tick, background=True)
         connected: dict[str, set[str]] = {}
         for relay in self._relays():

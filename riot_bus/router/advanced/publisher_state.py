@@ -1,4 +1,4 @@
-"""What is known of one advanced publisher, and its messages that have to wait."""
+"""State of one advanced publisher, with its messages that have to wait."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["PublisherState", "Relayed", "SampleVerdict", "Stored", "Task", "rela
 
 
 class Task(NamedTuple):
-    """Something to do for a relay; `holds`: live messages wait until it is done."""
+    """A task for a publisher; if `holds`, live messages wait until it is done."""
 
     run: Callable[[], None]
     holds: bool
@@ -28,11 +28,11 @@ class Task(NamedTuple):
 
 @dataclass(slots=True)
 class Stored:
-    """A sample of a history: what interceptors made of it, and under which numbers that was stored.
+    """A sample of a history: the result of the interceptors, and the numbers under which it was stored.
 
     Attributes:
-        result: None as long as interceptors have not had it.
-        places: Stand-in, message, number and timestamp of what was stored.
+        result: Result of the interceptors; None before they have run.
+        places: Proxy, message, number and timestamp of each stored message.
     """
 
     result: Result | None = None
@@ -43,10 +43,10 @@ class SampleVerdict(NamedTuple):
     """What to do about a live sample.
 
     Attributes:
-        stored: It was stored already: send that instead.
-        late: It is older than the history, so it cannot be numbered.
-        lost: First and last number of those before it that did not come.
-        check: It is time to ask how many samples the publisher keeps.
+        stored: Stored sample to send instead, if it was stored already.
+        late: Whether it is older than the history, so that it cannot be numbered.
+        lost: First and last number of the samples before it that did not come.
+        check: Whether it is time to ask how many samples the publisher keeps.
     """
 
     stored: Stored | None = None
@@ -60,8 +60,8 @@ class PublisherState:
 
     Args:
         source: The publisher.
-        again: Subscribers have had its history.
-        token: It shows a liveliness token.
+        again: Whether subscribers have had its history.
+        token: Whether it shows a liveliness token.
     """
 
     def __init__(self, source: AdvancedSource, *, again: bool, token: bool) -> None:
@@ -74,7 +74,7 @@ class PublisherState:
         """What to do when the first live sample comes."""
         self.holds = 0
         self.pending: deque[tuple[str, Callable[[], None]] | None] = deque()
-        """Messages that wait; None stands for a task that has to be done before what is behind it."""
+        """Messages that wait; None stands for a task that has to be done before the messages after it."""
         self.early: dict[int, Stored] = {}
         self.first: int | None = None
         self.last: int | None = None
@@ -88,10 +88,10 @@ class PublisherState:
         self.ended = self.checking = self.unchecked = self.beats = self.near = False
 
     def arrived(self, number: int, now: float) -> SampleVerdict:
-        """Take note of a live sample.
+        """Register a live sample, and return what to do about it.
 
         Args:
-            number: Its number, or its time if the publisher does not number.
+            number: Its number, or its time if the publisher does not number its samples.
             now: Monotonic time, seconds.
         """
         with self.lock:
@@ -112,7 +112,7 @@ class PublisherState:
             return SampleVerdict(lost=lost, check=lost is None and now >= self.check_from and self.overdue())
 
     def overdue(self) -> bool:
-        """Return whether it is time to ask how many samples the publisher keeps; if so, take note that it is asked."""
+        """Return whether it is time to ask how many samples the publisher keeps; if so, mark this as being done."""
         with self.lock:
             due = self.unchecked and self.depth is None and not (self.checking or self.holds or self.ended)
             if due:
@@ -120,18 +120,18 @@ class PublisherState:
             return due
 
     def claim(self, number: int) -> Stored:
-        """Say that a sample of the history will be stored; when it comes live too, it is not taken again."""
+        """Announce that a sample of the history will be stored; if it also comes live, it is not taken again."""
         self.first = number if self.first is None else min(self.first, number)
         self.last = number if self.last is None else max(self.last, number)
         stored = self.early[number] = Stored()
         return stored
 
     def deliver(self, key: str, action: Callable[[], None]) -> None:
-        """Do what sends a live message, as soon as nothing has to go before it.
+        """Send a live message, as soon as nothing has to go before it.
 
         Args:
-            key: Of the message, for `held`.
-            action: Sends it; must not raise.
+            key: Key of the message, for `held`.
+            action: Function that sends it; must not raise.
         """
         with self.lock:
             if self.holds:
@@ -146,7 +146,7 @@ class PublisherState:
             self.pending.append(None)
 
     def let_go(self) -> None:
-        """Send what has waited for the task that is done, which is the first one."""
+        """Send the messages that have waited for the finished task, which is the first one."""
         with self.lock:
             self.holds -= 1
             self.pending.popleft()
@@ -159,7 +159,7 @@ class PublisherState:
         return Counter(each[0] for each in list(self.pending) if each is not None)
 
     def publish(self, segment: str, message: Message) -> bool:
-        """Publish in a segment; return False if nothing stands in there for the publisher."""
+        """Publish in a segment; return False if the publisher has no proxy there."""
         with self.lock:
             standin = self.outlets.get(segment)
             if standin is None:
@@ -168,7 +168,7 @@ class PublisherState:
             return True
 
     def skip(self, numbers: int) -> None:
-        """Leave numbers out everywhere."""
+        """Skip sequence numbers in all segments."""
         with self.lock:
             for standin in self.outlets.values():
                 standin.skip(numbers)
@@ -188,7 +188,7 @@ class PublisherState:
                 standin.resize(depth)
 
     def close(self) -> None:
-        """Take everything away that stands for the publisher."""
+        """Remove all proxies of the publisher."""
         with self.lock:
             for standin in self.outlets.values():
                 standin.close()
@@ -198,10 +198,10 @@ class PublisherState:
 
 @dataclass(frozen=True, slots=True)
 class Relayed(Message):
-    """A message of an advanced publisher; what interceptors make of it belongs to the same publisher.
+    """A message of an advanced publisher; interceptors' changed versions of it belong to the same publisher.
 
     Attributes:
-        relay: What is known of the publisher.
+        relay: State of the publisher.
     """
 
     relay: PublisherState | None = field(default=None, compare=False, repr=False)

@@ -1,4 +1,4 @@
-"""Who published a sample, and as which of its samples."""
+"""The publisher of a sample, and the sample's place in order."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def source_of(segment: str, sample: Any) -> tuple[AdvancedSource, int] | None:
 
 
 def announced(segment: str, token: str) -> AdvancedSource | None:
-    """Return the publisher that a key tells of, which is that of its token and of its heartbeats.
+    """Return the publisher that a key names, which is the key of a token or a heartbeat.
 
     Args:
-        segment: Where it was seen.
-        token: Such as `KEY/@adv/pub/ZID/ENTITY/META`; others are not understood, nor are publishers on wildcards.
+        segment: Segment where it was seen.
+        token: Key such as `KEY/@adv/pub/ZID/ENTITY/META`; other forms, and publishers on wildcards, give None.
     """
     key, between, rest = token.rpartition(_BETWEEN)
     chunks = rest.split("/")

@@ -1,4 +1,4 @@
-"""Asking the caches of components."""
+"""Queries of the caches of components."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _LONGEST_PAUSE_S = 0.05
 
 
 class CacheAnswer(NamedTuple):
-    """What a cache answered.
+    """Answer of a cache.
 
     Attributes:
         samples: Number and sample, the oldest first.
-        complete: Whether everybody who was asked has answered in time.
+        complete: Whether all queried caches have answered in time.
         asked: Whether there is a cache at all.
     """
 
@@ -39,23 +39,23 @@ class CacheAnswer(NamedTuple):
 
 
 class Upstream:
-    """Asks without waiting: a cache that is slow, or never answers, delays nothing but its own publisher's messages.
+    """Queries without waiting: a cache that is slow, or never answers, delays only its own publisher's messages.
 
     Args:
         sessions: The segments' own sessions.
-        worker: Goes on when the answers are there.
+        worker: Worker that continues when the answers are there.
     """
 
     def __init__(self, sessions: Mapping[str, zenoh.Session], worker: Worker) -> None:
         self._sessions, self._worker = sessions, worker
 
     def ask(self, source: AdvancedSource, parameters: str, then: Callable[[CacheAnswer], None]) -> None:
-        """Ask one publisher's cache.
+        """Query one publisher's cache.
 
         Args:
             source: The publisher.
-            parameters: Which samples, such as `?_sn=3..4`; all if empty.
-            then: Called by the worker.
+            parameters: Selection of samples, such as `?_sn=3..4`; all if empty.
+            then: Function that the worker calls with the answer.
         """
         zenoh = library_of(self._sessions[source.segment])
         samples: list[tuple[int, Any]] = []
@@ -69,7 +69,7 @@ class Upstream:
                 samples.append((known[1], reply.ok))
 
         def done() -> None:
-            # When there is nobody to ask, Zenoh ends the query at once, on the thread that asked. (Matching status
+            # When there is no cache, Zenoh ends the query at once, on the thread that sent it. (Matching status
             # would be the proper way, but in 1.10.2 it does not see these caches.)
             asked = threading.get_ident() != caller
             samples.sort(key=lambda each: each[0])
@@ -79,16 +79,16 @@ class Upstream:
         self._get(source.segment, selector, zenoh.handlers.Callback(take, drop=done, indirect=False))
 
     def search(self, segment: str, selector: str, then: Callable[[AdvancedSource], None]) -> None:
-        """Find out who has caches.
+        """Find the publishers that have caches.
 
-        Every key that comes asks, and nobody waits for it, so the answers are fetched now and then. A callback would
-        slow down the whole segment: from the first one on that a thread of Zenoh's drops, every call into this copy of
-        the library looks for objects of Python's to drop (pyo3 0.25), and a lane makes about fifteen for each message.
+        This happens for every new key, and nothing waits for it, so the answers are polled. A callback would slow down
+        the whole segment: once a Zenoh thread has dropped one, every call into this copy of the library looks for
+        Python objects to drop (pyo3 0.25), and a lane makes about fifteen calls for each message.
 
         Args:
-            segment: Segment that is asked.
+            segment: Segment that is queried.
             selector: Key expression of the caches.
-            then: Called by the worker with the publisher of each sample.
+            then: Function that the worker calls with the publisher of each sample.
         """
         handlers = library_of(self._sessions[segment]).handlers
         channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))

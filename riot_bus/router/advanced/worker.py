@@ -1,4 +1,4 @@
-"""One thread for all that may take long, so that neither lanes nor Zenoh's threads wait for it."""
+"""A thread for slow jobs, so that neither lanes nor Zenoh's threads wait for them."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _LOOK_S = 0.1
 
 
 class Worker:
-    """Does jobs one after another, at once or later.
+    """Runs jobs one after another, at once or later.
 
-    A job may feed the pipeline: when an interceptor blocks, another thread does the whole job again, and the blocked
-    one ends when it comes back (`PipelineWorker`). So such a job must change nothing before it has fed.
+    A job may feed the pipeline. If an interceptor blocks, another thread repeats the whole job, and the blocked
+    thread ends once the interceptor returns (`PipelineWorker`). So such a job must change nothing before it feeds.
 
     Args:
         name: Name of the thread.
@@ -38,7 +38,7 @@ class Worker:
         self._name = name
         self._jobs: deque[Job] = deque()
         self._later: list[tuple[float, int, Job, bool]] = []
-        self._awaited = 0  # jobs for later that somebody waits for
+        self._awaited = 0  # delayed jobs that `idle` waits for
         self._order = itertools.count()
         self._current: Job | None = None
         self._generation = 0
@@ -47,18 +47,18 @@ class Worker:
         self._thread = self._spawn()
 
     def do(self, job: Job) -> None:
-        """Do a job as soon as those before it are done."""
+        """Run a job as soon as those before it are done."""
         with self._changed:
             self._jobs.append(job)
             self._changed.notify()
 
     def later(self, seconds: float, job: Job, *, background: bool = False) -> None:
-        """Do a job after some time.
+        """Run a job after a delay.
 
         Args:
-            seconds: How long to wait.
-            job: Called on the worker's thread.
-            background: Nobody waits for it: `idle` does not count it.
+            seconds: Delay in seconds.
+            job: Function that is called on the worker's thread.
+            background: Whether `idle` ignores the job during its delay.
         """
         with self._changed:
             self._awaited += not background
@@ -66,20 +66,20 @@ class Worker:
             self._changed.notify()
 
     def idle(self) -> bool:
-        """Return whether every job is done."""
+        """Return whether every job is done, delayed background jobs excepted."""
         with self._changed:
             return not self._jobs and self._current is None and not self._awaited
 
     def close(self) -> None:
-        """Do what is to be done at once, then end; safe to call twice."""
+        """Run the jobs that are due, then end; safe to call twice."""
         with self._changed:
             self._closing = True
             self._changed.notify()
         while (thread := self._thread).is_alive() and thread is not threading.current_thread():
-            thread.join(_LOOK_S)  # another one, if it is stuck and another one takes over
+            thread.join(_LOOK_S)  # in turns, since another thread takes over if this one is stuck
 
     def take_over(self) -> None:
-        """Go on with another thread, beginning with the job at which the present one is stuck."""
+        """Continue on a new thread, starting with the job on which the current one is stuck."""
         with self._changed:
             self._generation += 1
             if self._current is not None:
@@ -88,7 +88,7 @@ class Worker:
             self._thread = self._spawn()
 
     def flush(self) -> None:
-        """Do nothing: there is nothing ready to be published."""
+        """Do nothing: a worker holds no messages to publish."""
 
     def _spawn(self) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(self._generation,), name=self._name, daemon=True)

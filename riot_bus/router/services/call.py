@@ -1,4 +1,4 @@
-"""A call of a service: the question of one component, and what has become of it so far."""
+"""A call of a service: the query of one component, and its state."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class Call:
     """One query that was taken in; only its lane's thread changes it.
 
     Attributes:
-        query: A `zenoh.Query` as it came; when it is dropped, its caller hears that there are no more replies.
-        tokens: Each a `zenoh.CancellationToken` that ends a question that was asked for it.
-        number: Given to the request and all its replies as `Message.sequence`.
-        targets: Segments whose services are asked, and whether only complete ones are.
-        wide: Whether the query means more than the expression that it was taken for; then others answer the rest.
-        questions: Those that are not answered to the end.
-        pending: How many they are, with messages that are on their way.
-        silent: Whether something was dropped; then the caller hears nothing, as if it were lost.
-        over: Whether it has ended.
-        size: Bytes of its payload.
+        query: The received `zenoh.Query`; dropping it tells the caller that there are no more replies.
+        tokens: Tokens (`zenoh.CancellationToken`) that cancel the queries sent to services for this call.
+        number: Sequence number of the request and all its replies (`Message.sequence`).
+        targets: Segments whose services are asked, and whether only complete services are asked there.
+        wide: Whether the query matches more than the intercepted expression; then others answer the rest.
+        questions: Queries sent to services that have not ended yet.
+        pending: Number of these queries and of messages in transit.
+        silent: Whether a message was dropped; then the caller is not told of the end, as if the message were lost.
+        over: Whether the call has ended.
+        size: Size of the payload in bytes.
     """
 
     query: Any  # Zenoh's stubs leave much of it untyped
@@ -47,7 +47,7 @@ class Call:
     tokens: list[Any] = field(default_factory=list)
 
     def payload(self, message: Message) -> bytes | None:
-        """Return the payload to ask with; a query without one stays without."""
+        """Return the payload of the query to send; None if both the received query and the message have none."""
         return None if not message.payload and self.query.payload is None else message.payload
 
 
@@ -61,11 +61,11 @@ def reply_to(query: Any, key: str, part: str, message: Message, *, stamp: zenoh.
     """Answer a query with a message.
 
     Args:
-        query: A `zenoh.Query`.
+        query: The `zenoh.Query` to answer.
         key: Key of the reply.
-        part: Which part of a call the message is: a reply, or one that tells of an error.
-        message: Payload, encoding and attachment; a delete is one.
-        stamp: The service's own timestamp, by which replies are consolidated, if it has given one.
+        part: Part of the call that the message is: a reply or an error.
+        message: Message with payload, encoding and attachment; a delete is answered as a delete.
+        stamp: Timestamp that the service gave the reply, if any; replies are consolidated by it.
     """
     encoding = message.encoding or _DEFAULT_ENCODING
     if part == ERROR:
@@ -77,6 +77,6 @@ def reply_to(query: Any, key: str, part: str, message: Message, *, stamp: zenoh.
 
 
 def encoding_text(encoding: zenoh.Encoding | None) -> str:
-    """Return an encoding as messages have it: empty for the default."""
+    """Return an encoding as text, as in messages; empty for the default."""
     text = "" if encoding is None else str(encoding)
     return "" if text == _DEFAULT_ENCODING else text

@@ -1,4 +1,4 @@
-"""The way of calls from one segment to the services of the others, and of the replies back."""
+"""Forwarding of calls from one segment to the services of the others, and of the replies back."""
 
 from __future__ import annotations
 
@@ -34,37 +34,37 @@ _QOS = Qos()
 
 
 class Limits:
-    """What one lane may hold; attributes of the class, so that a test can set them."""
+    """Limits of one lane; attributes of the class, so that a test can set them."""
 
     calls = 1 << 14
-    """Calls without an end. The oldest is given up for a new one: its caller may have gone, which cannot be seen."""
+    """Open calls. A new one replaces the oldest, whose caller may have gone, which cannot be detected."""
     call_bytes = 1 << 28
-    """Payloads of their requests."""
+    """Payload bytes of the requests of open calls."""
     queued = 1 << 16
     """Requests and replies that wait for the pipeline."""
     queued_bytes = 1 << 28
     silent = 1 << 10
-    """Calls of which something was dropped, so that their callers wait until their own time is up ..."""
+    """Calls with a dropped message, whose callers wait until their own timeout."""
     silent_s = 600.0
-    """... and how long they may do so."""
+    """Seconds for which these callers may wait."""
 
 
 class CallLane:
-    """Takes in what components of one segment ask services that one key expression matches.
+    """Forwards the calls that components of one segment make to the services of one key expression.
 
-    One thread does all of it, so calls keep their order. Zenoh's threads only hand over. Who is asked answers to this
-    router; each reply goes to the caller as soon as it is through the pipeline. A caller hears of the end of its call
-    when all services that were asked have ended it.
+    One thread does all the work, so calls keep their order; Zenoh's threads only enqueue. Services answer to this
+    router; each reply goes to the caller as soon as it has passed the pipeline. A caller is told that its call has
+    ended when all services that were asked have ended it.
 
     Args:
         segment: Name of the segment.
-        expression: Which services.
+        expression: Key expression of the services.
         sessions: The segments' own sessions.
-        crossing: The way through the interceptors.
+        crossing: Queue that takes messages through the interceptors.
         sequence: Numbers for calls.
-        owner: Says which of several overlapping expressions a key belongs to.
-        asked: Returns the other segments that may have a service for a key that somebody in a segment asks for, and
-            whether only complete services are asked there; else those that a plain query would reach.
+        owner: Function that returns which of several overlapping expressions a key belongs to.
+        asked: Function of a calling segment and a key that returns the other segments that may have a service for it,
+            and whether to ask only complete services there instead of those that a plain query would reach.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class CallLane:
     # -- on Zenoh's threads -------------------------------------------------------------------------------------------
 
     def take(self, query: Any) -> None:
-        """Take a query in; returns at once."""
+        """Enqueue a query without waiting."""
         key = str(query.key_expr)
         owner = self._owner(key)
         if owner != self.expression and owner is not None:
@@ -129,7 +129,7 @@ class CallLane:
         try:
             job()
         except AbandonedError:
-            raise  # another thread does it again
+            raise  # another thread repeats the job
         except Exception:
             self._dequeue(size)
             raise
@@ -164,7 +164,7 @@ class CallLane:
     def _reply(self, call: Call, target: str, reply: zenoh.Reply) -> None:
         sample = reply.ok
         if call.over or (call.wide and sample is not None and self._owner(str(sample.key_expr)) != self.expression):
-            return  # it comes natively, or by another lane
+            return  # it is routed natively, or by another lane
         message = self._message(call, target, reply)
         result = self._crossing.result(message, self._worker, (self.segment,))
         self._settle(call, result, None if sample is None else sample.timestamp)
@@ -190,7 +190,7 @@ class CallLane:
         )
 
     def _settle(self, call: Call, result: Result, stamp: zenoh.Timestamp | None) -> None:
-        """Do what is left of a message: parts of the call go on in the call, all else is published."""
+        """Deliver a result: requests and replies go on in the call, all other messages are published."""
         recorder = self._crossing.recorder
         if recorder is not None and result.changes:
             recorder.original(result.original, result.changes)
@@ -226,7 +226,7 @@ class CallLane:
                     self._ask(call, base, message, target)
             else:
                 reply_to(call.query, base, part, message, stamp=moved(stamp, library_of(call.query)))
-        except Exception as error:  # the session is closed, or the key is none that this query accepts
+        except Exception as error:  # the session is closed, or the query does not accept this key
             _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
             self._crossing.lose(key, "not published")
         else:
@@ -253,7 +253,7 @@ class CallLane:
                 zenoh.handlers.Callback(partial(self._replied, call, target), drop=ended, indirect=False),
                 target=complete if call.targets.get(target) else zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=_FOREVER_S,  # the caller's own timeout counts; it is not told to who is asked
+                timeout=_FOREVER_S,  # the caller's own timeout counts, which is not known here
                 payload=payload,
                 encoding=None if payload is None else zenoh.Encoding(message.encoding or "zenoh/bytes"),
                 attachment=message.attachment,
@@ -261,7 +261,7 @@ class CallLane:
                 allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins
                 cancellation_token=token,
             )
-        except zenoh.ZError:  # whether it is said to have ended as well depends on the error
+        except zenoh.ZError:  # whether `drop` is called as well depends on the error
             call.questions.discard(question)
             call.pending -= 1
             raise
@@ -272,7 +272,7 @@ class CallLane:
             self._ended(call)
 
     def _ended(self, call: Call) -> None:
-        """Take note that one thing less is pending in a call; end it with the last."""
+        """Count down what is pending in a call, and end the call at zero."""
         call.pending -= 1
         if call.pending or call.over:
             return
@@ -321,11 +321,11 @@ class CallLane:
             return +self._held
 
     def idle(self) -> bool:
-        """Return whether nothing is under way; services that have not answered yet are not waited for."""
+        """Return whether nothing is in process; services that have not answered yet do not count."""
         return self._worker.idle()
 
     def retire(self) -> None:
-        """End with the last call that is under way; call when no more can come."""
+        """End with the last open call; call this when no more calls can come."""
         self._worker.do(self._retire)
 
     def _retire(self) -> None:
@@ -363,5 +363,5 @@ def _anywhere(query: Any) -> bool:
 
 
 def _counted_key(emission: Emission) -> str:
-    """Return the key under which the pipeline has counted an emission, whatever its message is called by now."""
+    """Return the key under which the pipeline has counted an emission, even if its message has another key by now."""
     return (emission.original or emission.message).key

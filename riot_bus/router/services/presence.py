@@ -1,4 +1,4 @@
-"""Who has services, and stand-ins for them in the other segments, which come and go as they do."""
+"""Stand-ins for the services of each segment in the other segments, which come and go with these services."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _CACHED = 1 << 10
 class Presence:
     """Keeps the stand-ins for the services of one key expression.
 
-    What others have is told by the matching status of queriers that never ask. Zenoh tells it of single keys alone: a
-    querier with wildcards is matched by services that include all of them. So expressions with wildcards have their
-    stand-ins all the time, complete ones only if somebody is complete for the whole expression; and so have complete
-    services (`served`), whose callers know from elsewhere who is there, so that no call comes too early. A call that
-    finds nobody ends at once.
+    The matching status of queriers that never ask tells which services exist. Zenoh tells it for single keys only: a
+    querier with wildcards matches only services that include the whole expression. So expressions with wildcards
+    always have stand-ins, which are complete only if a service is complete for the whole expression. Complete services
+    (`served`) always have stand-ins, too, so that no call comes too early: their callers know from elsewhere which
+    services exist. A call that finds no service ends at once.
 
     Args:
-        expression: Which services.
+        expression: Key expression of the services.
         sessions: The segments' own sessions.
-        take: By segment, what takes the queries of its components.
-        served: Whether all services that it matches are complete.
-        worker: Does what must not be done on Zenoh's threads.
+        take: By segment, the function that takes the queries of its components.
+        served: Whether all services that the expression matches are complete.
+        worker: Worker for what must not be done on Zenoh's threads.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Presence:
         self._by_key: OrderedDict[tuple[str, str, bool], Any] = OrderedDict()
 
     def open(self) -> None:
-        """Look out for services from now on."""
+        """Start to watch for services."""
         if self._served:
             for name in self._sessions:
                 self._stand_in(name, complete=True)
@@ -85,11 +85,11 @@ class Presence:
         release(*(each for _, each in stand_ins.values()), *others)
 
     def asked(self, segment: str, key: str) -> dict[str, bool]:
-        """Return the other segments that may have a service for a key, and whether to ask complete ones alone.
+        """Return the other segments that may have a service for a key, and whether to ask only complete ones.
 
         Args:
-            segment: Where somebody asks.
-            key: Key, or key expression.
+            segment: Segment of the caller.
+            key: Key or key expression.
         """
         others = [name for name in self._sessions if name != segment]
         if "*" in key:
@@ -98,7 +98,7 @@ class Presence:
         return {name: self._served and self._there(name, key, complete=True) for name in there}
 
     def update(self) -> None:
-        """Have stand-ins for what is there now."""
+        """Adapt the stand-ins to the services that exist now."""
         with self._lock:
             if self._closed or self._served:
                 return
@@ -127,7 +127,7 @@ class Presence:
         self._stand_ins[name] = (complete, queryable)
 
     def _there(self, name: str, key: str, *, complete: bool) -> bool:
-        """Ask for a key; the queriers of those that came last are kept, since asking them takes a few microseconds."""
+        """Return whether a segment has a service for a key; caches recent queriers, which answer in microseconds."""
         with self._lock:
             if self._closed:
                 return False

@@ -1,4 +1,4 @@
-"""Answers calls of a service with what was recorded of it, where the service itself does not run."""
+"""Recorded replies to the calls of a service that does not run itself."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _LOG = logging.getLogger(__name__)
 
 
 class RecordedCall(NamedTuple):
-    """A request and all that was answered to it."""
+    """A recorded request and all its replies."""
 
     request: Message
     replies: Sequence[Message]
 
 
 def calls_in(messages: Iterable[Message]) -> dict[str, list[RecordedCall]]:
-    """Return the calls of a log by the keys of their services, in the order of their requests.
+    """Return the answered calls of a log by the keys of their services, in the order of their requests.
 
     Args:
-        messages: Requests, replies and errors, by time; others are passed over. Those of one call have one number.
+        messages: Messages by time; only requests, replies and errors count. Those of one call share a sequence number.
     """
     found: dict[str, list[RecordedCall]] = {}
     open_calls: dict[tuple[str, int], list[Message]] = {}
@@ -49,12 +49,13 @@ def calls_in(messages: Iterable[Message]) -> dict[str, list[RecordedCall]]:
 
 
 class RecordedService:
-    """What a service has answered: the same question gets the same answer, one after the other if there were several.
+    """The recorded replies of a service: equal requests get the replies recorded for them, one call after the other.
 
-    A question that was not recorded gets what was answered to the recorded one of its number; after the last one, that.
+    The n-th request that was not recorded gets the replies of the n-th recorded call. After the last call, that one is
+    repeated.
 
     Args:
-        calls: In the order in which they were recorded; at least one.
+        calls: Calls in the order in which they were recorded; at least one.
     """
 
     def __init__(self, calls: Sequence[RecordedCall]) -> None:
@@ -63,12 +64,12 @@ class RecordedService:
         self._lock = threading.Lock()
 
     def restart(self) -> None:
-        """Begin with the first answers again."""
+        """Start again with the first recorded replies."""
         with self._lock:
             self._asked.clear()
 
     def replies(self, payload: bytes, parameters: str = "") -> Sequence[Message]:
-        """Return what is answered to a question."""
+        """Return the replies to a request."""
         question = payload, parameters
         same = [each for each in self._calls if _question(each.request) == question]
         with self._lock:
@@ -85,10 +86,10 @@ def _question(request: Message) -> tuple[bytes, str]:
 def serve_recorded(session: zenoh.Session, key: str, service: RecordedService) -> Any:
     """Answer the calls of a service on a session's segment, as a complete service of that key would.
 
-    With `rmw_zenoh` a reply's attachment names the request that it is for, so it is that of the request.
+    A reply gets the attachment of its request, by which `rmw_zenoh` matches the two.
 
     Returns:
-        Something with `undeclare()`.
+        An object with `undeclare()`.
     """
 
     def take(query: Any) -> None:
@@ -97,7 +98,7 @@ def serve_recorded(session: zenoh.Session, key: str, service: RecordedService) -
                 base, part = part_of(reply.key) or (key, "")
                 asked = query.attachment
                 reply_to(query, base, part, reply if asked is None else reply.with_(attachment=asked.to_bytes()))
-        except library_of(session).ZError as error:  # whoever has asked is gone
+        except library_of(session).ZError as error:  # the caller is gone
             _LOG.debug("a call of %s is not answered: %s", key, error)
         finally:
             query.drop()

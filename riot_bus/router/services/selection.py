@@ -1,4 +1,4 @@
-"""Which keys are meant when a user selects services."""
+"""The keys of the services that a user selects."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["is_served", "service_keys", "split", "with_spaces"]
 
 
 def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
-    """Return what has to be intercepted for services and actions, as a user could have written it.
+    """Return the keys to intercept for services and actions, as a user could write them.
 
     Args:
-        names: Names or key expressions; of an action, all its services and topics are meant.
-        registry: Knows names.
+        names: Names or key expressions; an action stands for all its services and topics.
+        registry: Registry whose adapters know the parts of actions.
 
     Example:
         `/fibonacci` of ROS: `/fibonacci/@request`, `/fibonacci/_action/*/@request`, `/fibonacci/_action/*`
@@ -36,7 +36,7 @@ def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
 
 
 def split(keys: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return topics and services of what has to be intercepted; each of a call's parts means the service."""
+    """Return the topics and the services of keys to intercept; the key of any part of a call means the service."""
     topics: list[str] = []
     services: list[str] = []
     for key in keys:
@@ -54,9 +54,10 @@ def is_served(expression: str, spaces: Sequence[str]) -> bool:
 
 
 def with_spaces(expressions: Sequence[str], spaces: Sequence[str]) -> list[str]:
-    """Return the expressions, and before them the spaces of complete services that one of them includes.
+    """Return the expressions, preceded by the spaces of complete services that they include.
 
-    These need stand-ins of their own, which are complete: the first expression that includes a key has it.
+    These spaces need stand-ins of their own, which are complete. They come first, as the first expression that
+    includes a key owns it.
     """
     inner = [space for space in spaces if any(includes(text, space) for text in expressions)]
     return list(dict.fromkeys([*inner, *expressions]))

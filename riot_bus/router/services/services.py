@@ -1,4 +1,4 @@
-"""All services of a bus that are intercepted."""
+"""All intercepted services of a bus."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ __all__ = ["Services"]
 
 
 class Services:
-    """Stands in for the services of each segment in the others; the junction keeps the selected ones apart.
+    """Stands in for the selected services of each segment in the others, which the junction keeps apart.
 
     Args:
         sessions: The segments' own sessions.
-        crossing: The way through the interceptors.
+        crossing: Queue that takes messages through the interceptors.
         sequence: Numbers for calls.
         spaces: Key expressions of complete services (`HasServices.services`).
     """
@@ -46,9 +46,9 @@ class Services:
         self._worker = Worker("riot-services")
 
     def retire(self, expressions: Sequence[str]) -> None:
-        """Stand in for no others than these any more; call while the junction still keeps them apart.
+        """Stop standing in for all others than these; call this while the junction still keeps them apart.
 
-        Calls that are under way go on.
+        Open calls continue.
         """
         wanted = with_spaces(expressions, self._spaces)
         for expression in [text for text in self._present if text not in wanted]:
@@ -59,7 +59,7 @@ class Services:
             self._retired += lanes
 
     def select(self, expressions: Sequence[str]) -> None:
-        """Stand in for these; call when the junction keeps them apart."""
+        """Stand in for these services; call this once the junction keeps them apart."""
         wanted = with_spaces(expressions, self._spaces)
         self._claims = Claims(wanted)
         for expression in wanted:
@@ -97,7 +97,7 @@ class Services:
             lane.close()
 
     def idle(self) -> bool:
-        """Return whether nothing is under way; services that have not answered yet are not waited for."""
+        """Return whether nothing is in process; services that have not answered yet do not count."""
         return all(lane.idle() for lane in self._lanes())
 
     def held(self) -> Counter[str]:
@@ -105,7 +105,7 @@ class Services:
         return sum((lane.held() for lane in self._lanes()), Counter())
 
     def shed(self) -> list[Mapping[str, int]]:
-        """Return the requests and replies, by key, for which there was no room."""
+        """Return, for each lane, how many requests and replies per key there was no room for."""
         return [lane.shed for lane in self._lanes()]
 
     def _lanes(self) -> list[CallLane]:

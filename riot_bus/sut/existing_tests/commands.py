@@ -1,4 +1,4 @@
-"""Commands that `riot ros-test` handles specially: colcon's, and its own."""
+"""Commands that `riot ros-test` treats specially: `colcon test` and its own."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def router_per_package(
 
     Args:
         given: Other variables that colcon gets.
-        options: Options of `riot ros-test`, as they were written.
-        folder: Folder for a file that is written; only this user should be able to write there.
-        accounts: Where each of them leaves what it has to say.
+        options: Options of `riot ros-test`, as the user wrote them.
+        folder: Folder to write a file to; only this user should be able to write there.
+        accounts: Folder in which each `riot ros-test` leaves its report.
     """
     plan = folder / "packages.json"
     own = ["--package", "{package}", "--in", "{folder}", "--account", str(accounts), "--"]

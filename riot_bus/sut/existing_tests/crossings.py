@@ -1,4 +1,4 @@
-"""Whether intercepted messages had somewhere to go: who is alone in a segment gets everything directly, past riot."""
+"""Whether intercepted messages had a subscriber in another segment: within one segment they bypass riot."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["Crossings"]
 
 
 class Crossings:
-    """Notes in which segments somebody has subscribed to what is intercepted, if only for a moment; a context manager.
+    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager.
 
     Args:
-        bus: The bus, open.
+        bus: Bus that is open.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -35,7 +35,7 @@ class Crossings:
         self._receivers.__exit__(*error)
 
     def count(self, inhabited: Collection[str]) -> int:
-        """Return how many messages came from one segment and have had a subscriber in another one.
+        """Return how many messages came from one segment and had a subscriber in another one.
 
         Args:
             inhabited: Segments that have components: a recorder of everything looks like a subscriber in each.

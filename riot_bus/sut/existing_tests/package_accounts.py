@@ -1,4 +1,4 @@
-"""What the `riot ros-test` of each package has to say, told by the one that runs all packages."""
+"""Reports of the `riot ros-test` of each package, collected by the one that runs all packages."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _LARGEST = 1 << 20
 
 
 def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:
-    """Leave what there is to say in a folder.
+    """Write a report into a folder.
 
     Args:
-        folder: The folder that it is written to.
-        package: Whose tests these were.
-        lines: What there is to say.
+        folder: Folder that the report is written to.
+        package: Name of the tested package.
+        lines: Lines of the report.
         vacuous: Whether the results say nothing about what was asked for.
     """
     text = json.dumps({"package": package, "lines": list(lines), "vacuous": vacuous})
@@ -33,7 +33,7 @@ def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: 
 
 
 def package_lines(folder: Path) -> list[str]:
-    """Return the lines for all packages, and loudly how many have shown nothing."""
+    """Return the lines for all packages, and a summary that stresses the packages that have shown nothing."""
     found: list[dict[str, Any]] = []
     for path in sorted(folder.glob("*.json")):
         with path.open(encoding="utf-8") as stream:

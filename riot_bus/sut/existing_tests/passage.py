@@ -1,4 +1,4 @@
-"""What passed through the router of `riot ros-test`, as it says at the end; loudly so if nothing did."""
+"""Final report of `riot ros-test` on what passed through its router; it stresses if nothing did."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ class Passage:
 
     Attributes:
         wanted: Topics and services that were to be intercepted.
-        counts: Figures of the router by topic.
-        crossed: Intercepted messages that had a subscriber in another segment; service calls have a receiver anyway.
-        losses: What was lost unintentionally.
-        hits: How often each injection of the plan was carried out; None without a plan.
-        problems: Why injections could not be carried out, by topic.
-        recording: The log; empty without one.
-        components: How many connected to each segment, without bridges and what is behind them.
+        counts: Counts of the router by topic.
+        crossed: Number of intercepted messages that had a subscriber in another segment; without service calls, which
+            always have a receiver.
+        losses: Unintended losses of the router.
+        hits: Number of times that each injection of the plan was carried out; None without a plan.
+        problems: Reasons why injections could not be carried out, by topic.
+        recording: Path of the log; empty without one.
+        components: Number of components that connected to each segment, without bridges and what is behind them.
         domains: ROS domain of each segment; empty without bridges.
-        nodes: Which processes were to be in the segment `unit`; None if none were.
+        nodes: Regular expression for the processes chosen for the segment `unit`; None if none were.
         started: Processes that were started in that segment, and the others.
     """
 
@@ -64,7 +65,7 @@ class Passage:
         return ""
 
     def lines(self) -> list[str]:
-        """Return what there is to say: one line of what passed, further ones of what is noteworthy."""
+        """Return the lines of the report: one on what passed, further ones on what is noteworthy."""
         found = [self._passed()]
         found += [f"not injected: {topic}: {problem}" for topic, problem in self.problems.items()]
         if self.started.chosen:

@@ -1,4 +1,4 @@
-"""What processes of a test are given so that some of them land in another segment (see `hook/sitecustomize.py`)."""
+"""Environment of a test's processes that puts some of them into another segment (see `hook/sitecustomize.py`)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ __all__ = ["STARTED", "Placement", "StartedProcesses", "hooked", "only_some", "s
 
 HOOK = Path(__file__).with_name("hook")
 STARTED = ".started"
-"""Suffix of the file beside a plan of `only_some` in which the hook tells what was to be started."""
+"""Suffix of the file next to a plan of `only_some` in which the hook reports what was to be started."""
 _LARGEST = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class StartedProcesses:
-    """What was started, as far as Python has started it: how often each name, by its first name.
+    """Numbers of processes that Python has started, by name.
 
     Attributes:
-        chosen: In the other segment.
-        others: Where the command is.
+        chosen: Processes in the other segment.
+        others: Processes in the segment of the command.
     """
 
     chosen: Mapping[str, int]
@@ -40,13 +40,13 @@ class Placement:
     """Puts processes into a segment by their names.
 
     Args:
-        folder: For two files; only this user should be able to write there.
+        folder: Folder for two files; only this user should be able to write there.
         segment: Segment of the chosen processes.
         nodes: Regular expression for a whole name; None for none.
-        variables: What a process of that segment needs.
+        variables: Environment variables that a process of that segment needs.
 
     Raises:
-        ConfigError: It is no regular expression.
+        ConfigError: `nodes` is not a regular expression.
     """
 
     def __init__(self, folder: Path, *, segment: str, nodes: str | None, variables: Mapping[str, str]) -> None:
@@ -61,7 +61,7 @@ class Placement:
         self._plan.write_text(json.dumps(plan), encoding="utf-8")
 
     def environment(self, given: Mapping[str, str]) -> dict[str, str]:
-        """Return the variables by which the hook works, for a process with these."""
+        """Return the variables that activate the hook in a process with the given variables."""
         return hooked(given, self._plan)
 
     def started(self) -> StartedProcesses:
@@ -70,7 +70,7 @@ class Placement:
 
 
 def started_in(told: Path) -> StartedProcesses:
-    """Return what was started so far, as the hook has told it in a file."""
+    """Return what was started so far, according to the hook's file of reports."""
     found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
     with told.open("rb") as stream:
         lines = stream.read(_LARGEST).splitlines()
@@ -83,19 +83,19 @@ def started_in(told: Path) -> StartedProcesses:
 
 
 def hooked(given: Mapping[str, str], plan: Path) -> dict[str, str]:
-    """Return the variables by which the hook carries out a plan, for a process with these."""
+    """Return the variables with which the hook carries out a plan in a process with the given variables."""
     path = os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])])
     return {"PYTHONPATH": path, "RIOT_PLACEMENT": str(plan)}
 
 
 def only_some(given: Mapping[str, str], only: str, *, plan: Path) -> dict[str, str]:
-    """Return the variables by which a process starts only some of what it would start.
+    """Return the variables with which a process starts only some of its child processes.
 
     Args:
-        given: Its variables.
-        only: Regular expression for the whole name of what is started.
-        plan: A file that is written, in a folder to which only this user should be able to write; what would have been
-            started is told in a file beside it.
+        given: Variables of the process.
+        only: Regular expression for the whole name of the processes that are started.
+        plan: File to write, in a folder to which only this user should be able to write; a file next to it reports
+            what would have been started.
     """
     told = plan.with_suffix(STARTED)
     told.touch(0o600)

@@ -1,4 +1,4 @@
-"""`riot ros-test`: runs a command whose processes use a router of its own, and says what passed through."""
+"""`riot ros-test`: runs a command with a router for its processes, and reports what passed through the router."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ __all__ = ["RosTest", "run_tests"]
 _RMW = "rmw_zenoh_cpp"
 _LOOK_S = 0.05
 _GRACE_S = END_S * 2 / 3
-"""Seconds for a command that was told to end, before it and all that it has started is killed."""
+"""Seconds that an interrupted command has to end, before it and all its descendants are killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosTest:
-    """What `riot ros-test` was asked to do.
+    """Options of `riot ros-test`.
 
     Attributes:
-        router: What the router does; its segments are not those of riot.toml but two on free ports of this machine.
-        nodes: Regular expression for names of processes and nodes that shall be in the segment `unit`.
+        router: Options of the router; its segments are not those of riot.toml but two on free ports of this machine.
+        nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
         dds: Whether nodes use DDS, so that each segment gets a ROS domain and a bridge.
-        record: A log, or a folder for logs.
-        package: Whose tests these are.
-        folder: Where the command runs; the working folder by default.
-        account: Folder in which to leave what there is to say, for who runs several of these.
-        words: The options as they were written.
+        record: Path of a log, or of a folder for logs.
+        package: Name of the tested package.
+        folder: Working folder of the command; the present one by default.
+        account: Folder for the report, if this is one of several `riot ros-test` of one run.
+        words: Options as the user wrote them.
     """
 
     router: RouterOptions = field(default_factory=RouterOptions)
@@ -63,14 +63,14 @@ class RosTest:
 
 
 def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], None]) -> int:
-    """Run a command to its end, or until SIGINT or SIGTERM, which it is told as SIGINT.
+    """Run a command to its end, or until SIGINT or SIGTERM, which it receives as SIGINT.
 
-    Nothing that it has started is left behind, not even when this process is killed.
+    None of its processes is left behind, not even when this process is killed.
 
     Args:
         command: Program and arguments.
-        asked: Router, injections and recording around it.
-        warn: Prints a line of diagnostics.
+        asked: Options for router, injections and recording.
+        warn: Function that prints a line of diagnostics.
 
     Returns:
         The command's exit status, negative for a signal.
@@ -159,7 +159,7 @@ def _run_packages(
 
 
 def _own_settings(asked: RosTest) -> RouterSettings:
-    """Return settings of a router that only this machine reaches, and that joins no other one."""
+    """Return the settings of a router that only this machine reaches, and that connects to no other router."""
     settings = settings_of(asked.router.system, asked.router.flags)
     record = settings.record
     if asked.record is not None:

@@ -1,4 +1,4 @@
-"""The two segments of the router of `riot ros-test`: what puts processes into them, and who came."""
+"""The two segments of the router of `riot ros-test`: placement of processes, and the components that connected."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["HERE", "UNIT", "Components", "ReadySegments", "open_segments"]
 
 HERE, UNIT = "system", "unit"
-"""The segment of the command, and that of the processes that are chosen."""
+"""The segment of the command, and that of the chosen processes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,10 @@ class ReadySegments:
     """Segments that are ready for a command.
 
     Attributes:
-        environment: Of the command, whole.
-        placement: Puts processes into the other segment.
+        environment: Whole environment of the command.
+        placement: Placement of processes into the other segment.
         domains: ROS domain of each segment; empty without bridges.
-        carried: Messages that bridges have carried into a domain, by topic; known in the end.
+        carried: Number of messages that bridges have carried into a domain, by topic; known at the end.
     """
 
     environment: Mapping[str, str]
@@ -50,14 +50,14 @@ def open_segments(
     """Make the segments of a running router ready for a command.
 
     Args:
-        service: The router.
+        service: The running router.
         launcher: Owner of the bridges' processes.
-        folder: For files; only this user should be able to write there.
-        nodes: Which processes shall be in the segment `unit`; None for none.
+        folder: Folder for files; only this user should be able to write there.
+        nodes: Regular expression for the processes to put into the segment `unit`; None for none.
         dds: Whether nodes use DDS.
 
     Raises:
-        ConfigError: `nodes` is no regular expression.
+        ConfigError: `nodes` is not a regular expression.
         EnvironmentFaultError: A bridge does not start.
     """
     endpoints = {name: service.bus.segment(name).endpoints for name in service.settings.segments}
@@ -76,7 +76,7 @@ def open_segments(
 
 
 class Components:
-    """Who has connected so far, beside who was there before.
+    """The components that have connected so far, without those that were connected before.
 
     Args:
         service: The router.
@@ -92,11 +92,11 @@ class Components:
         return {name: bus.segment(name).peers() - bus.ids_ever for name in self._service.settings.segments}
 
     def look(self) -> None:
-        """Look who is there now."""
+        """Note the components that are connected now."""
         for name, found in self._peers().items():
             self._seen[name] |= found - self._before[name]
 
     @property
     def found(self) -> dict[str, int]:
-        """How many, by segment; none where nobody was."""
+        """Number of components by segment, without empty segments."""
         return {name: len(found) for name, found in self._seen.items() if found}

@@ -1,8 +1,8 @@
-"""What a Python component tells of itself in a trial: how its main thread ends, and where its threads stand.
+"""Hook by which a Python component reports in a trial how its main thread ends, and the stacks of its threads.
 
 Python imports this by itself, as riot puts this folder first on the component's PYTHONPATH. It writes JSON lines to the
 file that `RIOT_TRIAL_EVENTS` names, and on a signal the stacks of all threads to `RIOT_TRIAL_STACKS` with the process
-number behind it. Nothing else changes for the component: a `sitecustomize` of its own is imported as it would be.
+id appended. Nothing else changes for the component: its own `sitecustomize` is imported as it would be without this.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing import Any
 
 _DEEPEST = 100
-"""Frames of a thread that are told, as by `faulthandler`."""
+"""Largest number of reported frames of a thread, as with `faulthandler`."""
 _FOLDER = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -56,7 +56,7 @@ def _note_imports(file: str) -> None:
 
 
 def watch(events: str, stacks: str) -> None:
-    """Tell of the end of the main thread and, on a signal, where threads stand.
+    """Report the end of the main thread and, on a signal, the stacks of all threads.
 
     Args:
         events: File that gets a JSON line for each event.
@@ -92,7 +92,7 @@ def watch(events: str, stacks: str) -> None:
 
 
 def _stacks(main: FrameType | None) -> bytes:
-    """Return the stacks of all threads as `faulthandler` writes them, which reads those that run at its peril."""
+    """Return the stacks of all threads in the format of `faulthandler`, which cannot safely read running threads."""
     import threading
 
     parts = []

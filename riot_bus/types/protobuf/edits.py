@@ -1,4 +1,4 @@
-"""Changes of a message's bytes: what is around them is counted anew, everything else stays as it is."""
+"""Edits of a message's bytes: enclosing length prefixes are updated, all other bytes stay the same."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Edit", "apply", "growth"]
 
 
 class Edit(NamedTuple):
-    """Bytes from `start` to `end` that are replaced; what they stand in is counted from `box` outwards."""
+    """Replacement of the bytes from `start` to `end`; length prefixes are updated from `box` outwards."""
 
     start: int
     end: int
@@ -25,22 +25,22 @@ class Edit(NamedTuple):
 
     @property
     def growth(self) -> int:
-        """By how much the payload gets longer."""
+        """Number of bytes by which the payload grows."""
         return len(self.data) - (self.end - self.start)
 
 
 def growth(edits: Sequence[Edit]) -> int:
-    """Return by how much a payload gets longer, but for counts."""
+    """Return by how many bytes a payload grows, without changes of length prefixes."""
     return sum(edit.growth for edit in edits)
 
 
 def apply(data: bytes, edits: Sequence[Edit]) -> bytes:
-    """Return the payload with all edits made; raises PayloadError if it gets too large."""
+    """Return the payload with all edits made; raise PayloadError if it gets too large."""
     more = growth(edits)
     if more > 0:
         check_size(len(data) + more)
     done = [*edits, *_counts(edits)]
-    # what ends a message comes before what ends the message around it
+    # at the same place, edits of an inner message come before those of the message around it
     done.sort(key=lambda edit: (edit.start, -edit.box.depth if edit.box else 1))
     parts = []
     at = 0
@@ -51,7 +51,7 @@ def apply(data: bytes, edits: Sequence[Edit]) -> bytes:
 
 
 def _counts(edits: Sequence[Edit]) -> list[Edit]:
-    """Return the counts of bytes that change, from the inside outwards."""
+    """Return the edits of length prefixes that change, from the inside outwards."""
     boxes: dict[int, LengthPrefix] = {}
     grown: dict[int, int] = {}
     for edit in edits:

@@ -1,8 +1,8 @@
-"""One Protocol Buffers message type: fields are read, patched and rebuilt where they lie on the wire.
+"""One Protocol Buffers message type: fields are read, patched and rebuilt in place in the wire format.
 
 Fields have the names of the .proto file. Entries of maps are members (`counts.left`, `names[3]`), enums are numbers. A
-field that has no presence (`proto3` without `optional`) is always there, zero or empty if it is not on the wire; others
-are no fields of a payload that does not set them. Unknown fields, extensions, and the order on the wire are kept.
+field without presence (`proto3` without `optional`) always exists, zero or empty if it is not on the wire; other fields
+exist only in payloads that set them. Unknown fields, extensions, and the order on the wire are kept.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ _END_GROUP = 4
 
 
 class _Spot(NamedTuple):
-    """Where a field is, or would be.
+    """The place of a field, or where it would be.
 
     Attributes:
         field: Description of the field.
-        found: Its entries; for an element of an array none.
-        slot: Where its value stands, None if it is not on the wire, or an array.
+        found: Its entries; empty for an element of an array.
+        slot: Place of its value; None if it is not on the wire or is an array.
         part: The innermost message around it that is on the wire.
-        missing: Messages inside that one, and around the field, that are not on the wire.
+        missing: Messages between that one and the field that are not on the wire.
     """
 
     field: ProtobufField
@@ -81,9 +81,9 @@ class ProtobufType:
     """One message type.
 
     Args:
-        name: Its full name, such as `foxglove.LaserScan`.
-        definitions: Where it and its parts are defined, with certainty it itself.
-        schema: The definition as a log has it; by default written from `definitions`.
+        name: Full name, such as `foxglove.LaserScan`.
+        definitions: Definitions that contain at least the type itself.
+        schema: Definition from a log; by default made from `definitions`.
     """
 
     encoding = "protobuf"
@@ -99,7 +99,7 @@ class ProtobufType:
 
     @property
     def schema(self) -> Schema:
-        """The descriptor set of the files that are needed."""
+        """Descriptor set of the required files."""
         if self._schema is None:
             self._schema = Schema(self.name, "protobuf", self._definitions.serialized(self.name))
         return self._schema
@@ -111,15 +111,15 @@ class ProtobufType:
         return found
 
     def opaque(self, payload: bytes) -> str | None:
-        """Return why the payload cannot be taken apart, None if it can."""
+        """Return why the payload cannot be decoded, None if it can."""
         return why_opaque(self, payload)
 
     def fields(self) -> Sequence[FieldType]:
-        """List the fields that messages of this type may have; a type inside itself is listed once."""
+        """List the fields that messages of this type may have; a recursive type is listed once."""
         return static_fields(self._definitions, self._layout)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers, as `riot_bus.types.capabilities.DescribesFields` says."""
+        """Yield the elements of an array of numbers; see `riot_bus.types.capabilities.DescribesFields`."""
         field = next((each for each in self.fields() if each.path == f"{path}[*]"), None)
         if field is None or field.type in ("string", "bytes"):
             raise PayloadError("there is no such array of numbers", where=f"{self.name}: {path}")
@@ -144,7 +144,7 @@ class ProtobufType:
         return field.default
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the payload with some scalars replaced in place, where the new value takes as many bytes."""
+        """Return the payload with some scalars replaced in place by values of the same size."""
         edits = self._edits(payload, changes)
         if any(edit.growth for edit in edits):
             path = next(path for path in changes if self._edits(payload, {path: changes[path]})[0].growth)
@@ -153,7 +153,7 @@ class ProtobufType:
         return apply(payload, edits)
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the payload with fields set and lengths of arrays changed; only what is around them is counted anew.
+        """Return the payload with fields set and lengths of arrays changed; only enclosing length prefixes are updated.
 
         A scalar that is not on the wire is added at the end of its message, with the messages around it.
         """
@@ -376,7 +376,7 @@ def _wrapped(data: bytes, around: Sequence[ProtobufField]) -> bytes:
 
 
 def _empty(field: ProtobufField, number: int) -> bytes:
-    """Return the entries of so many elements that are zero or empty."""
+    """Return the entries of `number` elements that are zero or empty."""
     kind = field.kind
     if field.packed and kind is not None:
         size = number * max(kind.size, 1)

@@ -1,7 +1,7 @@
 """Messages as descriptor sets define them: fields by name and by number, presence, comments.
 
-Source: google/protobuf/descriptor.proto. The descriptors are read as they are, without a pool, so that sets that lack
-files are of use: a field of a type that is missing is no field.
+Source: google/protobuf/descriptor.proto. The descriptors are read directly, without a pool, so that incomplete sets are
+usable: fields of missing types are left out.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ class ProtobufField:
     """One field of a message.
 
     Attributes:
-        name: As in the .proto file.
-        number: On the wire.
-        kind: Of a scalar; None for a message.
+        name: Name in the .proto file.
+        number: Field number on the wire.
+        kind: Kind of scalar; None for a message.
         message: Full name of a message's type.
         repeated: Whether it is an array.
         packed: Whether the first elements of an array are written packed.
         group: Whether a message is written as a group.
-        presence: Whether it may be absent; else it then has its default, which is zero or empty.
-        oneof: Number of the group of fields of which one is set at most; -1 if it is in none.
+        presence: Whether it may be absent; otherwise, it has its default (zero or empty) if not on the wire.
+        oneof: Number of its oneof, of whose fields at most one is set; -1 if it is in none.
         low: Smallest value that an enum declares.
         high: Largest value that an enum declares.
-        unit: What its comment says.
+        unit: Unit that its comment names.
     """
 
     name: str
@@ -69,13 +69,13 @@ class ProtobufField:
 
     @property
     def default(self) -> Scalar:
-        """Value of a field that is not on the wire, but is there."""
+        """Value of a field without presence that is not on the wire."""
         return _DEFAULTS.get(self.kind.leaf, 0) if self.kind is not None else 0
 
 
 @dataclass(slots=True)
 class Layout:
-    """A message type; `entry` says that it stands for the entries of a map."""
+    """A message type; `entry` tells whether it represents the entries of a map."""
 
     name: str
     fields: dict[str, ProtobufField] = field(default_factory=dict)
@@ -84,7 +84,7 @@ class Layout:
     _oneofs: dict[int, frozenset[int]] = field(default_factory=dict)
 
     def rivals(self, one: ProtobufField) -> Collection[int]:
-        """Return the numbers of the fields of which only one can be set at a time: itself, and those in its oneof."""
+        """Return the numbers of the field itself and of the other fields in its oneof."""
         if one.oneof < 0:
             return (one.number,)
         found = self._oneofs.get(one.oneof)
@@ -108,7 +108,7 @@ def load_set(data: bytes) -> Any:
 
     Raises:
         MissingExtraError: The library is not installed.
-        PayloadError: These bytes are none.
+        PayloadError: The bytes are not a FileDescriptorSet.
     """
     try:
         from google.protobuf import descriptor_pb2
@@ -146,7 +146,7 @@ class Definitions:
                 self._index(message, package, file, (4, index))
 
     def names(self) -> list[str]:
-        """Return the full names of all messages but the entries of maps."""
+        """Return the full names of all messages except the entries of maps."""
         return sorted(name for name, source in self._sources.items() if not source.descriptor.options.map_entry)
 
     def layout(self, name: str) -> Layout | None:
@@ -252,7 +252,7 @@ def _feature(name: str, one: Any, file: Any) -> int:
 
 
 def _comments(file: Any) -> dict[tuple[int, ...], str]:
-    """Return the comments of a file by the places of what they are on."""
+    """Return the comments of a file, by the paths of the definitions that they describe."""
     return {
         tuple(location.path): f"{location.trailing_comments} {location.leading_comments}"
         for location in file.source_code_info.location

@@ -1,4 +1,4 @@
-"""Where Protocol Buffers types come from: descriptor sets in files that the user names, and in logs."""
+"""The source of Protocol Buffers types: descriptor sets in files that the user names, and in logs."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class ProtobufTypes:
         self._from_schemas: dict[Schema, ProtobufType | None] = {}
 
     def load(self, files: Sequence[Path]) -> None:
-        """Take in files that hold a FileDescriptorSet, as protoc writes them.
+        """Load files that contain a FileDescriptorSet, as protoc writes them.
 
         Raises:
-            ConfigError: A file cannot be read, or is none.
+            ConfigError: A file cannot be read, or is not a FileDescriptorSet.
         """
         for file in files:
             try:
@@ -65,7 +65,7 @@ class ProtobufTypes:
         return self._definitions.names()
 
     def type_of_schema(self, schema: Schema) -> ProtobufType | None:
-        """Return the type by the descriptor set of a log, which holds for that log whatever was loaded."""
+        """Return the type from the descriptor set of a log, which has priority over loaded files."""
         if schema.encoding != "protobuf":
             return None
         if schema not in self._from_schemas:

@@ -1,4 +1,4 @@
-"""What a message type says of its fields without a payload, and arrays of many payloads."""
+"""The fields of a message type, known without a payload."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_DEPTH = 64
 def static_fields(definitions: Definitions, layout: Layout) -> Sequence[FieldType]:
     """List the fields of a message in the order of the definition, `MOST_FIELDS` at most.
 
-    The values of a map are written `counts["*"]`; what is inside a message of a type that it is in itself is left out.
+    The values of a map are written `counts["*"]`; the contents of a recursive message are listed only once.
     """
     listing = _Listing(definitions)
     listing.add(layout, "", ())

@@ -1,7 +1,7 @@
-"""Where the fields of a message stand: what the entries on the wire mean together.
+"""Places of the fields of a message, from its entries on the wire.
 
-A message may come in several parts, of a scalar and of a oneof the last entry counts, and the elements of an array may
-come packed or one by one: https://protobuf.dev/programming-guides/encoding/#last-one-wins.
+A message may be split into several parts, the last entry of a scalar or a oneof counts, and the elements of an array
+may be packed or not: https://protobuf.dev/programming-guides/encoding/#last-one-wins.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ENDS_VARINT = bytes(range(0x80))
 
 
 class LengthPrefix(NamedTuple):
-    """Bytes whose number stands before them: the count from `prefix` to `body`, they themselves up to `end`."""
+    """Bytes with a length prefix: the length from `prefix` to `body`, the bytes from `body` to `end`."""
 
     prefix: int
     body: int
@@ -48,7 +48,7 @@ class LengthPrefix(NamedTuple):
 
 
 class EntrySpan(NamedTuple):
-    """A span of entries that belong to one message, and the innermost box around it."""
+    """A span of entries of one message, and the innermost length-prefixed bytes (`box`) around it."""
 
     start: int
     end: int
@@ -56,20 +56,20 @@ class EntrySpan(NamedTuple):
 
 
 class FieldEntry(NamedTuple):
-    """One entry of a field, and the part that it stands in."""
+    """One entry of a field, and the part that contains it."""
 
     entry: WireField
     part: EntrySpan
 
     @property
     def inner(self) -> LengthPrefix:
-        """The box that the entry itself is."""
+        """The entry itself as length-prefixed bytes."""
         outer = self.part.box
         return LengthPrefix(self.entry.value, self.entry.body, self.entry.end, outer.depth + 1 if outer else 0, outer)
 
 
 class Slot(NamedTuple):
-    """Where one scalar stands: without a count of bytes, which is the box's."""
+    """The place of one scalar, without its length prefix, which belongs to `box`."""
 
     start: int
     end: int
@@ -82,23 +82,23 @@ def whole(data: bytes) -> tuple[EntrySpan, ...]:
 
 
 def found_of(data: bytes, layout: Layout, parts: Sequence[EntrySpan], field: ProtobufField) -> Sequence[FieldEntry]:
-    """Return the entries of one field, in the order of the wire; raises as `fields_of`."""
+    """Return the entries of one field, in the order on the wire; errors as in `fields_of`."""
     return fields_of(data, layout, parts, layout.rivals(field)).get(field.number, ())
 
 
 def fields_of(
     data: bytes, layout: Layout, parts: Sequence[EntrySpan], numbers: Container[int] | None = None
 ) -> dict[int, list[FieldEntry]]:
-    """Return the entries of each known field by its number, in the order of the wire; all others are passed over.
+    """Return the entries of each known field by its number, in the order on the wire; skip all other entries.
 
     Args:
         data: The payload.
-        layout: Of the message.
-        parts: Parts of the payload that the message stands in.
-        numbers: Of the fields that are wanted, and of all fields in oneofs with them; None for all.
+        layout: Type of the message.
+        parts: Parts of the payload that contain the message.
+        numbers: Numbers of the wanted fields, and of all fields in oneofs with them; None for all.
 
     Raises:
-        PayloadError: These are no entries.
+        PayloadError: The bytes are not valid entries.
     """
     found: dict[int, list[FieldEntry]] = {}
     chosen: dict[int, int] = {}
@@ -124,13 +124,13 @@ def _fits(field: ProtobufField, wire: int) -> bool:
 
 
 def part_of(one: FieldEntry) -> EntrySpan:
-    """Return the inside of a message."""
+    """Return the contents of a message."""
     entry = one.entry
     return EntrySpan(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
 
 
 def slot_of(one: FieldEntry) -> Slot:
-    """Return where a scalar stands that is not packed."""
+    """Return the place of a scalar that is not packed."""
     entry = one.entry
     return Slot(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
 
@@ -140,12 +140,12 @@ def _packed(field: ProtobufField, one: FieldEntry) -> bool:
 
 
 def count(data: bytes, field: ProtobufField, found: Sequence[FieldEntry]) -> int:
-    """Return how many elements an array has."""
+    """Return the number of elements of an array."""
     return sum(size(data, field, one) for one in found)
 
 
 def size(data: bytes, field: ProtobufField, one: FieldEntry) -> int:
-    """Return how many elements of an array stand in one entry."""
+    """Return the number of elements of an array in one entry."""
     if not _packed(field, one):
         return 1
     assert field.kind is not None
@@ -161,7 +161,7 @@ def size(data: bytes, field: ProtobufField, one: FieldEntry) -> int:
 
 
 def elements(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], most: int) -> Iterator[FieldEntry | Slot]:
-    """Yield the elements of an array, `most` of them: scalars as slots, messages as entries."""
+    """Yield at most `most` elements of an array: scalars as slots, messages as entries."""
     left = most
     for one in found:
         if left <= 0:
@@ -179,7 +179,7 @@ def elements(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], mos
 
 
 def element(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], index: int) -> FieldEntry | Slot:
-    """Return one element of an array; raises PayloadError if there is none of this number."""
+    """Return one element of an array; raise PayloadError if there is none with this index."""
     left = index
     for one in found if index >= 0 else ():
         here = size(data, field, one)
@@ -197,7 +197,7 @@ def last(data: bytes, field: ProtobufField, one: FieldEntry) -> Slot:
 
 
 def _slots(data: bytes, field: ProtobufField, one: FieldEntry, first: int, number: int) -> Iterator[Slot]:
-    """Yield some elements of a packed entry, which has them."""
+    """Yield `number` elements of a packed entry from `first` on; the entry has to contain them."""
     assert field.kind is not None
     at, end, box = one.entry.body, one.entry.end, one.inner
     width = field.kind.size

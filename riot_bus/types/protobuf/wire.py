@@ -32,14 +32,14 @@ __all__ = [
 ]
 
 VARINT, FIXED64, BYTES, GROUP, END_GROUP, FIXED32 = range(6)
-"""Wire types; `GROUP` is what begins one."""
+"""Wire types; `GROUP` begins a group."""
 
 _MOST_GROUPS = 100
 _MAX_VARINT = 10
 
 
 class ScalarKind(NamedTuple):
-    """A kind of scalar: its wire type, its type as in `Leaf`, and how it is packed (none: as a varint)."""
+    """A kind of scalar: its wire type, its type as in `Leaf`, and its struct format if its size is fixed."""
 
     wire: int
     leaf: str
@@ -48,7 +48,7 @@ class ScalarKind(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of a value of fixed size, 0 for others."""
+        """Size of a value in bytes if it is fixed, otherwise 0."""
         return self.form.size if self.form is not None else 0
 
 
@@ -70,20 +70,20 @@ KINDS = {
     "sint32": ScalarKind(VARINT, "int32", zigzag=True),
     "sint64": ScalarKind(VARINT, "int64", zigzag=True),
 }
-"""By the names that .proto files use; enums are open."""
+"""Kinds of scalars by their names in .proto files; enums are open."""
 
 
 class WireField(NamedTuple):
     """One field on the wire.
 
     Attributes:
-        number: Its number.
-        wire: Its wire type.
-        start: Where its tag begins.
-        value: Where what follows the tag begins; of text, bytes, messages and packed arrays the count of bytes.
-        body: Where the value itself begins.
-        end: Offset of its end in the payload.
-        after: Where the next entry begins; of a group after the tag that ends it.
+        number: Field number.
+        wire: Wire type of the entry.
+        start: Offset of its tag in the payload.
+        value: Offset after the tag, where text, bytes, messages and packed arrays have their length prefix.
+        body: Offset of the value itself.
+        end: Offset of its end.
+        after: Offset of the next entry; for a group, after the tag that ends it.
     """
 
     number: int
@@ -96,7 +96,7 @@ class WireField(NamedTuple):
 
 
 def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
-    """Return a varint of 64 bits at most, and where it ends; raises PayloadError if it does not."""
+    """Return a varint of 64 bits at most, and where it ends; raise PayloadError if it does not end."""
     if at < end and data[at] < 0x80:
         return data[at], at + 1
     number = shift = 0
@@ -120,15 +120,15 @@ def varint(number: int) -> bytes:
 
 
 def tag(number: int, wire: int) -> bytes:
-    """Return what stands before a value."""
+    """Return the tag of an entry."""
     return varint(number << 3 | wire)
 
 
 def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Iterator[WireField]:
-    """Yield the fields of a message from `start` to `end`, of these numbers alone; the others are passed over.
+    """Yield the entries with these field numbers of a message from `start` to `end`, and skip all others.
 
     Raises:
-        PayloadError: Some field, of whatever number, does not fit in there.
+        PayloadError: An entry, wanted or not, is invalid or extends beyond `end`.
     """
     after = start
     while after < end:
@@ -150,7 +150,7 @@ def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Itera
 
 
 def _span(data: bytes, at: int, end: int, wire: int) -> tuple[int, int]:
-    """Return from where to where a value goes."""
+    """Return where a value begins and ends."""
     body = at
     if wire == VARINT:
         stop = at + 1 if at < end and data[at] < 0x80 else read_varint(data, at, end)[1]
@@ -167,7 +167,7 @@ def _span(data: bytes, at: int, end: int, wire: int) -> tuple[int, int]:
 
 
 def _end_of_group(data: bytes, at: int, end: int, number: int) -> tuple[int, int]:
-    """Return where the content of a group ends, and where the tag after it does."""
+    """Return where the contents of a group end, and where its end tag ends."""
     open_ = [number]
     while at < end:
         start = at
@@ -187,7 +187,7 @@ def _end_of_group(data: bytes, at: int, end: int, number: int) -> tuple[int, int
 
 
 def decode(kind: ScalarKind, data: bytes, body: int, end: int) -> Scalar:
-    """Return a value; text that is no UTF-8 becomes surrogates, integers are cut to the bits of their type."""
+    """Return a value, with surrogates for invalid UTF-8 and integers truncated to the bits of their type."""
     if kind.form is not None:
         value: Scalar = kind.form.unpack_from(data, body)[0]
         return value
@@ -204,7 +204,7 @@ def decode(kind: ScalarKind, data: bytes, body: int, end: int) -> Scalar:
 
 
 def encode(kind: ScalarKind, value: Scalar) -> bytes:
-    """Return a value without a count of bytes; integers wrap, floats that overflow become infinite.
+    """Return an encoded value without length prefix; integers wrap, floats that overflow become infinite.
 
     Raises:
         PayloadError: The value is of another kind.

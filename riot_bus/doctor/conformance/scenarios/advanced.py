@@ -60,7 +60,7 @@ class _AdvancedHistory:
     @staticmethod
     def right(end: ScenarioEnd) -> Observation:
         end.meet()
-        # Whoever joins while the first messages are still on their way gets those as well.
+        # A subscriber that joins while the first messages are still on their way gets those as well.
         wait_until(lambda: cached(end, "x")[-1:] == ["7"], 5.0)
         deep, shallow = advanced_subscriber(end, "x", history=100), advanced_subscriber(end, "x", history=2)
         deep.take(5, 1.0)

@@ -1,4 +1,4 @@
-"""Which keys reach whom, how often."""
+"""Which keys reach which subscribers, and how often."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _put_all(end: ScenarioEnd, keys: list[str], closing: list[str]) -> None:
 
 
 def _all_keys(inboxes: dict[str, Inbox]) -> dict[str, list[list[str]]]:
-    """Return what each inbox got; each is waited for, since each has a thread of its own."""
+    """Return what each inbox received, after waiting for each one, since each has its own thread."""
     return {expression: keys_of(inbox.until_end()) for expression, inbox in inboxes.items()}
 
 

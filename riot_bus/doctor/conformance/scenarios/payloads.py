@@ -1,4 +1,4 @@
-"""What a sample carries."""
+"""Contents of a sample: payload, kind, encoding and attachment."""
 
 from __future__ import annotations
 

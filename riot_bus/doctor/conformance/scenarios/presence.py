@@ -1,4 +1,4 @@
-"""Who is there: liveliness and matching."""
+"""Presence of other components: liveliness and matching."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _events(samples: list[Any]) -> list[list[str]]:
 
 
 def _ask(end: ScenarioEnd, rest: str, count: int) -> list[dict[str, Any]]:
-    """Ask for tokens until there are so many: with more than one router, Zenoh may overlook what is new."""
+    """Query tokens until there are `count`: with more than one router, Zenoh may overlook new ones."""
     replies: list[dict[str, Any]] = []
 
     def enough() -> bool:
@@ -128,7 +128,7 @@ class _Matching:
         for matching in (True, False, True):
             end.signal("go on")
             end.wait("did")
-            with contextlib.suppress(TimeoutError):  # what it says instead is an observation
+            with contextlib.suppress(TimeoutError):  # another status is an observation too
                 end.matched(publisher, matching=matching, timeout=2.0)
                 end.until(partial(_last_is, heard, matching), "the listener to hear of it", 2.0)
             seen.append(publisher.matching_status.matching)

@@ -1,4 +1,4 @@
-"""How a sample is carried, and what it says of its origin."""
+"""Quality of service of samples, and their timestamps and source information."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _each_control(end: ScenarioEnd, priority: Any, number: int) -> int:
         text = f"{number + index:02}"
         congestion = getattr(controls, control)
         end.session.put(end.key("q"), text, priority=priority, congestion_control=congestion, express=express)
-        end.wait("got")  # DROP means what it says: without a pause a full queue would be an excuse
+        end.wait("got")  # without a pause, a full queue would justify losses under DROP
     return len(options)
 
 

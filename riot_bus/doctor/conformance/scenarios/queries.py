@@ -57,9 +57,9 @@ class _ErrorsAndTimeouts:
         seen: dict[str, Any] = {
             key: show_replies(end.session.get(end.key(key), timeout=5.0)) for key in ("error", "mixed", "nobody")
         }
-        # Each router on the way times out as well: whose errors are heard, and how many, is a race. Behind a router
-        # with access control there may be none: Zenoh 1.10.2 takes errors of routers, which have no key, for forbidden.
-        # So it is asked again, a few times, until one is heard.
+        # Each router on the way times out as well: which of their errors arrive, and how many, is a race. Behind a
+        # router with access control there may be none: Zenoh 1.10.2 treats errors of routers, which have no key, as
+        # forbidden. So the query is repeated a few times, until an error arrives.
         seen["silent"], seen["silent waited"], seen["others"] = [], True, []
         for number in range(_ASKED):
             began = time.monotonic()

@@ -1,4 +1,4 @@
-"""Which queryables are asked, and which of their replies count."""
+"""Which queryables receive a query, and which of their replies count."""
 
 from __future__ import annotations
 

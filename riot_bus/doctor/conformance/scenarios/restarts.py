@@ -1,4 +1,4 @@
-"""Components and routers that come, die and come back while others go on."""
+"""Components and routers that join, die and come back while others keep running."""
 
 from __future__ import annotations
 

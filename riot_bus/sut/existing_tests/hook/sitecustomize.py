@@ -1,10 +1,10 @@
-"""Gives processes that are started the environment of another segment, or leaves them out, by their names.
+"""Hook that gives started processes the environment of another segment, or leaves them out, by their names.
 
-Python imports this by itself, as `riot ros-test` and components with `only` have this folder first on PYTHONPATH. What
-it is to do stands in the file that `RIOT_PLACEMENT` names. It changes `subprocess.Popen`, by which launch,
-launch_testing, launch_pytest, `ros2 run`, colcon and most test suites start processes: their command, its name and its
-prefix stay what they were, only variables are added; of packages, each gets a router. Nothing else changes: a
-`sitecustomize` of another one is imported as it would be. Standard library only.
+Python imports this by itself, as `riot ros-test` and components with `only` put this folder first on PYTHONPATH. The
+file that `RIOT_PLACEMENT` names says what to do. The hook changes `subprocess.Popen`, with which launch,
+launch_testing, launch_pytest, `ros2 run`, colcon and most test suites start processes: commands, their names and
+prefixes stay as they are, only variables are added; the tests of each package get a router. Nothing else changes:
+another `sitecustomize` is imported as it would be without this one. Standard library only.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _NODE = re.compile(r"(?:^|:)__(?:node|name):=(.+)")
 _NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
 _WITH_VALUE = ("-W", "-X")
 _WAITS = {"run", "call"}
-"""Functions of `subprocess` that wait for the end of what they start; the others of that kind call one of these."""
+"""Functions of `subprocess` that wait for the end of the process; other such functions call one of these."""
 _TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
 _LARGEST = 1 << 18
-"""Bytes of what is told."""
+"""Size limit of the file of reports, in bytes."""
 
 
 def words_of(command: object, *, shell: bool = False) -> list[str]:
-    """Return the words of a command as `subprocess.Popen` takes it; of a shell's command those that come first."""
+    """Return the words of a command as `subprocess.Popen` takes it; a shell command is split into its words."""
     import shlex
 
     if isinstance(command, (str, bytes, os.PathLike)):
@@ -72,11 +72,11 @@ def _python_names(words: Sequence[str]) -> list[str]:
 
 
 def placed(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
-    """Change the arguments of a `Popen` as a plan says, and tell what was started.
+    """Change the arguments of a `Popen` as a plan says, and report what was started.
 
     Args:
-        plan: `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file that is appended to).
-        popen: The arguments, by name.
+        plan: Plan with `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file of reports).
+        popen: Arguments of `Popen` by name.
     """
     words = words_of(popen["args"], shell=bool(popen.get("shell")))
     names = names_of(words)
@@ -103,11 +103,11 @@ def _tell(file: str, **event: object) -> None:
 
 
 def wrapped(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
-    """Have the tests of one package run by a `riot ros-test` of their own, if this is colcon and starts them.
+    """Run the tests of one package in a separate `riot ros-test`, if this is colcon and starts them.
 
     Args:
-        plan: `wrap`, the words to put before, with `{package}` and `{folder}` in them, and `cwd`, where these run.
-        popen: The arguments of `Popen`, by name.
+        plan: Plan with `wrap`, the words to prepend, with `{package}` and `{folder}`, and `cwd`, their working folder.
+        popen: Arguments of `Popen` by name.
     """
     words = words_of(popen["args"])
     if popen.get("shell") or "colcon" not in sys.argv[0] or not _TEST_PROGRAMS & set(names_of(words)):
@@ -124,14 +124,14 @@ def wrapped(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
 
 def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
-    """Put a process that does nothing in the place of one that is not chosen, so that whoever started it goes on.
+    """Replace a process that is not chosen by one that does nothing, so that its parent continues.
 
-    What is waited for by `subprocess.run` and the like is a helper, such as the program that a launch file has its
-    parameters written by: it is started. So is whatever a chosen process starts.
+    Helpers for whose end `subprocess.run` and the like wait are started, such as a program that writes the parameters
+    of a launch file. So is whatever a chosen process starts.
 
     Args:
-        plan: `only` (regular expression for a whole name).
-        popen: The arguments of `Popen`, by name.
+        plan: Plan with `only` (regular expression for a whole name).
+        popen: Arguments of `Popen` by name.
     """
     if sys._getframe(2).f_code.co_name in _WAITS and sys._getframe(2).f_globals.get("__name__") == "subprocess":
         return
@@ -147,7 +147,7 @@ def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
 
 def patch(plan: Mapping[str, Any]) -> None:
-    """Have `change` look at each process that this one starts."""
+    """Apply a plan to each process that this one starts."""
     import functools
     import subprocess
 
@@ -163,8 +163,8 @@ def patch(plan: Mapping[str, Any]) -> None:
             original(self, *arguments, **options)
             return
         if not isinstance(popen["args"], (str, bytes, os.PathLike)):
-            popen["args"] = list(popen["args"])  # an iterator can be read but once
-        with contextlib.suppress(Exception):  # what starts processes must see nothing of this
+            popen["args"] = list(popen["args"])  # an iterator can be read only once
+        with contextlib.suppress(Exception):  # errors here must not reach the program
             change(plan, popen)
         original(self, **popen)
 
@@ -187,7 +187,7 @@ def _begin(file: str) -> None:
         patch(json.load(stream))
 
 
-if not hasattr(sys, "_riot_placement"):  # else another one that it has imported imports this one
+if not hasattr(sys, "_riot_placement"):  # else a chained hook imports this one again
     sys._riot_placement = True  # type: ignore[attr-defined]
     if "RIOT_PLACEMENT" in os.environ:
         _begin(os.environ["RIOT_PLACEMENT"])
