@@ -4,7 +4,6 @@ import random
 import struct
 import subprocess
 import sys
-import time
 
 import pytest
 import zstandard
@@ -126,17 +125,6 @@ def test_a_chunk_of_too_many_messages(tmp_path):
             assert len(list(reader.messages())) == count
             assert (reader.loss.beyond, "messages=999" in str(reader.loss)) == ((0, False) if count else (1, True))
         assert log_info(path, scan=True, limits=limits).count == count
-
-
-def test_many_chunks_of_one_time_do_not_take_long(tmp_path):
-    def cost(count):
-        path = crowd(tmp_path / f"{count}.mcap", count)
-        begun = time.process_time()
-        with LogReader(path) as reader:
-            assert [each.time for each in reader.messages()] == list(range(count))
-        return time.process_time() - begun
-
-    assert cost(32_000) < 9 * cost(8_000)  # it took 16 times as long when all that waits was sorted for each chunk
 
 
 def test_scattered_messages_outside_of_chunks_are_read_together(tmp_path):

@@ -26,6 +26,28 @@ def test_what_is_taken_is_what_sorting_everything_gives(blocks):
     assert waiting.held == 0
 
 
+class Counted(MessageEntry):
+    """A message that counts how often it is compared."""
+
+    compared = 0
+
+    def __lt__(self, other):
+        Counted.compared += 1
+        return tuple(self) < tuple(other)
+
+
+def test_many_blocks_of_one_time_are_not_sorted_again_for_each(monkeypatch):
+    monkeypatch.setattr(Counted, "compared", 0)
+    waiting, count = Waiting(), 2000
+    found = []
+    for number in range(count):
+        waiting.add([Counted(number, number, 1, 0, number, b"x", None)], 1)
+        found += waiting.take(0)
+    found += waiting.take()
+    assert [each.time for each in found] == list(range(count))
+    assert Counted.compared <= 2 * count  # where all that waited was sorted for each block, it was half its square
+
+
 def test_what_is_gone_is_no_longer_held():
     waiting = Waiting()
     waiting.add(entries(0, range(1000)), 1000)
