@@ -110,7 +110,10 @@ def run_over(
             waiting.put(each)
         answers: SimpleQueue[LogAnswer | BaseException] = SimpleQueue()
         count = min(workspace.jobs, len(fresh))
-        threads = [threading.Thread(target=work.answer_all, args=(waiting, answers), daemon=True) for _ in range(count)]
+        threads = [
+            threading.Thread(target=work.answer_all, args=(waiting, answers), name="riot-fleet", daemon=True)
+            for _ in range(count)
+        ]
         try:
             for thread in threads:
                 thread.start()

@@ -120,8 +120,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    between = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed)
-    on_the_way = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in between.edges)
+    beside = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed)
+    intermediate = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in beside.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
     valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
@@ -143,7 +143,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             answers = system.between(some, range(count, count + _BETWEEN * runs), alpha=_ALPHA, design=design)
             count += answers.runs
             untold |= answers.untold
-            on_the_way = strongest((*on_the_way.values(), *map(_unless_doubtful, answers.intermediate)))
+            intermediate = strongest((*intermediate.values(), *map(_unless_doubtful, answers.intermediate)))
             for edge in answers.edges:
                 pair = edge.external, edge.internal
                 tested.setdefault(pair, []).append(design)
@@ -153,10 +153,10 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     edges = {pair: edge.model_copy(update={"tested": tuple(tested[pair])}) for pair, edge in edges.items()}
     failed = system.failures.pop(finding.signature, 0)
     trees = [graph.backtrack_tree(topic, outside).as_json() for topic in topics]
-    known = (*edges.values(), *on_the_way.values())
+    known = (*edges.values(), *intermediate.values())
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),
-        intermediate=tuple(sorted(on_the_way.values(), key=_rank)),
+        intermediate=tuple(sorted(intermediate.values(), key=_rank)),
         paths=most_permeable_paths(trees, known),
         runs=count,
         untested={

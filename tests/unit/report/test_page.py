@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.permeability import PermeabilityRecord
+from riot_bus.findings.permeability import PathRecord, PermeabilityRecord, StageRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     FieldsRecord,
@@ -243,6 +243,30 @@ def test_finding_is_needed(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"finding\.json is not there"):
         write_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_gets_through_on_the_way_is_told_and_nothing_where_nobody_looked(finding: Path) -> None:
+    assert "most permeable path" not in flat(read(finding))
+    record = PermeabilityRecord.load(finding)
+    stages = tuple(
+        StageRecord(topic=field.partition(":")[0], field=field, strength=strength)
+        for field, strength in (("/map:width", 0.8), ("/map_updates:x", 0.6))
+    )
+    path = PathRecord(external="/goal:x", stages=stages, unknown=2)
+    follows = {"external": "/goal:x", "internal": "/map:width", "permeable": True, "strength": 0.8}
+    silent = follows | {"internal": "/scan:n", "permeable": False}
+    hops = [
+        {"topic": topic, "component": "mapper", "external": False, "hops": [], "follows": edge}
+        for topic, edge in (("/map", follows), ("/scan", silent), ("/image", None))
+    ]
+    tree = {"topic": "/map_updates", "component": None, "external": False, "hops": hops, "follows": None}
+    record.model_copy(update={"paths": (path,), "tree": [tree]}).save(finding)
+    text = flat(read(finding))
+    told = "/goal:x -> /map:width (0.8) -> /map_updates:x (0.6), as far as is known (2 paths not looked at whole)"
+    assert told in text
+    assert "/map by mapper: /map:width follows /goal:x (share 0.8)" in text
+    assert "/scan by mapper: no effect found in /scan:n" in text
+    assert re.search(r"/image by mapper(?!:)", text)
 
 
 def test_not_found_activation(finding: Path) -> None:
