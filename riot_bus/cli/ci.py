@@ -89,7 +89,10 @@ def change(
     report: Reports = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Test a change for a few minutes. Exit 1 only if there is a confirmed finding that the baseline does not know."""
+    """Test a change for a few minutes.
+
+    Exit 1 only for a confirmed finding that the baseline does not know, or marks as fixed.
+    """
     from riot_bus.chain.ci import CiPlan, run_ci
     from riot_bus.findings.known import KnownFindings
 
@@ -118,7 +121,10 @@ def batch(
     report: Reports = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Test for a long time, and explain what is found. Exit 1 if there is a finding that the baseline does not know."""
+    """Test for long, and explain what is found.
+
+    Exit 1 only for a finding that the baseline does not know, or marks as fixed.
+    """
     from riot_bus.chain.ci import CiPlan, run_ci
     from riot_bus.chain.ci_baseline import accept as accepted
     from riot_bus.chain.ci_baseline import check_keep, moment

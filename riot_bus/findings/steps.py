@@ -103,7 +103,9 @@ PERMEABILITY = ChainStep(
     "riot_bus.findings.permeability:PermeabilityRecord",
     "riot_bus.chain.permeability:permeability",
     (
-        StepOption("runs", 8, "Long runs of the whole system; half as many more if an effect may be chance.", min=2),
+        StepOption(
+            "runs", 8, "Long runs of the whole system; where these cannot tell, several times as many follow.", min=2
+        ),
         StepOption("prune", True, "Leave out what has no declared path to the relevant fields."),  # noqa: FBT003
     ),
     whole_system=True,
