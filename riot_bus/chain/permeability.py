@@ -120,7 +120,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    beside = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed)
+    beside = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed, intermediate=True)
     intermediate = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in beside.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
