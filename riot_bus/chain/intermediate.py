@@ -100,11 +100,7 @@ def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[st
     Returns:
         The tree; each node has `follows` (an edge as data; None if no field of the topic was tested).
     """
-    best: dict[str, EdgeRecord] = {}
-    for edge in edges:
-        topic = edge.internal.rpartition(":")[0]
-        if topic not in best or _shown(edge) > _shown(best[topic]):
-            best[topic] = edge
+    best = {_topic_of(edge): edge for edge in sorted(edges, key=_shown)}
 
     def marked(node: dict[str, Any]) -> dict[str, Any]:
         edge = None if node["external"] else best.get(node["topic"])
@@ -126,11 +122,7 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
         trees: Backtrack trees, as `Hop.as_json` returns them.
         edges: Edges to fields of their topics.
     """
-    known: dict[tuple[str, str], EdgeRecord] = {}
-    for edge in edges:
-        pair = edge.external, edge.internal.rpartition(":")[0]
-        if pair not in known or _shown(edge) > _shown(known[pair]):
-            known[pair] = edge
+    known = {(edge.external, _topic_of(edge)): edge for edge in sorted(edges, key=_shown)}
     sources: dict[str, dict[str, None]] = {}
     for external, _ in known:
         sources.setdefault(external.rpartition(":")[0], {})[external] = None
@@ -151,8 +143,7 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
                     best = weakest, -len(steps), looked_at
         if best[2]:
             stages = [
-                StageRecord(topic=edge.internal.rpartition(":")[0], field=edge.internal, strength=edge.strength)
-                for edge in best[2]
+                StageRecord(topic=_topic_of(edge), field=edge.internal, strength=edge.strength) for edge in best[2]
             ]
             found.append(PathRecord(external=best[2][0].external, stages=tuple(stages), unknown=unknown))
     return tuple(found)
@@ -167,6 +158,11 @@ def _ways(tree: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         if node["external"] and behind and node["topic"] != tree["topic"]:
             yield topics
         waiting += [(hop, topics) for hop in node["hops"]]
+
+
+def _topic_of(edge: EdgeRecord) -> str:
+    """Return the topic of the field that follows."""
+    return edge.internal.rpartition(":")[0]
 
 
 def _shown(edge: EdgeRecord) -> float:
