@@ -65,6 +65,8 @@ class CampaignResult:
             also in `notes`.
         unordered: Number of passing trials in which the order across topics was given up.
         stopped: Whether it was told to stop.
+        grown: Passing cases after which the unit had grown more than in nominal trials, the most first; before each
+            how much more, as a share of what is allowed.
     """
 
     trials: int
@@ -83,6 +85,7 @@ class CampaignResult:
     alarms: Sequence[str] = ()
     unordered: int = 0
     stopped: bool = False
+    grown: Sequence[tuple[float, TestCase]] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +126,7 @@ class _Campaign:
     starts: dict[str, int] = field(default_factory=dict)
     effects: Effects = field(default_factory=Effects)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
+    grown: list[tuple[float, TestCase]] = field(default_factory=list)
     tell: Callable[[str], None] = lambda _: None
 
     @property
@@ -157,6 +161,8 @@ class _Campaign:
             if case.injections:
                 self.effects.add(case, outcome, self.usual)
                 add_history(self.after_others, case, outcome, asked=self.asked)
+                if grown := outcome.statistics.get("grown"):
+                    self.grown.append((float(grown), case))
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {
@@ -358,6 +364,7 @@ def run_campaign(
         alarms=sorted(work.alarms),
         unordered=work.unordered,
         stopped=stopped,
+        grown=sorted(work.grown, key=lambda each: -each[0]),
     )
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
-__all__ = ["Failure", "complexity", "finding_id", "group", "plainer", "severity"]
+__all__ = ["Failure", "Types", "complexity", "finding_id", "group", "plainer", "severity"]
 
 Types = Mapping[tuple[str, str], str]
 

@@ -20,9 +20,10 @@ from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of
-from riot_bus.campaign.triage import Failure, complexity, finding_id, severity
+from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
 from riot_bus.chain.external import driving_log, system_log
 from riot_bus.chain.histories import shrink_history
+from riot_bus.chain.leaks import find_leak
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.chain.testcases import injection_of
@@ -62,6 +63,8 @@ __all__ = ["keep_evidence", "put_aside", "test_unit", "tested"]
 _LOG = logging.getLogger(__name__)
 _MOST_HISTORIES = 5
 """Most histories to shrink: each may take some hundred trials."""
+_MOST_LEAKS = 5
+"""Most cases whose log is played several times, to see whether growth goes on."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
 """Trials for evidence in one call of a runner, trials in all at most, and the accepted probability that none fails."""
 
@@ -146,6 +149,7 @@ def test_unit(
         groups=groups_of(log, registry, dictionary, leave=leave, include=include),
     )
 
+    types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
     with workspace.step("test") as step:
         runner, baseline, untold = _judge_of(step, subject)
         persistent = settings.isolation == "persistent" and not whole_system
@@ -182,11 +186,13 @@ def test_unit(
             untold += (f"what depends on the order across topics: it could not be kept in {of}",)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         traced, untraced = _after_others(step, unit, result, baseline)
+        leaks, normal = _leaks(step, subject, result, types)
+        traced += leaks
+        untold += normal
         saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in traced]
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         bare = (FindingRecord.load(folder) for folder in folders if not (folder / EVIDENCE).is_dir())
         untold += tuple(f"what {one.signature} leaves: no trial that was to leave evidence failed so" for one in bare)
-        types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
         record = CampaignRecord(
             unit=unit,
             fingerprint=workspace.fingerprint,
@@ -215,7 +221,11 @@ def test_unit(
         after = [_after(each) for each in untraced]
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         lines = [*found, *after, *doubts, *_started(result)]
-        step.end("\n".join([_summary(subject, result, record.stopped), *lines]), folder=workspace.out, record=record)
+        step.end(
+            "\n".join([_summary(subject, result, len(folders), record.stopped), *lines]),
+            folder=workspace.out,
+            record=record,
+        )
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
@@ -264,6 +274,23 @@ def _after_others(
     return traced, untraced
 
 
+def _leaks(
+    step: StepRun, subject: _Subject, result: CampaignResult, types: Types
+) -> tuple[list[Failure], tuple[str, ...]]:
+    """Return growth that shows when a log is repeated, and what that cannot tell."""
+    known = {*result.failures, *result.unconfirmed, *result.alarms}
+    if subject.whole_system or any(name.startswith("growth") for name in known):
+        return [], ()
+    runner, registry = step.unit_runner(subject.unit, unjudged=True), step.workspace.context.registry
+    for grown, case in result.grown[:_MOST_LEAKS]:
+        leak = find_leak(grown, case, runner, registry=registry, types=types, progress=step.progress)
+        if leak.failure is not None:
+            return [leak.failure], ()
+        if leak.nominal is not None:
+            return [], (f"whether inputs make it grow: nominal ones do, {leak.nominal.detail}",)
+    return [], ()
+
+
 def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
     hits, repeats = (failure.rate.hits, failure.rate.total) if failure.rate else (0, 0)
     return UnconfirmedRecord(
@@ -295,12 +322,12 @@ def _after(each: UnconfirmedRecord) -> str:
     return f"not confirmed: {clean(each.signature, limit=160)}: seen after {cases} in one process, not in a fresh one"
 
 
-def _summary(subject: _Subject, result: CampaignResult, why: str) -> str:
+def _summary(subject: _Subject, result: CampaignResult, findings: int, why: str) -> str:
     messages = counted(len(subject.log), "message")
     what, each = ("run", f"about {messages} from outside") if subject.whole_system else ("trial", f"{messages} each")
     text = (
         f"{counted(result.trials, what)} of {subject.name} with {each}: "
-        f"{result.failing} failed, {counted(len(result.failures), 'distinct finding')}"
+        f"{result.failing} failed, {counted(findings, 'distinct finding')}"
     )
     if result.coverable:
         text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"

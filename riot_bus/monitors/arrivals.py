@@ -1,4 +1,4 @@
-"""Invariants on when and how often outputs come: rate, never, sometimes, count."""
+"""Invariants on when and how often outputs come: rate, never, sometimes, reached, count."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
 
-__all__ = ["Never", "Rate", "Ratio", "Seconds", "Sometimes"]
+__all__ = ["Never", "Rate", "Ratio", "Reached", "Seconds", "Sometimes"]
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 _Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -150,6 +150,24 @@ class Sometimes(_Condition):
     def forge(self, view: TrialView) -> TrialView:
         """Return a copy without these messages."""
         return without(view, message_selector(self.when))
+
+
+@dataclass(frozen=True)
+class Reached(_Condition):
+    """A condition is met by at least one output in at least one trial of a campaign; no single trial violates it.
+
+    Attributes:
+        when: A selector, `mission/state where phase == 4`; without a condition, some message has to come.
+    """
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return nothing: another trial may reach it."""
+        return []
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why this trial has not reached it, None if it has; a campaign reports what none of its trials has."""
+        why = why_unseen(view, message_selector(self.when))
+        return None if why is None else f"not reached: {why}"
 
 
 @dataclass(frozen=True)

@@ -158,6 +158,22 @@ class Baseline:
             found["threads"] = f"{growth.threads} more run, nominally {usual.threads}"
         return found
 
+    def excess(self, growth: Growth, *, input_bytes: int) -> float:
+        """Return the growth that neither nominal growth nor the input explains, as a share of what is allowed above it.
+
+        Args:
+            growth: Growth of the unit during the trial.
+            input_bytes: Total size of the inputs in bytes.
+
+        Returns:
+            The largest share among memory, files and threads; 0 if nothing is known.
+        """
+        if not self.trials:
+            return 0.0
+        more = (now - max(0, usual) for now, usual in zip(growth, self.growth, strict=True))
+        explained = (_PER_BYTE * input_bytes, 0, 0)
+        return max(0.0, *((each - own) / much for each, own, much in zip(more, explained, _MUCH, strict=True)))
+
     def lost(self, stacks: Iterable[ThreadStack]) -> tuple[str, ...]:
         """Return the functions in which now missing threads began."""
         now = Counter(stack.functions[-1] for stack in stacks)

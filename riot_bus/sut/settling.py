@@ -77,7 +77,7 @@ def _never() -> bool:
 
 
 def wait_taken(
-    threads: Threads, senders: Threads, *, before: int, timeout: float, hangs: Callable[[], bool] = _never
+    threads: Threads, senders: Threads, *, before: int, timeout: float, hopeless: Callable[[], bool] = _never
 ) -> bool:
     """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep.
 
@@ -89,10 +89,10 @@ def wait_taken(
         senders: Threads of this process that send, from `own_senders`.
         before: Number of times that the processes' threads got a processor before the first input.
         timeout: Deadline in seconds.
-        hangs: Function that returns True when waiting is pointless.
+        hopeless: Function that returns True when waiting is pointless: a process has died, or hangs.
     """
     deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline and not hangs():
+    while time.monotonic() < deadline and not hopeless():
         switches = threads.switches()
         if switches > before and not senders.busy(new=False):
             asleep = not threads.busy(new=False) and not threads.busy(new=False)

@@ -157,10 +157,13 @@ class Feeder:
         stage.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
 
+        def hopeless() -> bool:
+            return self._watch() or not self.alive
+
         def publish(message: Message) -> None:
             nonlocal before, key, switches, ordered
             if ordered and message.key != key:
-                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S, hangs=self._watch)
+                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S, hopeless=hopeless)
                 self.gave_up |= not ordered
                 if ordered:
                     self._watch.went_on()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.inject.apply import inject_log
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
-from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.sut.baseline import UNKNOWN, Baseline, growth_of
 from riot_bus.sut.behaviour import behaviour_of
 from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.recorded_calls import serve_calls
@@ -36,6 +36,8 @@ _DEBUGGER_S = 60.0
 """Timeout behind a debugger, which spends most of it reading symbols."""
 _MOST_KEYS = 64
 """Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
+_GROWN = 1 / 32
+"""Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
 _WARM_UP = 0.15
 
 
@@ -168,6 +170,8 @@ class UnitTrial:
             mute = mute_monitors(view, monitors)
             seen = replace(seen, mute=mute, outputs=tuple(view.outputs), probed=view.probed)
         violations = (*judged.violations, *self.baseline.mined.judge(view))
+        size = sum(len(message.payload) for message in stage.inputs)
+        grown = self.baseline.excess(growth_of(stage.samples(name)), input_bytes=size)
         feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
         if evidence and (violations or self.before):
             write_evidence(evidence, view, violations, context=context)
@@ -188,6 +192,7 @@ class UnitTrial:
                 "unseen": [*judged.unseen, *self.baseline.mute],
                 **({"baseless": judged.baseless} if judged.baseless else {}),
                 **({"unordered": True} if feeder.gave_up else {}),
+                **({"grown": grown} if grown >= _GROWN and not violations else {}),
                 **({"nominal": seen} if seen is not None else {}),
             },
         )

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.workspace import Workspace
+from riot_bus.sut import signs
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.local import Pool
 from riot_bus.sut.nominal import measure_baseline
@@ -36,7 +37,9 @@ def busy_machine() -> Iterator[None]:
         other.wait()
 
 
-def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequence[str] = ()) -> list[Outcome]:
+def outcomes(
+    tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequence[str] = (), ordered: bool = False
+) -> list[Outcome]:
     """Return outcomes of trials of a unit, in which the tenth command has these values, one after the other.
 
     Args:
@@ -44,6 +47,7 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
         kind: The unit.
         values: Values of `x` as JSON.
         known: Functions, the innermost first, in which it is told to have hung before.
+        ordered: Whether the order across topics is kept in any case, not only where that is cheap.
     """
     path = write(tmp_path)
     path.write_text(path.read_text().replace("timeout = 2.0", f"timeout = {TIMEOUT_S}"))
@@ -67,7 +71,7 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
             folder = tmp_path / str(number)
             folder.mkdir()
             place = TrialPlace(workspace.context, launcher, folder, {})
-            return trial.run(TestCase(case(value), ordered=baseline.ordered), place)
+            return trial.run(TestCase(case(value), ordered=ordered or baseline.ordered), place)
 
         return [run(number, value) for number, value in enumerate(values)]
 
@@ -82,6 +86,12 @@ def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: P
         assert "another trial" not in first.violations[0].detail
         assert all("in another trial" in outcome.violations[0].detail for outcome in others)
         assert all(outcome.seconds < first.seconds for outcome in others)
+
+
+def test_what_has_ended_is_not_waited_for_to_take_more_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signs, "_TAKEN_S", 1e9)
+    (outcome,) = outcomes(tmp_path, "exit_zero", ["1e9"], ordered=True)
+    assert [each.signature for each in outcome.violations] == [str(FAULTY["exit_zero"]).format("exit_zero")]
 
 
 @pytest.mark.parametrize("kind", chosen(("slow", "timers", "restarts_thread"), gate=()))

@@ -36,6 +36,7 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
     ),
     "leaks_much": "growth of {}: memory",
     "leaks_slowly": "growth of {}: memory",
+    "leaks_little": "growth of {}: memory",
     "leaks_files": "growth of {}: files",
     "takes_all_memory": "limit of {}: memory",
     "opens_all_files": "limit of {}: files",
@@ -111,6 +112,8 @@ ROBUST = (
     "echoes",
     "sums",
     "homes",
+    "caches",
+    "records",
 )
 
 OUTPUTS = {"homes": ["state", "homed"]}

@@ -156,6 +156,12 @@ def handle(command):
             return
     if KIND == "leaks_slowly" and seen_bad:
         kept.append(b"\1" * (2 << 20))
+    if KIND == "leaks_little" and seen_bad:
+        kept.append(b"\1" * (60 << 10))
+    if KIND == "caches" and bad:
+        kept[:] = [b"\1" * (8 << 20)]
+    if KIND == "records":
+        kept.append(b"\1" * (200 << 10))
     if KIND == "keeps_messages" and seen_bad:
         kept.append(command)
     if KIND == "leaks_files" and seen_bad:

@@ -1,4 +1,4 @@
-"""Rate, never, sometimes and count: when and how often outputs come."""
+"""Rate, never, sometimes, reached and count: when and how often outputs come."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from riot_bus.monitors.arrivals import Rate, Ratio, Sometimes
+from riot_bus.monitors.arrivals import Rate, Ratio, Reached, Sometimes
+from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import Judgement, judge
 from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.errors import ConfigError
@@ -30,6 +31,14 @@ def test_sometimes_wants_one_message_that_meets_the_condition() -> None:
     assert found.detail == "of 2 messages of 'state': none meets 'phase == 5'"
     (found,) = Sometimes("stat").judge(view)
     assert "did you mean 'state'" in found.detail
+
+
+def test_what_one_trial_of_a_campaign_has_to_reach_is_no_violation_of_a_trial() -> None:
+    view = trial_view([("state", {"phase": 1}), ("state", {"phase": 4})])
+    assert judge(view, [Reached("state where phase == 4")]) == Judgement()
+    (told,) = judge(view, [Reached("state where phase == 5")]).unseen
+    assert told == "Reached state where phase == 5: not reached: of 2 messages of 'state': none meets 'phase == 5'"
+    assert mute_monitors(view, [Reached("state where phase == 4")]) == ()
 
 
 def test_the_outputs_for_an_input_are_counted() -> None:

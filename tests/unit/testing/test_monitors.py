@@ -45,7 +45,7 @@ class Counts:
 
 
 def test_there_is_a_sample_of_each_shipped_one() -> None:
-    assert SAMPLES.keys() == set(MONITORS.targets())
+    assert SAMPLES.keys() == set(MONITORS.targets()) - {"reached"}  # no single trial violates that one
 
 
 @pytest.mark.parametrize("kind", SAMPLES)
