@@ -212,6 +212,7 @@ def test_unit(
             rate=_rate(proportion(result.failing, result.trials - len(result.unjudged))),
             mined=baseline.mined.row(),
             stopped=stop(written) if result.stopped else "",
+            system_file=str(workspace.context.file.path),
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,

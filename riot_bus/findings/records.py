@@ -219,6 +219,7 @@ class CampaignRecord(Artefact):
     """A finished campaign, in the output folder: what it found, the worst first.
 
     Attributes:
+        system_file: Path of riot.toml; empty in older records.
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
         unjudged: Injected trials that are not counted there, because they could not be judged.
         notes: Remarks of monitors about themselves, such as that they saw nothing, and in how many trials.
@@ -254,6 +255,7 @@ class CampaignRecord(Artefact):
     mined: dict[str, Any] = {}
     whole_system: bool = False
     stopped: str = ""
+    system_file: str = ""
 
     @property
     def doubts(self) -> list[str]:

@@ -50,8 +50,9 @@ def _suite(view: CampaignView, unit: str) -> ElementTree.Element:
     findings = [one for one in view.findings if one.finding.unit == unit]
     of_it = unit == view.unit and not view.alone
     suite = ElementTree.Element("testsuite", name=name)
-    if findings:
-        suite.set("file", unit_place(findings[0].finding).path)
+    source = findings[0].finding if findings else view.campaign
+    if source is not None and source.system_file:
+        suite.set("file", unit_place(source).path)
     properties = ElementTree.SubElement(suite, "properties")
     for key, value in _properties(view, findings, of_it=of_it):
         ElementTree.SubElement(properties, "property", name=key, value=value)

@@ -20,7 +20,7 @@ from riot_bus.report.format import clean
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from riot_bus.findings.records import FindingRecord
+    from riot_bus.findings.records import CampaignRecord, FindingRecord
     from riot_bus.report.finding_view import FindingView
 
 __all__ = ["SourcePlace", "failing_stack", "find_place", "unit_place"]
@@ -100,14 +100,14 @@ def _native_frames(lines: Iterable[str]) -> Iterator[SourceFrame]:
             yield SourceFrame(found["file"], int(found["line"]), "")
 
 
-def unit_place(finding: FindingRecord) -> SourcePlace:
-    """Return where riot.toml names a finding's unit; its first line if the file is gone."""
-    system = _real(finding.system_file)
+def unit_place(record: FindingRecord | CampaignRecord) -> SourcePlace:
+    """Return where riot.toml names the unit of a finding or campaign; its first line if the file is gone."""
+    system = _real(record.system_file)
     try:
         text = system.read_text(encoding="utf-8", errors="replace")
     except (OSError, ValueError):
         text = ""
-    return _place(system, _root_of(system), line_of(text, ["unit", finding.unit]))
+    return _place(system, _root_of(system), line_of(text, ["unit", record.unit]))
 
 
 def _real(path: str) -> Path:

@@ -98,6 +98,13 @@ def test_a_nominal_log_has_passed_if_none_of_its_trials_failed(tmp_path: Path) -
         assert [each.attrib["message"] for each in document(view).iter("skipped")] == ([told] if told else [])
 
 
+def test_a_suite_without_failures_names_its_file_too(tmp_path: Path) -> None:
+    campaign_at("nothing found", tmp_path)
+    assert "file" not in document(load_campaign(tmp_path))[0].attrib  # of an older record
+    CampaignRecord.load(tmp_path).model_copy(update={"system_file": "rover/riot.toml"}).save(tmp_path)
+    assert document(load_campaign(tmp_path))[0].attrib["file"] == "rover/riot.toml"
+
+
 def test_what_stopped_the_work_is_an_error(tmp_path: Path) -> None:
     campaign_at("nothing found", tmp_path)
     view = load_campaign(tmp_path, problem="port 7447 is in use")
