@@ -1,4 +1,4 @@
-"""The demo over several seeds: every figure that the README quotes, as a table and as JSON.
+"""The demo over several seeds: every figure that docs/figures.md quotes, as a table and as JSON.
 
 python benchmarks/demo.py [--seeds 5] [--first-seed 0] [--out DIR] [--json FILE]
 """

@@ -43,7 +43,9 @@ class InjectionPlan:
         """
         injections = parse_plan(text, name=name)
         if not injections:
-            raise ConfigError("this plan injects nothing", where=name, hint="add [[inject]] tables (README.md)")
+            raise ConfigError(
+                "this plan injects nothing", where=name, hint="add [[inject]] tables (docs/interceptors.md)"
+            )
         return cls(name, text, Injector(injections, seed=seed))
 
     @classmethod

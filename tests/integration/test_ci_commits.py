@@ -19,7 +19,7 @@ from riot_bus.vocabulary.message import Message
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
-PAGE = (Path(__file__).parents[2] / "docs" / "ci.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```\w+\n# (drive\.py|riot\.toml)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 FILES = dict(BLOCKS)
 """A drive with a fault, and its system, as on the page."""
@@ -38,7 +38,8 @@ class Repository:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.git("init", "-q")
-        (folder / "riot.toml").write_text(FILES["riot.toml"])
+        named = FILES["riot.toml"].replace("[system]\n", '[system]\nnominal = "nominal.mcap"\n')
+        (folder / "riot.toml").write_text(named)
         with LogWriter(folder / "nominal.mcap") as log:
             for number in range(20):
                 payload = json.dumps({"speed": number / 10}).encode()

@@ -46,5 +46,5 @@ def test_it_would_be_found(line: str, is_secret: bool) -> None:
 
 
 def test_the_docs_show_how() -> None:
-    for page in ("README.md", "docs/router.md", "docs/fleet.md", "deploy/riot-agent.service"):
+    for page in ("docs/router.md", "docs/fleet.md", "deploy/riot-agent.service"):
         assert "usrpwd/password=@" in (ROOT / page).read_text(encoding="utf-8"), page
