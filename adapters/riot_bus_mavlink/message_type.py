@@ -169,7 +169,9 @@ class MavlinkType:
                 continue
             low, high = self._bounds(field)
             path = f"{name}[*]" if field.array else name
-            found.append(FieldType(path, field.kind, field.array, low, high, field.unit))
+            table = self._enums.get(field.enum)
+            names = sorted((value, entry.name) for value, entry in (table.entries.items() if table else ()))
+            found.append(FieldType(path, field.kind, field.array, low, high, field.unit, tuple(names)))
         return found
 
     def gather(self, payloads: Payloads, path: str) -> Gathered:

@@ -133,7 +133,11 @@ class CdrType:
 
     def fields(self) -> Sequence[FieldType]:
         """List the fields that messages of this type have, in payload order."""
-        return list_fields(self._layout())
+        return list_fields(self._layout(), self._constants)
+
+    def _constants(self, name: str) -> Sequence[tuple[str, str, object]]:
+        definition = self._store.definition(name)
+        return () if definition is None else definition[0]
 
     def parts(self) -> Sequence[MessagePart]:
         """List the messages that one of this type is made of, as `riot_bus.types.capabilities.ListsParts` says."""

@@ -2,47 +2,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
-from riot_bus_ros2.cdr_layout import Array, Node, Opaque, Struct, Text
+from riot_bus_ros2.cdr_layout import PRIMITIVES, Array, Node, Opaque, Struct, Text
 from riot_bus_ros2.cdr_units import UNITS
 from riot_bus_ros2.hashes import PLACEHOLDER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 __all__ = ["list_fields"]
 
 
-def list_fields(root: Struct) -> list[FieldType]:
+Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]
+"""Function that returns the constants of a type by its name: the name, type and value of each."""
+
+
+def list_fields(root: Struct, constants: Constants = lambda _: ()) -> list[FieldType]:
     """List the scalar fields, and the elements and lengths of arrays, in payload order.
+
+    Args:
+        root: Layout of the type.
+        constants: Constants of types, from which values have names.
 
     Raises:
         PayloadError: The type has opaque parts.
     """
-    return list(islice(_fields(root, "", 0, "", {}), MOST_FIELDS))
+    return list(islice(_Lister(constants).fields(root, FieldType("", "")), MOST_FIELDS))
 
 
-def _fields(node: Node, path: str, length: int, unit: str, known: dict[int, bool]) -> Iterator[FieldType]:
-    if isinstance(node, Struct):
-        units = UNITS.get(node.name, {})
-        for name, each in node.fields.items():
-            if name != PLACEHOLDER and _has_fields(each, known):
-                yield from _fields(each, member_path(path, name), length, units.get(name, unit), known)
-    elif isinstance(node, Array):
-        if node.length is None:
-            yield FieldType(f"len({path})", "uint32", high=node.most or None)
-        if node.length != 0:
-            yield from _fields(node.element, f"{path}[*]", node.length or 0, unit, known)
-    elif isinstance(node, Opaque):
-        raise node.error()
-    elif isinstance(node, Text):
-        yield FieldType(path, node.type, length, high=node.most or None)
-    else:
-        yield FieldType(path, node.type, length, unit=unit)
+class _Lister:
+    """Lists fields; of each, `like` has the path and what is known of it from outside."""
+
+    def __init__(self, constants: Constants) -> None:
+        self._constants = constants
+        self._known: dict[int, bool] = {}
+
+    def fields(self, node: Node, like: FieldType) -> Iterator[FieldType]:
+        if isinstance(node, Struct):
+            units, constants = UNITS.get(node.name, {}), self._constants(node.name)
+            for name, each in node.fields.items():
+                if name != PLACEHOLDER and _has_fields(each, self._known):
+                    names = _names(name, node, constants)
+                    path, unit = member_path(like.path, name), units.get(name, like.unit)
+                    yield from self.fields(each, replace(like, path=path, unit=unit, names=names))
+        elif isinstance(node, Array):
+            if node.length is None:
+                yield FieldType(f"len({like.path})", "uint32", high=node.most or None)
+            if node.length != 0:
+                yield from self.fields(node.element, replace(like, path=f"{like.path}[*]", length=node.length or 0))
+        elif isinstance(node, Opaque):
+            raise node.error()
+        elif isinstance(node, Text):
+            yield FieldType(like.path, node.type, like.length, high=node.most or None)
+        else:
+            yield replace(like, type=node.type)
+
+
+def _names(field: str, node: Struct, constants: Sequence[tuple[str, str, object]]) -> tuple[tuple[int, str], ...]:
+    """Return the values of a field that constants of its message name.
+
+    Definitions do not say which constant belongs to which field. By custom its name begins with that of the field
+    (STATUS_FIX), or the message has only one field of the constant's type (DiagnosticStatus).
+    """
+    kind = _type_of(node.fields[field])
+    whole = ((value, name, PRIMITIVES.get(type_)) for name, type_, value in constants if isinstance(value, int))
+    fitting = [(value, name) for value, name, primitive in whole if primitive and primitive[0] == kind]
+    own = [each for each in fitting if each[1].lower().startswith(f"{field}_")]
+    alone = sum(_type_of(each) == kind for each in node.fields.values()) == 1
+    found = own or (fitting if alone else [])
+    return tuple(found) if len(dict(found)) == len(found) else ()
+
+
+def _type_of(node: Node) -> str:
+    return "" if isinstance(node, Struct | Array | Opaque | Text) else node.type
 
 
 def _has_fields(node: Node, known: dict[int, bool]) -> bool:

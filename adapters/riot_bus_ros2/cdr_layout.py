@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from riot_bus_ros2.store import TypeStore
 
 __all__ = [
+    "PRIMITIVES",
     "Array",
     "Jump",
     "Node",
@@ -46,12 +47,13 @@ ORIGIN = 4
 _MAX_DEPTH = 64
 OUTSIDE = (struct.error, IndexError, OverflowError)
 """Raised by reading at a place beyond the payload."""
-_PRIMITIVES = {
+PRIMITIVES = {
     "bool": ("bool", "?"), "byte": ("uint8", "B"), "char": ("uint8", "B"), "int8": ("int8", "b"),
     "uint8": ("uint8", "B"), "int16": ("int16", "h"), "uint16": ("uint16", "H"), "int32": ("int32", "i"),
     "uint32": ("uint32", "I"), "int64": ("int64", "q"), "uint64": ("uint64", "Q"), "float32": ("float32", "f"),
     "float64": ("float64", "d"),
 }  # fmt: skip
+"""Our name and the letter of `struct` of each type of number."""
 
 Data = bytes | bytearray
 Unpack = Callable[[Data, int], tuple[Any, ...]]
@@ -103,7 +105,7 @@ class Number:
     """A primitive."""
 
     def __init__(self, base: str) -> None:
-        self.type, code = _PRIMITIVES[base]
+        self.type, code = PRIMITIVES[base]
         self.little, self.big = struct.Struct("<" + code), struct.Struct(">" + code)
         self.size = self.little.size
         self.padding = _padding(self.size)
@@ -320,7 +322,7 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
             node = compile_type(field.content, store, outer=(*outer, name), done=done)
         elif field.content == "string":
             node = Text(field.most_bytes)
-        elif field.content in _PRIMITIVES:
+        elif field.content in PRIMITIVES:
             node = Number(field.content)
         else:  # vendors do not agree on the size of characters, nor on the alignment of long doubles
             node = Opaque(f"{field.content} is not supported ({name}: {field.name})")

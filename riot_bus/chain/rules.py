@@ -11,6 +11,7 @@ import numpy as np
 from riot_bus.chain.arrays import with_arrays
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
+from riot_bus.chain.legend import legend_of
 from riot_bus.chain.orders import judge_of_logs, order_variables, with_first
 from riot_bus.chain.prediction import explained
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
@@ -303,6 +304,7 @@ def _record(found: _Found) -> RuleRecord:
     return RuleRecord(
         text=text(learned.rule),
         rule=learned.rule.to_dict(),
+        legend=legend_of(learned.rule, found.questions.fields.fields, topics),
         precision=_proportion(learned.precision),
         recall=_proportion(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,

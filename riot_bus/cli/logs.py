@@ -14,7 +14,7 @@ from riot_bus.cli.tables import json_safe, table_console
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.log.info import LogInfo
     from riot_bus.log.loss import Loss
@@ -32,6 +32,8 @@ _Definitions = Annotated[
 ]
 
 DEFAULT_OUT = Path("riot-out")
+_MOST_NAMES = 6
+"""Names of values that fit in a line; `--format json` has all."""
 
 
 def register(app: typer.Typer) -> None:
@@ -378,10 +380,16 @@ def _print_fields(listing: Any) -> None:
     width = max((len(each.path) for each in listing.fields), default=0)
     for each in listing.fields:
         length = f"[{each.length}]" if each.length else ""
-        unit = f"  {each.unit}" if each.unit else ""
-        typer.echo(escape_control_chars(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{unit}"))
+        told = f"  {each.unit}" if each.unit else ""
+        told += f"  {_names(each.names)}" if each.names else ""
+        typer.echo(escape_control_chars(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{told}"))
     if listing.problem:
         typer.echo(f"  {escape_control_chars(listing.problem)}")
+
+
+def _names(names: Sequence[tuple[int, str]]) -> str:
+    shown = ", ".join(f"{value} {name}" for value, name in names[:_MOST_NAMES])
+    return f"{shown}, {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else shown
 
 
 def _bounds(field: Any) -> str:

@@ -581,6 +581,7 @@ class RuleRecord(Artefact):
     STEP = "rules"
     text: str
     rule: dict[str, Any]
+    legend: tuple[str, ...] = Field(default=(), description="names of its values and units of its fields, if known")
     python: str = Field(default="", description="a predicate over a dict of its fields")
     precision: ProportionRecord
     recall: ProportionRecord
@@ -653,7 +654,8 @@ class RuleRecord(Artefact):
             accuracy += f"; wrong in {self.varied_mistakes} of {of} with other values of all other fields"
         if self.own_mistakes:
             accuracy += f"; wrong in {self.own_mistakes} of the trials that it was learnt from"
-        return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
+        where = f", where {', '.join(self.legend)}" if self.legend else ""
+        return f"fails when {self.text}{where} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
 PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"

@@ -207,6 +207,7 @@ def _rule(view: FindingView) -> list[Statement]:
     if view.rule is None:
         return []
     return [
+        *(Statement(clean(line), "by the definition of its type", "") for line in view.rule.legend),
         Statement("failures that the rule predicts occur (precision)", *_proportion(view.rule.precision)),
         Statement("failures that occur are predicted by the rule (recall)", *_proportion(view.rule.recall)),
         *(

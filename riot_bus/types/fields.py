@@ -24,6 +24,7 @@ class FieldType:
         high: Largest value, if the definition restricts the type; for text and bytes the largest number of bytes, for
             `len(ranges)` the largest number of elements.
         unit: Unit such as `m/s`, empty if unknown.
+        names: Values that have a name in the definition, each with it, such as those of an enum.
     """
 
     path: str
@@ -32,6 +33,7 @@ class FieldType:
     low: float | None = None
     high: float | None = None
     unit: str = ""
+    names: tuple[tuple[int, str], ...] = ()
 
 
 def of_numbers(field: FieldType) -> bool:

@@ -52,6 +52,7 @@ class ProtobufField:
         low: Smallest value that an enum declares.
         high: Largest value that an enum declares.
         unit: Unit that its comment names.
+        names: Values of its enum with their names.
     """
 
     name: str
@@ -66,6 +67,7 @@ class ProtobufField:
     low: float | None = None
     high: float | None = None
     unit: str = ""
+    names: tuple[tuple[int, str], ...] = ()
 
     @property
     def default(self) -> Scalar:
@@ -136,7 +138,7 @@ class Definitions:
     def __init__(self, files: dict[str, Any]) -> None:
         self._files = files
         self._sources: dict[str, _Source] = {}
-        self._enums: dict[str, tuple[int, int]] = {}
+        self._enums: dict[str, tuple[tuple[int, str], ...]] = {}
         self._layouts: dict[str, Layout] = {}
         self._comments: dict[str, dict[tuple[int, ...], str]] = {}
         for file in files.values():
@@ -181,9 +183,7 @@ class Definitions:
 
     def _index_enums(self, enums: Any, prefix: str) -> None:
         for enum in enums:
-            values = [value.number for value in enum.value]
-            if values:
-                self._enums[prefix + enum.name] = min(values), max(values)
+            self._enums[prefix + enum.name] = tuple((value.number, value.name) for value in enum.value)
 
     def _compile(self, name: str, source: _Source) -> Layout:
         message, file = source.descriptor, source.file
@@ -206,7 +206,7 @@ class Definitions:
         if kind is None and target not in self._sources:
             return None
         repeated = one.label == _REPEATED
-        low, high = self._enums.get(target, (None, None)) if type_name == "enum" else (None, None)
+        names = self._enums.get(target, ()) if type_name == "enum" else ()
         return ProtobufField(
             one.name,
             one.number,
@@ -217,8 +217,9 @@ class Definitions:
             group=type_name == "group" or _delimited(one, file),
             presence=not repeated and not entry and (kind is None or _presence(one, file)),
             oneof=one.oneof_index if one.HasField("oneof_index") else -1,
-            low=low,
-            high=high,
+            low=min(names)[0] if names else None,
+            high=max(names)[0] if names else None,
+            names=names,
         )
 
 

@@ -54,4 +54,4 @@ class _Listing:
         if field.kind is None:
             self.add(self._definitions.inside(field), path, outer)
         else:
-            self.found.append(FieldType(path, field.kind.leaf, 0, field.low, field.high, field.unit))
+            self.found.append(FieldType(path, field.kind.leaf, 0, field.low, field.high, field.unit, field.names))

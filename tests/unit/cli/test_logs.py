@@ -179,7 +179,7 @@ def test_types_of_a_log(log):
     document = json.loads(riot("types", log, "--topics", "/twist", "--format", "json")[0])
     assert [each["topic"] for each in document] == ["/twist"]
     assert document[0]["fields"][0] == {
-        "path": "x", "type": "float64", "length": 0, "low": None, "high": None, "unit": "",
+        "path": "x", "type": "float64", "length": 0, "low": None, "high": None, "unit": "", "names": [],
     }  # fmt: skip
 
 

@@ -153,6 +153,8 @@ def test_fields_in_the_order_of_the_definition():
     heartbeat = {field.path: field for field in kind("HEARTBEAT").fields()}
     assert (heartbeat["base_mode"].low, heartbeat["base_mode"].high) == (0, 255)
     assert heartbeat["system_status"].high == 8
+    assert (4, "MAV_STATE_ACTIVE") in heartbeat["system_status"].names
+    assert found["lat"].names == ()
     text = {field.path: field for field in kind("STATUSTEXT").fields()}
     assert (text["text"].type, text["text"].high, text["text"].length) == ("string", 50, 0)
     rtcm = {field.path: field for field in kind("GPS_RTCM_DATA").fields()}

@@ -24,6 +24,19 @@ def test_bounds():
     ]
 
 
+def test_constants_name_values_where_it_is_clear_of_which_field():
+    found = fields("sensor_msgs/msg/NavSatFix")
+    assert found["status.status"].names == (
+        (-2, "STATUS_UNKNOWN"), (-1, "STATUS_NO_FIX"), (0, "STATUS_FIX"),
+        (1, "STATUS_SBAS_FIX"), (2, "STATUS_GBAS_FIX"),
+    )  # fmt: skip
+    assert (4, "SERVICE_COMPASS") in found["status.service"].names
+    assert (2, "COVARIANCE_TYPE_DIAGONAL_KNOWN") in found["position_covariance_type"].names
+    assert (2, "ERROR") in fields("diagnostic_msgs/msg/DiagnosticStatus")["level"].names
+    marker = fields("visualization_msgs/msg/Marker")
+    assert (marker["type"].names, marker["id"].names, marker["header.frame_id"].names) == ((), (), ())
+
+
 def test_units_of_vectors_depend_on_where_they_are():
     found = fields("nav_msgs/msg/Odometry")
     assert found["twist.twist.linear.x"].unit == "m/s"

@@ -277,7 +277,7 @@ def test_fields():
     fields = {each.path: each for each in EVERY.fields()}
     assert fields["at.x"] == FieldType("at.x", "float64", unit="m")
     assert fields["path[*].y"].unit == "m"
-    assert fields["mode"] == FieldType("mode", "int32", low=-3, high=1)
+    assert fields["mode"] == FieldType("mode", "int32", low=-3, high=1, names=((0, "OFF"), (1, "ON"), (-3, "BROKEN")))
     assert fields["r_float[*]"].type == "float32"
     assert fields['counts["*"]'].type == "int32"
     assert fields['spots["*"].x'].type == "float64"
