@@ -149,8 +149,8 @@ def applied(
         holding = (each for each in every if (each.type == kind if kind else eligible(each.type, value)))
         tables[f"entry[{number}]"] = [(_name(each), each in chosen) for each in holding]
     for number, binding in enumerate(file.field):
-        pattern = family_of(binding.path)
-        bound = (each for each in every if binds(pattern, f"{each.topic}:{each.path}"))
+        patterns = [family_of(pattern) for pattern in binding.patterns]
+        bound = (each for each in every if any(binds(one, f"{each.topic}:{each.path}") for one in patterns))
         tables[f"field[{number}]"] = [(_name(each), each in chosen) for each in bound]
     dictionary = Dictionary()
     dictionary.add(text, where="")

@@ -146,7 +146,7 @@ def _lines(file: DictionaryFile, found: dict[str, AppliesTo]) -> list[str]:
     for number, binding in enumerate(file.field):
         kinds = [binding.type or file.type or "", "nothing else" if binding.only else ""]
         told = ", ".join(filter(None, kinds))
-        lines += ["", f"field {binding.path}" + (f" ({told})" if told else "")]
+        lines += ["", f"field {', '.join(binding.patterns)}" + (f" ({told})" if told else "")]
         lines += _columns([(_value(each.value), each.reason) for each in binding.entries])
         lines += _applies(found.get(f"field[{number}]"))
     for number, message in enumerate(file.message):

@@ -87,14 +87,14 @@ class Dictionary:
             kind = binding.type or document.type
             check_type(kind, f"{place}.type")
             entries = tuple(_checked(each, each.type or kind, place) for each in binding.entries)
-            if not entries:
-                raise ConfigError(
-                    f"no entries for {binding.path!r}", where=place, hint="add entries = [{ value = ... }]"
-                )
-            if binding.path.rpartition(":")[2].startswith("len("):
-                hint = 'set it by a mutation: [[message]] with mutations = [{ set = { "len(...)" = ... }, ... }]'
-                raise ConfigError(f"{binding.path!r} is a length, which no value is bound to", where=place, hint=hint)
-            self._bindings.insert(0, _Binding(binding.path, kind, entries, binding.only, place, own))
+            for pattern in reversed(binding.patterns):
+                if not entries:
+                    hint = "add entries = [{ value = ... }]"
+                    raise ConfigError(f"no entries for {pattern!r}", where=place, hint=hint)
+                if pattern.rpartition(":")[2].startswith("len("):
+                    hint = 'set it by a mutation: [[message]] with mutations = [{ set = { "len(...)" = ... }, ... }]'
+                    raise ConfigError(f"{pattern!r} is a length, which no value is bound to", where=place, hint=hint)
+                self._bindings.insert(0, _Binding(pattern, kind, entries, binding.only, place, own))
         for index, message in enumerate(document.message):
             for mutation in read_mutations(message, where=f"{where}: message[{index}]", own=own):
                 self._mutations.setdefault(mutation.type, []).append(mutation)
@@ -118,7 +118,8 @@ class Dictionary:
             told: Values from the field's definition (`riot_bus.types.capabilities`); unused if a binding says `only`.
 
         Raises:
-            ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
+            ConfigError: The type is unknown, or a binding of the user's own for this path holds no value that the type
+                can hold.
         """
         check_type(type, None)
         found: dict[object, SuggestedValue] = {}
@@ -128,6 +129,8 @@ class Dictionary:
                 continue
             fitting = [entry for entry in binding.entries if eligible(type, entry.value)]
             if binding.type not in (None, type) or not fitting:
+                if not binding.own:
+                    continue
                 raise ConfigError(
                     f"none of the values for {binding.pattern!r} fits {path}, which is a {type}",
                     where=binding.where,

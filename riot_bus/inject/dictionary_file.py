@@ -37,6 +37,7 @@ TYPES = ("bool", *_INTEGERS, "float32", "float64", "string", "bytes")
 """The primitive types of fields."""
 
 _STRICT = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
+_Pattern = Annotated[str, Field(min_length=1)]
 _Type = Annotated[str, Field(json_schema_extra={"enum": list(TYPES)})]
 
 
@@ -63,13 +64,18 @@ class RawField(BaseModel):
     """One `[[field]]`: values for some fields only."""
 
     model_config = _STRICT
-    path: Annotated[str, Field(min_length=1)]
-    """Pattern of the fields: a path or `topic:path`; `*` stands for any text."""
+    path: _Pattern | Annotated[list[_Pattern], Field(min_length=1)]
+    """Pattern of the fields, or several: a path or `topic:path`; `*` stands for any text."""
     entries: list[RawEntry]
     type: _Type | None = None
     """Type of these fields; then every value is checked when the file is read."""
     only: bool = False
     """Whether nothing but these values is tried in such fields."""
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The patterns of the fields."""
+        return (self.path,) if isinstance(self.path, str) else tuple(self.path)
 
 
 class DictionaryFile(BaseModel):

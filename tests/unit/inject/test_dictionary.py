@@ -85,11 +85,14 @@ def test_errors_at_load(text, problem):
     assert problem in str(caught.value)
 
 
-def test_binding_without_an_eligible_value_is_an_error():
-    dictionary = added('[[field]]\npath = "speed"\nentries = [{ value = "fast", reason = "r" }]')
-    with pytest.raises(ConfigError, match="none of the values"):
-        dictionary.values_for("float64", "speed")
-    assert [entry.value for entry in dictionary.values_for("string", "speed")] == ["fast"]
+def test_binding_of_the_users_own_without_an_eligible_value_is_an_error():
+    text = '[[field]]\npath = ["speed", "*.v"]\nentries = [{ value = "fast", reason = "r" }]'
+    dictionary = added(text, own=True)
+    for path in ("speed", "odom.v"):
+        with pytest.raises(ConfigError, match="none of the values"):
+            dictionary.values_for("float64", path)
+        assert [entry.value for entry in dictionary.values_for("string", path)] == ["fast"]
+    assert added(text).values_for("float64", "speed") == ()  # a package does not know the fields of others
 
 
 def test_fields_of_the_users_own_that_are_not_there_are_said():
