@@ -10,7 +10,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from riot_bus.findings.known import title_of
-from riot_bus.report.format import clean, share_interval
+from riot_bus.report.format import clean, share_interval, value
 from riot_bus.report.location import find_place
 from riot_bus.report.statements import not_tried, statements
 from riot_bus.report.text import TextReport
@@ -30,6 +30,7 @@ _PLAIN = re.compile(r"(?!.*www\.)[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+-]*", 
 _ENTITY = re.compile(r"[!-/:-@\[-`{-~]")
 _LONGEST_CELL = 300
 _MOST_DETAILS = 20
+_MOST_FIELDS = 20
 
 
 class MarkdownReport:
@@ -103,6 +104,12 @@ def _finding(view: FindingView) -> Iterator[str]:
     if view.finding.details:
         yield f"\n{_block(view.finding.details[:_MOST_DETAILS])}"
     yield f"\n{_block(TextReport().render(view).splitlines()[1:])}"
+    if view.fields and view.fields.fields:
+        yield _heads("field", "fails with", "passes with", "failing log", "passing log")
+    for field in view.fields.fields[:_MOST_FIELDS] if view.fields else ():
+        proof = field.certificate
+        pair = [value(proof.failing), value(proof.passing), proof.failing_log, proof.passing_log]
+        yield f"| {' | '.join(map(cell, [field.name, *pair]))} |\n"
     yield _heads("what", "behind it", "how sure")
     for one in statements(view):
         yield f"| {cell(one.claim)} | {cell(one.evidence)} | {cell(one.confidence)} |\n"

@@ -54,6 +54,8 @@ def test_a_finding_has_what_its_page_has(tmp_path: Path) -> None:
     assert "`planner` crashes when `/map:x < 0`; " in text
     assert "At `rover/riot.toml:1`:" in text
     assert f"again     riot reproduce {tmp_path}" in text
+    assert ["field", "fails with", "passes with", "failing log", "passing log"] in cells(text)
+    assert ["/map:x", "-1", "52", "trials/fails.mcap", "trials/passes.mcap"] in cells(text)
     assert [
         "failures that the rule predicts occur (precision)",
         "98 of 100 fresh trials",
