@@ -353,7 +353,7 @@ class TrialSetup:
                     return f"does not listen on port {port}"
         if time.monotonic() - self._started[name] < ready.after:
             return f"is not ready before {ready.after:g} s"
-        return None
+        return self._starter.why_not_ready(name)
 
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
         """Wait until components do next to nothing, or as much as the moment before because of their own timers.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import socket
 import sys
+import time
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.sut.containers import first_process
@@ -38,6 +41,20 @@ __all__ = ["ComponentStarter", "last_words"]
 
 _PORTS = range(15_000, 32_000)
 """Ports below those that the kernel assigns, so that none is taken before the component listens there."""
+_CHECKED_EVERY_S = 0.1
+"""Shortest time between two executions of `ready.command`."""
+
+
+@dataclass(slots=True)
+class _ReadyCheck:
+    """The command that tells whether a component is ready, and its last execution."""
+
+    command: Sequence[str]
+    env: Mapping[str, str]
+    cwd: Path
+    process: ComponentProcess | None = None
+    started: float = -math.inf
+    told: str = ""
 
 
 class ComponentStarter:
@@ -69,6 +86,7 @@ class ComponentStarter:
         self._folders: dict[str, Path] = {}
         self._bridges: dict[str, ComponentProcess] = {}
         self._inside: dict[str, Sequence[int]] = {}
+        self._checks: dict[str, _ReadyCheck] = {}
         self._ports: dict[str, int] = {}
         self._domains: dict[str, int] = {}
         self._reserved = ExitStack()
@@ -135,6 +153,7 @@ class ComponentStarter:
                 self._launcher, called, endpoint=endpoint, domain=number, folder=self._directory
             )
         around: dict[str, Any] = {"env": env, "cwd": cwd}
+        self._checks[name] = _ReadyCheck(filled.ready.command, {**environment_of_others(), **own}, cwd)
         if filled.setup:
             within = component.ready.timeout
             self._carry_out(f"{name}.setup", filled.setup, **around, timeout=within, undo=filled.teardown)
@@ -160,6 +179,20 @@ class ComponentStarter:
                     self._carry_out(f"{name}.teardown", filled.teardown, **around, timeout=TORN_DOWN_WITHIN_S)
             raise
         return self._processes[name]
+
+    def why_not_ready(self, name: str) -> str | None:
+        """Return what `ready.command` of a component says, and execute it again; None once it has ended with 0."""
+        check = self._checks[name]
+        if not check.command or (check.process is not None and check.process.status == 0):
+            return None
+        if check.process is None or not self._launcher.alive(check.process):
+            check.told = "" if check.process is None else f" ended with status {check.process.status}"
+            if time.monotonic() - check.started >= _CHECKED_EVERY_S:
+                check.started = time.monotonic()
+                check.process = self._launcher.start(
+                    f"{name}.ready", check.command, env=check.env, cwd=check.cwd, directory=self._directory
+                )
+        return f"is not ready: {check.command[0]!r}{check.told or ' has not ended'}"
 
     def folder_of(self, name: str) -> Path:
         """Return where a component's code is: its working folder."""

@@ -140,8 +140,8 @@ class Ready(_Table):
     """When a component can be fed: it has subscribed to its inputs, and what is given here holds too.
 
     `line` is part of a line that it prints, `topic` one on which it has published (a selector may say what), `port` one
-    of TCP at which it listens on this machine, `after` a time since its start. All of it has to come within `timeout`
-    seconds.
+    of TCP at which it listens on this machine, `after` a time since its start, `command` one that is executed until it
+    ends with status 0. All of it has to come within `timeout` seconds.
     """
 
     timeout: Seconds = 15.0
@@ -149,6 +149,7 @@ class Ready(_Table):
     topic: Annotated[str, AfterValidator(_messages)] | None = None
     port: Annotated[int, Field(ge=1, le=65_535)] | Annotated[str, Field(pattern=f"^{FREE_PORT.pattern}$")] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+    command: tuple[str, ...] = ()
 
 
 def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
@@ -273,7 +274,7 @@ class Component(_Table):
     @property
     def texts(self) -> tuple[str, ...]:
         """All texts that may have placeholders."""
-        there: list[str] = [*self.setup, *self.teardown]
+        there: list[str] = [*self.setup, *self.teardown, *self.ready.command]
         if self.container is not None:
             there += [self.container.image, self.container.compose or "", *self.container.options]
         if self.ssh is not None:
@@ -288,6 +289,7 @@ class Component(_Table):
             "cwd": fill(self.cwd),
             "setup": tuple(map(fill, self.setup)),
             "teardown": tuple(map(fill, self.teardown)),
+            "ready": self.ready.model_copy(update={"command": tuple(map(fill, self.ready.command))}),
         }
         if (box := self.container) is not None:
             there = {"image": fill(box.image), "compose": fill(box.compose) if box.compose else None}

@@ -60,6 +60,7 @@ READY = [
     "topic = \"told where state == 'active'\"",
     "port = PORT",
     "after = 0.7",
+    'command = ["{python}", "-c", "import socket; socket.create_connection((\'127.0.0.1\', PORT))"]',
 ]
 
 
@@ -100,6 +101,9 @@ def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
         ('topic = "told"', "has not published on told within 5 s"),
         ("topic = \"told where state == 'active'\"", "has not published on told where state == 'active' within 5 s"),
         ("port = PORT", "does not listen on port"),
+        ('command = ["{python}", "-c", "exit(3)"]', "is not ready: '.*python.*' ended with status 3 within 5 s"),
+        ('command = ["{python}", "-c", "input()"]', "is not ready: '.*python.*' ended with status 1 within 5 s"),
+        ('command = ["sleep", "60"]', "is not ready: 'sleep' has not ended within 5 s"),
     ],
 )
 def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready: str, words: str) -> None:
