@@ -30,7 +30,7 @@ _OUTCOMES = pytest.StashKey[dict[str, str]]()
 
 _LOG = pytest.StashKey[Path]()
 _USED = pytest.StashKey["RouterTest"]()
-_LONGEST_NAME = 150
+_LONGEST_NAME = 150  # file systems allow 255 bytes, and a hash and suffixes are added
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

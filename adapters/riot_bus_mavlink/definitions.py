@@ -23,7 +23,7 @@ __all__ = [
     "make_message",
 ]
 
-LONGEST_PAYLOAD = 255
+LONGEST_PAYLOAD = 255  # a frame tells the length of its payload in one byte
 
 SIZES = {
     "char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "float": 4,

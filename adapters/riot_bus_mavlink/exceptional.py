@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["allows_nan", "exceptional_values", "invalid_values", "why_brittle"]
 
 _COMMANDS = "MAV_CMD"
-_MOST_VALID = 24
+_MOST_VALID = 24  # pymavlink's fields use only four enums with more values, which are thinned out
 _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_(MAX|MIN)")
 _PARAMS = {f"param{number}": number for number in range(1, 8)} | {"x": 5, "y": 6, "z": 7}
 _ADDRESSES = frozenset(

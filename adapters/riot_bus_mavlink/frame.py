@@ -48,7 +48,7 @@ KIND = slice(5, 10)
 """Where frames of MAVLink 2 have their system, component and message."""
 
 _STARTS = (V1, V2)
-_CRC_START = 0xFFFF
+_CRC_START = 0xFFFF  # initial value of CRC-16/MCRF4XX, MAVLink's checksum
 _new = tuple.__new__
 _EXTRA = [bytes([number]) for number in range(256)]
 

@@ -22,9 +22,9 @@ KEY_BYTES = 32
 _HASH_BYTES = 6
 _EPOCH = 1_420_070_400
 """2015-01-01 UTC, the epoch of signature timestamps, in seconds since the Unix epoch."""
-_TICK = 10_000
-_MOST_TICKS = (1 << 48) - 1
-_MOST_STREAMS = 1 << 14
+_TICK = 10_000  # nanoseconds; MAVLink counts in units of 10 microseconds
+_MOST_TICKS = (1 << 48) - 1  # a signature has 48 bits for its timestamp
+_MOST_STREAMS = 1 << 14  # of 2**24 that ids can tell apart: bounds memory at about 2 MB
 
 
 class Signer:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["LinkSurvey", "Speaker", "listen"]
 
 _HEARTBEAT = 0
-_MOST_SPEAKERS = 1024
-_MOST_MESSAGES = 1024
+_MOST_SPEAKERS = 1024  # of 65,536 that senders may make up: bounds memory; a guess
+_MOST_MESSAGES = 1024  # pymavlink knows 353; only made-up ids exceed this
 
 
 @dataclass(slots=True)

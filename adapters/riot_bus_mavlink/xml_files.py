@@ -29,8 +29,8 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,127}")
 _TYPE = re.compile(r"([a-z0-9_]+)(?:\[([0-9]{1,3})\])?")
 _POWER = re.compile(r"([0-9]{1,2})\*\*([0-9]{1,2})")
 _ALIASES = {"uint8_t_mavlink_version": "uint8_t", "array": "int8_t"}
-_MOST_BYTES = 1 << 24
-_MOST_ID = (1 << 24) - 1
+_MOST_BYTES = 1 << 24  # 27 times pymavlink's largest file; the tree of elements takes even more memory
+_MOST_ID = (1 << 24) - 1  # MAVLink 2 has 24 bits for the id of a message
 
 
 @dataclass(slots=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Ros2Adapter"]
 
-_CACHED = 1 << 14
+_CACHED = 1 << 14  # peers may make up names and hashes: bounds memory; a full cache is emptied
 
 
 class Ros2Adapter:

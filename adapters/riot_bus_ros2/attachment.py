@@ -17,7 +17,7 @@ __all__ = ["Attachment", "build_attachment", "parse_attachment", "renew_attachme
 _V2 = struct.Struct("<qqB16s")
 _V1 = struct.Struct("<16sq17sq11sB16s")
 _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
-_GID = 16
+_GID = 16  # bytes of a gid, a hash of 128 bits (gid.py)
 
 
 @dataclass(frozen=True, slots=True)

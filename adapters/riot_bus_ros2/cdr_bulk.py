@@ -30,9 +30,9 @@ __all__ = ["elements", "gather"]
 
 _FEW = 32  # fewer payloads than this are walked faster one by one
 _FAR = 1 << 40  # largest step over fields of fixed size that cannot overflow int64
-_STRIDE = 1 << 30
+_STRIDE = 1 << 30  # times a count of 32 bits it cannot overflow int64
 _SHORT = 64  # average number of elements below which arrays are read together
-_BATCH = 1 << 14
+_BATCH = 1 << 14  # payloads of at most `_SHORT` elements on average: index arrays of about 8 MiB
 
 
 def gather(way: Way, payloads: Payloads) -> Gathered:

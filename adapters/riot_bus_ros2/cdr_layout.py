@@ -62,7 +62,7 @@ Table = tuple[int, ...]
 
 COUNT_LE: Unpack = struct.Struct("<I").unpack_from
 COUNT_BE: Unpack = struct.Struct(">I").unpack_from
-NOTHING: Table = (0,) * 8
+NOTHING: Table = (0,) * 8  # 0 bytes from each position modulo 8, the largest alignment
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ _MX1 = 0x165667919E3779F9
 _64 = (1 << 64) - 1
 _STRIPE = 64
 _STRIPES = (len(_SECRET) - _STRIPE) // 8
+"""Secret, primes and length of a stripe as the specification defines them: other values give other hashes."""
 
 
 def gid_of(token: str) -> bytes:

@@ -46,7 +46,7 @@ CLOCK_TOPIC, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 _HASH = re.compile(r"RIHS[0-9]{2}_[0-9a-f]+")
 _TYPE = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 _SCHEMAS = ("ros2msg", "ros2idl")
-_LARGEST_DOMAIN = 999_999_999
+_LARGEST_DOMAIN = 999_999_999  # data keys have domains of up to nine digits (keys.py)
 
 
 def offer_of(

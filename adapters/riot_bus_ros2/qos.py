@@ -17,9 +17,9 @@ _DURATION = re.compile(
     r"^[-\s]+(deadline|lifespan|liveliness_lease_duration):\s+sec:\s*(\d{1,20})\s+nsec:\s*(\d{1,10})\s*$", re.MULTILINE
 )
 _ENDLESS_S = 2_147_483_647  # infinity in DDS, found in some bags
-_UNKNOWN_DEPTH = 10
-_ALL = 1 << 16
-_DEFAULT_DEPTH = 42
+_UNKNOWN_DEPTH = 10  # rmw's default, also for bags that tell no depth
+_ALL = 1 << 16  # a guess: bounds memory, since bags and "keep all" set no limit
+_DEFAULT_DEPTH = 42  # RMW_ZENOH_DEFAULT_HISTORY_DEPTH in rmw_zenoh's qos.cpp, left out in tokens
 _MEANT = {
     ("history", "keep_all"): "keep_all",
     ("history", "2"): "keep_all",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["judge_of_logs", "order_spaces", "order_variables", "with_first"]
 
-_DOUBT = 0.02
+_DOUBT = 0.02  # a wrong answer puts a wrong `first` into the rule: stricter than the usual 0.05
 
 
 def order_spaces(fields: NamedFields) -> list[FieldSpace]:

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 
 _LOG = logging.getLogger(__name__)
-_LARGEST = 1 << 29
-_ATTEMPTS = 3
+_LARGEST = 1 << 29  # 512 MiB: each of the --jobs logs tried at once is held in memory
+_ATTEMPTS = 3  # one error may be chance; the third in a row is the answer for the log
 
 
 @dataclass(frozen=True, slots=True)

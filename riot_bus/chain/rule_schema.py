@@ -18,9 +18,10 @@ def rule_schema() -> dict[str, Any]:
     """Return the schema (draft 2020-12) of what `riot rules` writes and a guard reads."""
     schema = RuleRecord.model_json_schema(mode="serialization")
     name = {"type": "string", "maxLength": rule_json.LONGEST_NAME}
-    octets = {"type": "string", "pattern": "^([0-9a-f]{2})*$", "maxLength": 2 * rule_json.LONGEST_NAME}
+    text = {"type": "string", "maxLength": rule_json.LONGEST_TEXT}
+    octets = {"type": "string", "pattern": "^([0-9a-f]{2})*$", "maxLength": 2 * rule_json.LONGEST_TEXT}
     raw = {"type": "object", "properties": {"bytes": octets}, "required": ["bytes"], "additionalProperties": False}
-    scalars = [{"type": ["null", "boolean", "number"]}, name, raw]
+    scalars = [{"type": ["null", "boolean", "number"]}, text, raw]
     members = {"type": "array", "items": {"anyOf": scalars}, "minItems": 2, "maxItems": LARGEST_SET}
     value = {
         "description": "what the feature is compared with; null for flags (is, not), a list for sets (in, not in)",
@@ -28,7 +29,7 @@ def rule_schema() -> dict[str, Any]:
     }
     constant = {
         "description": "coefficients of linear, divisor of mod, mask of bits, text of prefix and contains",
-        "anyOf": [{"type": "integer"}, name, raw, {"type": "array", "items": {"type": "number"}}],
+        "anyOf": [{"type": "integer"}, text, raw, {"type": "array", "items": {"type": "number"}}],
     }
     kinds = "; ".join(f"{kind}: {_example(kind)}" for kind in FEATURE_KINDS)
     literal = {

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["StepRun", "Workspace", "open_finding", "system_of"]
 
 _LOG = logging.getLogger(__name__)
-_ATTEMPTS = 3
+_ATTEMPTS = 3  # fewer failures are only warned of; three of three mean a broken system
 
 
 @dataclass(slots=True)

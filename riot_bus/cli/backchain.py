@@ -12,7 +12,7 @@ from riot_bus.cli.options import Seed
 
 __all__ = ["register"]
 
-INCONCLUSIVE = 5
+INCONCLUSIVE = 5  # exit code for inconclusive results, listed in docs/chain.md
 
 
 class _Form(StrEnum):

@@ -36,8 +36,8 @@ __all__ = ["open_workspace", "register", "show"]
 
 DEFAULT_SYSTEM = Path("riot.toml")
 DEFAULT_OUT = Path("riot-out")
-FAULTS, INCONCLUSIVE = 1, 5
-_TRIALS = 100
+FAULTS, INCONCLUSIVE = 1, 5  # exit codes, listed in docs/chain.md
+_TRIALS = 100  # a guess: about a minute at the demo's 0.5 s per trial on two cores
 
 Trials = Annotated[
     int | None,

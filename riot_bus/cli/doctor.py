@@ -11,7 +11,7 @@ from riot_bus.cli.options import Format, OutputFormat
 
 __all__ = ["register"]
 
-ENVIRONMENT = 4
+ENVIRONMENT = 4  # exit code for problems of the environment, listed in docs/chain.md
 
 
 def register(app: typer.Typer) -> None:

@@ -15,7 +15,7 @@ from riot_bus.cli.options import Format, OutputFormat
 
 __all__ = ["register"]
 
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot, as riot fleet robots lists it.")]
 FleetEndpoint = Annotated[

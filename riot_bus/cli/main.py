@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "make_app", "run"]
 
-INTERRUPTED = 130
-_END_S, _STDERR = 30.0, 2
+INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
+_END_S, _STDERR = 30.0, 2  # generous, not measured: what still runs then is taken to hang; a file descriptor
 
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),

@@ -14,7 +14,7 @@ from riot_bus.cli.options import Format, OutputFormat, Salvage, Tolerance, Toler
 
 __all__ = ["register"]
 
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 _CLOCK_HZ = "40"
 
 

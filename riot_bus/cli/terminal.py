@@ -17,7 +17,7 @@ _COLUMNS = 80  # of a terminal that does not report its width
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _KEY = re.compile(r"\x1b[\[O]([0-9;]*)([@-~])|.", re.DOTALL)
 _UNFINISHED = re.compile(r"\x1b([\[O][0-9;]*)?\Z")
-_MOST = 64
+_MOST = 64  # a key sends a few bytes; more comes only from pasted text, which takes several reads
 
 
 class Terminal:

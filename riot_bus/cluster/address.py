@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["connect", "is_open", "scheduler_of"]
 
-_CONNECTS_WITHIN_S = 10.0
+_CONNECTS_WITHIN_S = 10.0  # as long as a scheduler may be away later (`workers._SCHEDULER_S`)
 _ALLOWED = "distributed.scheduler.allowed-failures"
 _TLS = "distributed.comm.tls"
 _CERTIFICATES = (

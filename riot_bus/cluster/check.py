@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["WorkerCheck", "check_cluster"]
 
-_ANSWERS_WITHIN_S = 120.0
+_ANSWERS_WITHIN_S = 120.0  # as long as a worker itself waits for its versions and code (`remote._FACTS_WITHIN_S`)
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ _SCHEDULER_S = 10.0
 """How long a scheduler may be away: a broken connection is restored within this time."""
 _WORKERS_S = 60.0
 """How long there may be no worker, such as while killed ones are started again."""
-_ENDS_WITHIN_S = 20.0
+_ENDS_WITHIN_S = 20.0  # not measured; a worker that does not answer ends its process after `remote._UNUSED_S`
 _HINT = "all trials that have ended are kept: run the same command again to go on"
 
 

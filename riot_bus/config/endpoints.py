@@ -22,8 +22,8 @@ ENCRYPTED = frozenset({"tls", "quic"})
 _UNIX = "unixsock-stream"
 _TRANSPORT = {"tcp": "tcp", "tls": "tcp", "ws": "tcp", "udp": "udp", "quic": "udp"}
 _SEPARATOR = re.compile(rf",\s*(?=(?:{'|'.join(PROTOCOLS)})/|$)")
-_LONGEST_SOCKET_PATH = 107
-_LARGEST_PORT = 65_535
+_LONGEST_SOCKET_PATH = 107  # `sun_path` of unix(7) has 108 bytes, of which the last is 0
+_LARGEST_PORT = 65_535  # TCP and UDP give a port 16 bits
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "router_keys"]
 
-_LONGEST_BUDGET_S = 86_400.0
+_LONGEST_BUDGET_S = 86_400.0  # a day: more is probably a wrong unit, such as milliseconds
 _STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
 

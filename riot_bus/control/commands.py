@@ -19,9 +19,9 @@ __all__ = ["LARGEST_PAYLOAD", "VERSION", "Command", "CommandRequest", "answer", 
 VERSION = 1
 """Version of the answers' format."""
 
-LARGEST_PAYLOAD = 1 << 20
-_LARGEST_ARGUMENTS = 1 << 16
-_LONGEST_NAME = 200
+LARGEST_PAYLOAD = 1 << 20  # anybody in a segment may send more; a plan, the largest payload, is a text file
+_LARGEST_ARGUMENTS = 1 << 16  # they are a path or a list of keys; parsed JSON takes several times its size
+_LONGEST_NAME = 200  # a guess: bounds what an answer or a message repeats of a sender's text
 
 
 @dataclass(frozen=True, slots=True)

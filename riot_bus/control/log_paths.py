@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["claim", "file_stem", "safe_path"]
 
-_LONGEST_NAME = 240
+_LONGEST_NAME = 240  # leaves 15 of the 255 bytes of NAME_MAX for numbers and extensions that are added
 
 
 def claim(folder: Path, text: str | None, stem: str) -> Path:

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LoadScheduling"]
 
-_BUSY, _CALM = 0.6, 0.4
-_SHORTEST_S = 0.1
-_AGAIN_S = 5.0
+_BUSY, _CALM = 0.6, 0.4  # shares of one processor; the gap prevents switching to and fro at a steady load
+_SHORTEST_S = 0.1  # a shorter time would show single bursts; calls come about every 0.2 s
+_AGAIN_S = 5.0  # reads a file in /proc for each thread, up to 128 of them receive threads per segment
 _TASKS = Path("/proc/self/task")
 _ZENOH = (b"rx-", b"tx-")
 

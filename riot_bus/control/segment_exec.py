@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["become", "environment_in", "session_files_folder"]
 
-_OTHERS = 0o077
+_OTHERS = 0o077  # permission bits of group and others in `st_mode`, as inode(7) defines them
 
 
 def environment_in(

@@ -26,7 +26,7 @@ _MOST_WAITING = 64
 _MOST_URGENT = 1024
 """Queue length of an urgent command: at 5,000 queries per second, the thread may stall for 0.2 s and lose none."""
 
-_END_S = 10.0
+_END_S = 10.0  # an asker who does not read blocks a lane until Zenoh closes the link, after 5 s
 
 
 class Control:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Console", "Foreground"]
 
-_LOOK_S = 0.2
+_LOOK_S = 0.2  # the longest delay of a key or signal; five looks a second cost little
 
 
 class Console(Protocol):

@@ -28,12 +28,12 @@ __all__ = ["Check", "Facts", "check", "gather", "judge"]
 
 Status = Literal["ok", "warning", "problem"]
 
-_LEAST_PYTHON = (3, 11)
-_LEAST_ZENOH = (1, 10)
-_KNOWN_ZENOH = (1, 10)
-_LEAST_FILES = 1024
-_LEAST_SHARED = 64 << 20
-_MOST_LEFT_OVER = 1000
+_LEAST_PYTHON = (3, 11)  # requires-python in pyproject.toml
+_LEAST_ZENOH = (1, 10)  # lower bound of eclipse-zenoh in pyproject.toml
+_KNOWN_ZENOH = (1, 10)  # version that docs/limits.md is about; newer ones were not measured
+_LEAST_FILES = 1024  # the usual soft limit on Linux, so less is somebody's choice
+_LEAST_SHARED = 64 << 20  # all that a Docker container has by default, so any use of that gives the warning
+_MOST_LEFT_OVER = 1000  # a guess: more than sessions that run at once, each of which has a file
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["KnownFinding", "KnownFindings", "fingerprint_of", "title_of"]
 
-_LARGEST = 16 << 20
-_MOST = 10_000
+_LARGEST = 16 << 20  # read and parsed as a whole; leaves 1.6 KiB for each of `_MOST` findings
+_MOST = 10_000  # a guess: more than people would merge and annotate in one file
 _CONFLICT = ("<<<<<<<", "=======", ">>>>>>>")
 
 Name = Annotated[str, Field(max_length=1000)]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["IndexReport", "describe", "index"]
 
 _ROBOT = "robot"
-_AHEAD = 4
+_AHEAD = 4  # threads that are done find another log while the oldest one is awaited
 
 
 @dataclass(slots=True)

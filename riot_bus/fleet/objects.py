@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 __all__ = ["ObjectStore"]
 
 _STAMPS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated", "created")
-_BLOCK = 1 << 22
-_HEAD = 1 << 16
-_LARGEST_SUMMARY = 1 << 26
+_BLOCK = 1 << 22  # held in memory by each thread; a smaller log is fetched whole, by one request
+_HEAD = 1 << 16  # holds a log's header, which is two short texts, or any index record
+_LARGEST_SUMMARY = 1 << 26  # held in memory; a log with a larger one is copied to disk as a whole
 _FOOTER = struct.Struct("<BQQQI")
 _RECORD = struct.Struct("<BQ")
 _CHUNK_INDEX = struct.Struct("<QQQ")
 _BEFORE = 13  # the record that ends the data: it stands right before the summary
-_MOST_RUNS = 16
-_LONGEST_RUN = 1 << 20
+_MOST_RUNS = 16  # a request each, and a summary may list any number of them
+_LONGEST_RUN = 1 << 20  # with `_MOST_RUNS`, at most 16 MiB of metadata are fetched of a log
 
 
 class ObjectStore:

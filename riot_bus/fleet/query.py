@@ -19,10 +19,10 @@ __all__ = ["Query", "parse_query"]
 
 _UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _SPAN = re.compile(r"(\d{1,12}(?:\.\d{1,9})?)([smhd]?)")
-_EPOCH_S = 1e8
-_LATEST_S = 9e9
-_LONGEST = 1000
-_MOST_WORDS = 100
+_EPOCH_S = 1e8  # smaller numbers are dates such as 20261121; as seconds, this is in 1973
+_LATEST_S = 9e9  # in nanoseconds still an integer of SQLite, which ends at 2**63 (9.22e18)
+_LONGEST = 1000  # a guess: more than topics and types have; SQLite refuses patterns beyond 50,000 bytes
+_MOST_WORDS = 100  # two parameters each at most: far below 999, the limit of older versions of SQLite
 
 _HAS_TOPIC = "EXISTS (SELECT 1 FROM topics t WHERE t.log = logs.number AND t.count > 0 AND {})"
 _TEXTS = {

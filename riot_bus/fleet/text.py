@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["answer_lines", "entry_json", "index_line", "list_lines", "show_lines"]
 
-_LONGEST = 60
+_LONGEST = 60  # topic, count and type of a line take at most 135 columns then
 
 
 def index_line(report: IndexReport) -> str:

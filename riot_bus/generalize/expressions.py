@@ -47,7 +47,7 @@ bits; `bytes` is the length of a text in UTF-8; flags are 0 and 1.
 """
 
 _INFIX: Final = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2), "mod": ("%", 2)}
-_ATOM: Final = 3
+_ATOM: Final = 3  # precedence of what needs no parentheses: above those in `_INFIX`
 
 
 def numeric(column: Array) -> Array | None:

@@ -21,9 +21,9 @@ __all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "ca
 
 Constant = int | str | bytes | tuple[int | float, ...] | None
 
-_MOST_TERMS = 4
-_LONGEST_TEXT = 64
-_LARGEST = 2**64
+_MOST_TERMS = 4  # as many as `edges.linear_features` combines; more are hard to read
+_LONGEST_TEXT = 64  # the learner tries up to four letters; longer texts come only from rules in files
+_LARGEST = 2**64  # divisors, masks and coefficients beyond the largest integer type of a field are mistakes
 
 
 class Kind(NamedTuple):

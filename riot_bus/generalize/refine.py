@@ -24,7 +24,7 @@ __all__ = ["inversions", "narrowed", "probe_threshold", "widen", "without"]
 
 Number = int | float
 
-LONGEST_TEXT = 1 << 16
+LONGEST_TEXT = 1 << 16  # both sides of a limit of 16 bits can be tried; longer texts make trials slow
 
 
 def widen(table: Table, learnt: Learnt) -> Learnt:

@@ -13,9 +13,10 @@ from riot_bus.vocabulary.errors import ConfigError
 __all__ = ["VERSION", "decode", "encode"]
 
 VERSION = 1
-MOST_TERMS = 64
-LONGEST_NAME = 1024
-LARGEST_INTEGER = 2**130
+MOST_TERMS = 64  # 16 times what is learnt (`beam.MOST_TERMS`); bounds the work that an untrusted rule causes
+LONGEST_NAME = 1024  # a guess: longer than names of fields; bounds the size of an untrusted rule
+LONGEST_TEXT = 1 << 21  # twice the longest text that dictionaries try; what has been written has to be read
+LARGEST_INTEGER = 2**193  # products of three numbers with 64 bits stay below it, and sums of four products of two
 
 Terms = tuple[tuple[Literal, ...], ...]
 
@@ -101,7 +102,7 @@ def _decode_value(value: Any) -> Value:
 def _decode_scalar(value: Any) -> Any:
     if isinstance(value, Mapping):
         text = value.get("bytes")
-        if set(value) != {"bytes"} or not isinstance(text, str) or len(text) > 2 * LONGEST_NAME:
+        if set(value) != {"bytes"} or not isinstance(text, str) or len(text) > 2 * LONGEST_TEXT:
             raise ConfigError("an object as value can only be bytes in hexadecimal")
         try:
             return bytes.fromhex(text)
@@ -111,6 +112,6 @@ def _decode_scalar(value: Any) -> Any:
         return value
     if isinstance(value, int) and abs(value) <= LARGEST_INTEGER:
         return value
-    if isinstance(value, str) and len(value) <= LONGEST_NAME:
+    if isinstance(value, str) and len(value) <= LONGEST_TEXT:
         return value
     raise ConfigError("the value is too long, too large or of the wrong type")

@@ -47,7 +47,7 @@ TYPES = (
 _OBSERVED = 200
 """Elements of nominal arrays are evenly thinned out to about this number, at most twice as many."""
 
-_FLOAT32_MAX = 3.4028234663852886e38
+_FLOAT32_MAX = 3.4028234663852886e38  # largest finite float32, (2 - 2**-23) * 2**127: struct.pack refuses more
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
 
 

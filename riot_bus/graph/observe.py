@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Observer", "WatchedBus"]
 
-_MOST_WATCHED = 2_000
-_MOST_SELDOM = 200
+_MOST_WATCHED = 2_000  # over all segments; each one slows publishing on undeclared keys (see `_watch`)
+_MOST_SELDOM = 200  # a tenth of `_MOST_WATCHED`: components may make up any number of such keys
 _FEW = 2
-_MOST_QUESTIONS = 5
-_MOST_FLOWS = 2_000
-_LEAST_RATE_S = 0.1
+_MOST_QUESTIONS = 5  # each asks all segments; at one look a second, names may come 5 s late
+_MOST_FLOWS = 2_000  # as many as can be watched; beyond it, a graph of made-up keys would exhaust memory
+_LEAST_RATE_S = 0.1  # looks may be 20 ms apart (`watch._LEAST_S`): one message would then look like 50 a second
 
 Key = tuple[str, str]
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Started", "Survey", "started_at", "survey"]
 
-_MOST_TOKENS = 50_000
-_ANSWER_S = 1.0
+_MOST_TOKENS = 50_000  # anyone may declare tokens: at 300 bytes each, both sets take 30 MB
+_ANSWER_S = 1.0  # as in graph.sources: one hung session must not block a look
 
 Link = tuple[tuple[str, int], tuple[str, int]]
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Injector"]
 
 _LOG = logging.getLogger(__name__)
-_CACHED_KEYS = 1 << 16
+_CACHED_KEYS = 1 << 16  # invented keys must not exhaust the memory: beyond it, the cache starts anew
 
 
 class Injector:

@@ -21,7 +21,7 @@ MOST_MODES = 6
 """Largest number of values of a mode; a field with more is more likely a count or a measurement."""
 _LONG = 64
 """A text of this many characters or more is not a mode."""
-_MOST_KNOWN = 1 << 12
+_MOST_KNOWN = 1 << 12  # payloads, as in monitors.mined: beyond it, the cache starts anew; not tuned
 
 
 def modes_of(message: Message, registry: TypeRegistry) -> Sequence[tuple[str, Scalar]]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["fit_value", "set_elements"]
 
-_ALL_ELEMENTS = 1 << 20
+_ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Bandwidth", "Drop", "Throttle"]
 
-_CLOCK_STEP_NS = 10**9
+_CLOCK_STEP_NS = 10**9  # smaller steps back may be messages that overtook each other; not measured
 
 
 @dataclass

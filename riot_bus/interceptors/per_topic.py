@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PerTopic"]
 
-_MOST_TOPICS = 1 << 16
+_MOST_TOPICS = 1 << 16  # as pipeline.runner.MOST_TOPICS: invented keys must not exhaust the memory
 ValueT = TypeVar("ValueT")
 
 

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["Record"]
 
 _LOG = logging.getLogger(__name__)
-_TICK_S = 0.25
-_JOIN_S = 60.0
-_OVERHEAD_BYTES = 256
+_TICK_S = 0.25  # without messages, an old chunk ends this much late at most
+_JOIN_S = 60.0  # enough for 128 MiB (default of `capacity_bytes`) at 2.3 MB/s
+_OVERHEAD_BYTES = 256  # a queued `Message`, its tuple, its integers and its payload's header take about this
 
 
 @dataclass

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ArchiveDone", "archive_endings", "export_archive", "import_archive"]
 
-_PIECE = 1 << 20
+_PIECE = 1 << 20  # bytes read at once: few calls, and memory does not grow with the file
 
 
 @dataclass(frozen=True, slots=True)

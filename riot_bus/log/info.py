@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LogInfo", "TopicInfo", "log_info"]
 
-_READ_AT_ONCE = 1 << 26
-_REMEMBERED = 1024
-_MOST_PUBLISHERS = 10_000
+_READ_AT_ONCE = 1 << 26  # small enough to be read whole, which finds all losses; not measured
+_REMEMBERED = 1024  # some 40 KB a publisher; a copy that comes later counts as a late message
+_MOST_PUBLISHERS = 10_000  # a log may name any number: with _REMEMBERED each, 400 MB at most
 
 
 @dataclass(slots=True)

@@ -41,7 +41,7 @@ RUN, PROVENANCE = "riot_bus.run", "riot_bus.provenance"
 GRAPH = "riot_bus.graph"
 EXTRAS_TYPE = "application/msgpack+zstd"
 LIBRARY = "riot_bus"
-_MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22
+_MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22  # unpacked without checks: 4 MiB of empty maps take 300 MB
 
 
 @dataclass(frozen=True, slots=True)

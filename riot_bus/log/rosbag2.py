@@ -38,7 +38,7 @@ __all__ = [
 
 RECORD = "rosbag2"
 _FIELD = "serialized_metadata"
-_VERSION = 8
+_VERSION = 8  # of metadata.yaml: Humble reads it; from 9 on, QoS are names, not numbers
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,8 @@ __all__ = ["ShownField", "ShownLog", "ShownMessage", "show_log"]
 _ELEMENTS, _CHANGED = 4, 64
 """Most elements of each array that are shown, and that are checked for changes."""
 _INDEX = re.compile(r"\[(\d+)\]")
-_FIELDS = 40
-_LONGEST = 80
+_FIELDS = 40  # about a screen; changed fields come first, and the rest is counted
+_LONGEST = 80  # a changed field has two values in its line
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 __all__ = ["ChannelWriter", "LogWriter", "LostMessagesError", "Storage"]
 
 _LOG = logging.getLogger(__name__)
-_MAX_CHANNELS = 65_000
+_MAX_CHANNELS = 65_000  # just below what the 16 bits of MCAP's channel numbers allow
 _OTHER_TOPICS = "(other topics)"
 _GONE = "the file was removed"
-_MOST_WAITING = 4
-_LOOK_EVERY = 31
+_MOST_WAITING = 4  # chunks, by default of 1 MiB: bounds the memory where `queue_bytes` does not
+_LOOK_EVERY = 31  # a mask: one message in 32 asks the clock for the chunk's age
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
 # Integers, not names: readers of every ROS 2 release understand them (metadata version 8).
 _DEFAULT_QOS = """- history: 1

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["mute_monitors", "why_cannot_fire", "with_message", "with_value", "without"]
 
-_MOST_TRIED = 4096
-_SECOND = 10**9
+_MOST_TRIED = 4096  # each rebuilds a payload; choices for fields multiply, and `modulo` may be large
+_SECOND = 10**9  # in nanoseconds, as times of messages
 
 
 def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:

@@ -29,10 +29,10 @@ _WORDS: Final = {
 }
 _ROS_TOPIC = "/rosout"
 _ROS_LINE = re.compile(r"\[[A-Z]+\] \[[0-9.]+\] \[([^\]]+)\]: (.*)")
-_LONGEST_LINE = 400
-_MOST_FOUND = 20
-_SECONDS = 5.0
-_REPEATS, _OPTIONAL = 2, 8
+_LONGEST_LINE = 400  # the steps of two repeats grow with its cube, here to 10^7 a line
+_MOST_FOUND = 20  # each is a violation, and a component may write any number of different lines
+_SECONDS = 5.0  # a guess: what a slow pattern may cost a trial with many lines
+_REPEATS, _OPTIONAL = 2, 8  # a third repeat takes 100 times as long; each `?` doubles the ways
 _QUANTIFIER = re.compile(r"(?:[*+?]|\{[0-9,]+\})[?+]?")
 _CLASS = re.compile(r"\[\^?\]?(?:\\.|[^\]\\])*\]")
 _SHAPES = (

@@ -45,7 +45,7 @@ _UNIT_NS = (1, 10**3, 10**6, 10**9)
 _CLOCK_NS = 10**9
 _STALE_NS = 10 * 10**9
 """A loaded machine delays an output by a second or two, not by ten."""
-_NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
+_NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2  # ten times apart, so that rounding alone breaks no rule
 
 
 class _Answer(NamedTuple):

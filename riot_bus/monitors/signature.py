@@ -46,11 +46,11 @@ _DIED = re.compile(
     r"^\[ERROR\] \[(?P<name>[^\[\]\n]{1,200})-\d+\]: process has died \[pid \d+, exit code (?P<status>-?\d+)",
     re.MULTILINE,
 )
-_AFTERWORDS = 4
-_LONGEST_SOURCE = 100
-_LONGEST_DETAIL = 500
-_MOST = 16
-_CALLERS = 3
+_AFTERWORDS = 4  # lines: `terminate` adds about two; after more, the program had gone on
+_LONGEST_SOURCE = 100  # it is part of the signature, which is shown in one line
+_LONGEST_DETAIL = 500  # an exception may quote a whole payload
+_MOST = 16  # a program that goes on after errors may write any number of tracebacks
+_CALLERS = 3  # with more, one defect that is reached in several ways would be several findings
 
 
 @dataclass(frozen=True, slots=True)

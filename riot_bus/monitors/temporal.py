@@ -28,8 +28,8 @@ __all__ = ["Stl"]
 
 _MOST_CHANGES = 10_000  # of all signals: rtamt's time grows with their number times that of operators
 _MOST = sys.float_info.max  # the difference of infinite signals would be NaN
-_MOST_AHEAD = 86_400
-_MOST_TRIED = 256
+_MOST_AHEAD = 86_400  # a day, as for all other times in riot.toml
+_MOST_TRIED = 256  # all choices for two signals and four numbers; each try parses the formula anew
 _NUMBER = re.compile(r"(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
 _OPERATOR = re.compile(
     "not|and|or|implies|iff|xor|always|eventually|until|historically|once|since|[GFUHOS]|abs|sqrt|exp|pow"

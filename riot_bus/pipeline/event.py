@@ -28,8 +28,8 @@ ValueT = TypeVar("ValueT")
 
 __all__ = ["Arrival", "Change", "Event", "Interceptor", "check"]
 
-_MOST_COPIES = 10_000
-_MOST_ADDED = 10_000
+_MOST_COPIES = 10_000  # a guess: more is an interceptor's mistake, which would flood the components
+_MOST_ADDED = 10_000  # likewise; each of them also takes memory until it is due
 _NO_KEY = re.compile("\\A\\Z|\\A/|//|/\\Z|[*$?#\ud800-\udfff]")
 _NO_TEXT = re.compile("[\ud800-\udfff]")  # cannot be sent as UTF-8
 _CONGESTION = ("drop", "block", "block_first")

@@ -41,7 +41,7 @@ OTHER_TOPICS = "(other topics)"
 MOST_TOPICS = 1 << 16
 """Number of topics that are counted separately, so that invented keys cannot exhaust the memory."""
 
-_CACHED_KEYS = 1 << 14
+_CACHED_KEYS = 1 << 14  # anybody may invent keys: bounds the memory; a full cache is emptied
 
 
 class AbandonedError(RiotError):

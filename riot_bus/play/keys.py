@@ -11,9 +11,9 @@ __all__ = ["HELP", "press"]
 
 HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
 
-_FASTER = 1.1
-_SEEK_S = 10.0
-_LOWEST, _HIGHEST = 0.01, 1000.0
+_FASTER = 1.1  # a tenth, as in `ros2 bag play`; 24 presses change the rate tenfold
+_SEEK_S = 10.0  # `HELP` says so; usual in players of videos
+_LOWEST, _HIGHEST = 0.01, 1000.0  # of three decimals, which lose a tenth of 0.004; above, rate 0 will do
 
 
 def press(service: PlayService, key: str) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Acknowledged", "Quiet", "Settling"]
 
-_LOOK_S = 0.1
+_LOOK_S = 0.1  # so late may a stop be noticed; an arrival ends the wait at once
 
 
 class Settling(Protocol):

@@ -16,7 +16,7 @@ from riot_bus.zenoh.session_config import OWN_CHUNK
 __all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "parse_latched", "parse_remaps", "parse_until"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_LONGEST_S = 1e9
+_LONGEST_S = 1e9  # 32 years, which fit into 64 bits as nanoseconds, too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

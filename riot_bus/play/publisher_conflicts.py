@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PublisherConflicts"]
 
-_ASK_S = 1.0
-_LISTEN_S = 1.0
+_ASK_S = 1.0  # for each expression; delays the start only where an answer does not come
+_LISTEN_S = 1.0  # finds publishers without a token that send at least once a second
 
 
 class PublisherConflicts:

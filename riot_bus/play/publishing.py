@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Publishing"]
 
-_HEARTBEAT_S = 0.5
+_HEARTBEAT_S = 0.5  # the period of rmw_zenoh's latched and reliable publishers
 _USUAL = Qos()
 _MOST_KEYS = 4096  # that interceptors may invent
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["run_play"]
 
-_SWITCH_S = 2e-4
+_SWITCH_S = 2e-4  # with Python's 5 ms, another busy thread makes a message late by as much
 
 
 def run_play(

@@ -51,8 +51,8 @@ _CONFIG = {
 UNDER = "play/**"
 """The keys of these commands, below the player's own."""
 
-_MOST_STEPS = 1_000_000
-_LARGEST = 1e12
+_MOST_STEPS = 1_000_000  # a guess: beyond it is a mistake; whoever wants all messages resumes
+_LARGEST = 1e12  # beyond any log; keeps out NaN, infinity and what overflows as nanoseconds
 
 
 @dataclass(frozen=True, slots=True)

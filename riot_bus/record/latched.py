@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LatchedCaches"]
 
-_TIMEOUT_S = 2.0
+_TIMEOUT_S = 2.0  # publishers are asked one by one, so a silent one delays the others
 _TOKENS = "**/@adv/pub/**"
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Naming"]
 
 _SUFFIX = ".mcap"
-_MOST_TRIES = 100_000
+_MOST_TRIES = 100_000  # one system call each: a folder full of such names is given up soon
 
 
 class Naming:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_throttles"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28
-_MOST_KEYS = 200
+_LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28  # headers weigh much below; above, `iter_columns` has no room
+_MOST_KEYS = 200  # each expression costs a subscriber and a thread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 __all__ = ["FileResult", "RotatingSink"]
 
-_AGAIN_S = 5.0
-_NOTE_S = 1.0
-_REPEAT_S = 10.0
-_SLOW = 0.5
+_AGAIN_S = 5.0  # each attempt may leave a file: a failing disk gets 12 a minute
+_NOTE_S = 1.0  # a note has counts of all topics; a crash costs the last second's losses
+_REPEAT_S = 10.0  # a lasting problem stays visible without filling the terminal
+_SLOW = 0.5  # share of `queue_bytes` at which a warning still comes before messages are lost
 _NO_USE = (errno.ENOSPC, errno.EDQUOT)  # another file on a full disk would be empty
 
 

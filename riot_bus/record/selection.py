@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordingSelection"]
 
-_MOST_WARNINGS = 20
-_MOST_NAMED = 100
+_MOST_WARNINGS = 20  # anybody may invent topics: bounds the lines on stderr and the memory
+_MOST_NAMED = 100  # each is compared with every new key; silent ones are lines of the result
 
 
 class RecordingSelection:

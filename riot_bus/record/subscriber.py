@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 __all__ = ["KeyRules", "RecordingSubscriber"]
 
 _LOG = logging.getLogger(__name__)
-_SLICE = 512
-_CACHED_KEYS = 1 << 16
-_MOST_SENDERS = 64
-_MOST_FETCHED = 10_000
-_LARGEST = 1 << 64
+_SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
+_CACHED_KEYS = 1 << 16  # anybody may invent keys: bounds the memory; a log holds 65,000 at most
+_MOST_SENDERS = 64  # ids of a key: anybody may invent them, and few keys have more publishers
+_MOST_FETCHED = 10_000  # timestamps of a key, 1 to 2 MB: a cache may send any number
+_LARGEST = 1 << 64  # MCAP stores times in 64 bits
 _TAKE = attrgetter(
     "key_expr",
     "payload",

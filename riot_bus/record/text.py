@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["account_lines", "answer_lines", "progress_line", "result_lines"]
 
 _SIGNS = {"recording": "●", "paused": "⏸", "ended": "■"}
-_SHOWN = 50
+_SHOWN = 50  # rows; more would hide the summary above; the files have the account
 
 
 def progress_line(status: Mapping[str, Any]) -> str:

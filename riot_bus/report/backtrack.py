@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["dot", "lines", "said_of"]
 
-_FOUND = 3
-_REASONS = 3
-_NAMES = 8
+_FOUND = 3  # pairs of fields, one in a line of the tree; the others are counted
+_REASONS = 3  # all stand in one line, the most frequent first
+_NAMES = 8  # each may have 200 characters, all in one line; backchain.json has the rest
 
 
 def lines(record: BacktrackRecord) -> Iterator[str]:

@@ -23,6 +23,7 @@ _COLUMN, _ROW = 3.4, 0.75
 """Inches from topic to topic: room for names of 30 letters, and for the label of each arrow."""
 
 _BEND, _LABEL = 0.5, 0.4
+"""Shares of an arrow's length: a bend around its column's boxes; the label, where arrows to one topic are apart."""
 
 
 def check_picture(path: Path) -> None:

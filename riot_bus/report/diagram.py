@@ -13,7 +13,7 @@ __all__ = ["DiagramBox", "links"]
 
 State = Literal["done", "next", "open"]
 
-_WIDTH = 19
+_WIDTH = 19  # a box has room for 118 px; letters of size 12 take about 6
 
 
 @dataclass(frozen=True, slots=True)

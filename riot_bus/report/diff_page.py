@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write_diff_page"]
 
-_WIDTH, _HEIGHT = 480.0, 24.0
-_MOST_TOPICS, _MOST_FIELDS = 200, 100
+_WIDTH, _HEIGHT = 480.0, 24.0  # pixels: four for each of 120 parts of a log; a line of text
+_MOST_TOPICS, _MOST_FIELDS = 200, 100  # bounds the page at 20,000 rows of fields; it counts the rest
 
 
 def write_diff_page(found: LogDifference, path: Path) -> Path:

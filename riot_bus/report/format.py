@@ -14,7 +14,7 @@ __all__ = ["clean", "number", "plural", "seconds", "share", "share_interval", "v
 
 _KEPT = "\n\t"
 _HIDDEN = {"Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp"}
-_EXACT = 2.0**53
+_EXACT = 2.0**53  # not all larger integers have a float of their own
 
 
 def clean(text: str, *, limit: int = 200, lines: bool = False) -> str:

@@ -24,7 +24,7 @@ __all__ = ["GithubReport"]
 
 _MOST = 10
 """Number of annotations of a kind that GitHub shows for one step."""
-_LONGEST_TITLE, _LONGEST = 200, 2000
+_LONGEST_TITLE, _LONGEST = 200, 2000  # GitHub takes 255 characters of a title, and 64 KB of a message
 
 
 class GithubReport:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["SourcePlace", "failing_stack", "find_place", "unit_place"]
 
 _KINDS = ("stdout", "stderr", "stacks")
-_LARGEST = 32 << 20
-_LONGEST_LINE = 2000
-_LONGEST_PATH = 1000
+_LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three
+_LONGEST_LINE = 2000  # lines of stacks are shorter; other output may have lines of any length
+_LONGEST_PATH = 1000  # with the usual 200, `clean` would cut paths so that no file is found
 _FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"
 _NATIVE = (
     re.compile(rf"[ \t]*#\d+ .* {_FILE}$"),  # a frame of a sanitizer or a debugger

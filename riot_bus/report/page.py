@@ -24,9 +24,9 @@ __all__ = ["PAGE", "HtmlReport", "write_report"]
 
 PAGE = "report.html"
 
-_ROWS = 60
-_TAIL = 6000
-_PATHS = 200
+_ROWS = 60  # about two screens of each list; the finding's JSON files have the rest
+_TAIL = 6000  # bytes, about a hundred lines; a traceback is at the end
+_PATHS = 200  # lines; a tree may have 10,000 hops, and permeability.json has them all
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "activation-minimal.mcap", "reproduce.sh")
 _PARAMETER = f"{PARAMETERS.removeprefix('#')}:"
 _FORMS = ("rule.json", "sanitize.py", "sanitize.hpp")

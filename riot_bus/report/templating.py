@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["page_environment"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_LONGEST = 20_000
+_LONGEST = 20_000  # letters: more than a page's longest excerpt of a file (6000 bytes of evidence)
 
 
 def page_environment() -> Environment:

@@ -10,7 +10,7 @@ from riot_bus.report.statements import other_fields
 
 __all__ = ["TextReport", "summary"]
 
-_NAMES = 8
+_NAMES = 8  # of up to 80 letters, in one line of the console; fields.json has all
 
 
 def summary(directory: Path) -> str:

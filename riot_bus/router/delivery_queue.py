@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["DeliveryQueue"]
 
 _LOG = logging.getLogger(__name__)
-_IDLE_S = 3600.0
+_IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
 
 
 class DeliveryQueue:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Interception", "expressions_of", "topics_of", "wanted_keys"]
 
-_MOST_KEYS = 1024
-_LONGEST_KEY = 1024
+_MOST_KEYS = 1024  # in one request; each intercepted one costs a thread in every segment
+_LONGEST_KEY = 1024  # letters; names of DDS topics have at most 255
 
 
 def topics_of(interceptor: object) -> list[str] | None:

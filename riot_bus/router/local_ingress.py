@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["IngressKey", "LocalIngress"]
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 4096
-_TURN_S = 0.005
+_ROOM = 4096  # beyond it, senders wait; a larger queue adds delay, and its bytes have no limit
+_TURN_S = 0.005  # how late `close` notices a replaced thread; a look costs microseconds
 
 
 class IngressKey:

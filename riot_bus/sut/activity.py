@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "out_of_memory_kills", "resources"]
 
-_LEAST_SHARE = 0.1
+_LEAST_SHARE = 0.1  # a divisor; it is near 0 if all time was spent waiting, and rates had no bound
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["attached_command", "connected"]
 
-_POLL = 0.05
+_POLL = 0.05  # a look reads the open files of all processes: about 15 ms with 80 of them
 
 
 def attached_command(port: int) -> list[str]:

@@ -38,7 +38,7 @@ _OF_A_DESK = re.compile(
     "VISUAL|WINDOWID|_|(BASH|DBUS|GNOME|KDE|LESS|PYTEST|RIOT|SSH|SUDO|TERM|TMUX|XDG)_.*"
 )
 """Variables of an interactive session, such as of a shell or a desktop."""
-_MOST_VARIABLES, _LONGEST = 40, 2000
+_MOST_VARIABLES, _LONGEST = 40, 2000  # variables are one line of riot.toml; the rest is named in a comment
 
 
 @dataclass(frozen=True, slots=True)

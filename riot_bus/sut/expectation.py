@@ -35,7 +35,7 @@ __all__ = ["Expectation", "play_expecting"]
 _TICK_S = 0.05
 _MORE_S, _QUIET_S = 0.25, 2.0
 """Seconds without new messages that end the wait, if all answers have come, and if some have not."""
-_MOST_KEYS = 100
+_MOST_KEYS = 100  # each is a subscription, of which a recording accepts 200; `**` takes the place of more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 __all__ = ["FirstRun", "first_run", "with_run"]
 
-_POLL_S = 0.02
-_ASK_S = 0.2
-_MOST_KEYS = 1000
-_MOST_WORDS = 300
-_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26
+_POLL_S = 0.02  # how late a connection is noticed; a look compares ids that sessions know
+_ASK_S = 0.2  # passes in full for each component that has not subscribed to every key
+_MOST_KEYS = 1000  # each is declared as a publisher with a listener, once for every component
+_MOST_WORDS = 300  # letters at the end of the last line: four lines of a terminal
+_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26  # 100 topics of the 200 payloads that `topic_look` reads; 64 MiB
 
 
 @dataclass(frozen=True, slots=True)

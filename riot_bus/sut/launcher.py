@@ -32,7 +32,7 @@ TORN_DOWN_WITHIN_S = 30.0
 """Time limit of a teardown, which is killed then; an engine removes a container within a second."""
 _HALF = 8 << 20
 """Bytes that are read from the start, and from the end, of a component's output on one stream."""
-_SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64
+_SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64  # shells report 128 plus a signal's number, which is 1 to 64 on Linux
 
 
 @dataclass(slots=True)

@@ -37,8 +37,8 @@ _ROOM = 64 << 10
 """Free bytes of a disk below which a component may have failed because it could not write."""
 _DEATHS = 3
 """Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
-_ENDS_WITHIN_S = 30.0
-_MOST_BATCHES = 4
+_ENDS_WITHIN_S = 30.0  # a worker ends its components first, whose teardowns take up to `TORN_DOWN_WITHIN_S`
+_MOST_BATCHES = 4  # a batch holds a log in memory; a chain works with one or two at a time
 
 
 @dataclass(eq=False, slots=True)

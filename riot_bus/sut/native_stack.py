@@ -16,8 +16,8 @@ __all__ = ["AARCH64", "UNREADABLE", "X86_64", "Machine", "unwind"]
 
 UNREADABLE = (OSError, ValueError, LookupError, ArithmeticError, struct.error)
 """Exceptions caused by memory or files that are unreadable or malformed."""
-_DEEPEST = 64
-_MOST_FILES = 256
+_DEEPEST = 64  # a signature names three functions after system libraries; endless recursion has thousands
+_MOST_FILES = 256  # a process maps dozens; tables of files since rebuilt must not fill the memory
 
 
 class Machine(NamedTuple):

@@ -22,7 +22,7 @@ __all__ = ["draft_json", "draft_lines", "draft_toml", "left_to_fill_in"]
 
 _MARK = "FILL IN"
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_MOST_NAMED = 12
+_MOST_NAMED = 12  # topics in one comment: at about 20 letters each, a line of 240
 
 
 def draft_toml(found: PlainDraft, *, origin: str, name: str, nominal: str | None = None) -> str:

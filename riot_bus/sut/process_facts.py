@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["facts_of"]
 
-_MOST_BYTES = 1 << 18
-_MOST_WORDS = 100
+_MOST_BYTES = 1 << 18  # settings have some KiB; larger files in a command are data or programs
+_MOST_WORDS = 100  # each may name a file that is read: at most 25 MiB together
 
 
 def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:

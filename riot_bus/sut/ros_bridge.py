@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["bridged_domains", "domain_environment", "start_bridge"]
 
-_READY_S = 60.0
-_END_S = 15.0
-_LOOK_S = 0.05
+_READY_S = 60.0  # as long as the bridge itself waits for its node, which imports rclpy
+_END_S = 15.0  # a bridge waits up to 5 s for its last messages, and 10 s for its node
+_LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
 
 
 @contextmanager

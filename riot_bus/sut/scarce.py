@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["held", "needed"]
 
-_POLL = 0.05
+_POLL = 0.05  # how long a free piece may stay unused; a look locks a few files
 
 
 def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:

@@ -33,8 +33,9 @@ _SENT_POLL = 0.0003
 _REST_POLL, _REST_S = 0.001, 0.05
 """As long as a unit usually takes for a log, it is looked at often: a look costs about as much as such a pause."""
 _SENDERS = (b"app-", b"tx-", b"net-")
-_LONGER, _LONGER_BY = 10, 60.0
+_LONGER, _LONGER_BY = 10, 60.0  # after waiting nine tenths of it for a processor: no verdict; a minute for short ones
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
+"""Timers vary: only more than twice the switches, or thrice the time and 5 % of a processor, is work; guesses."""
 
 
 class _Own(threading.local):

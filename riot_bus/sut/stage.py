@@ -56,7 +56,7 @@ _WATCH, _WINDOWS = 0.5, 3
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
-_ALIKE = 0.2
+_ALIKE = 0.2  # timers do about the same each time, a start does not; a guess
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ PR_SET_CHILD_SUBREAPER = 36
 ADDR_NO_RANDOMIZE = 0x0040000
 STARTS_WITHIN_S = 60.0
 """Time limit for the imports of a fork server, sufficient also on a loaded machine."""
-_POLL = 0.005
+_POLL = 0.005  # short against the time in which an engine removes a container, up to a second
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl

@@ -47,13 +47,13 @@ if TYPE_CHECKING:
 __all__ = ["EXTERNAL_LOG", "SystemTrial", "write_log"]
 
 EXTERNAL_LOG = "external.mcap"
-_SETTLED = 0.03
-_SETTLE_TIMEOUT = 10.0
-_TICK = 0.02
-_PATIENCE = 3.0
-_GRACE = 10.0
-_STALL = 60.0
-_LOOK = 0.1
+_SETTLED = 0.03  # as the default of `settle.window` of units
+_SETTLE_TIMEOUT = 10.0  # as the default of `settle.timeout` of units
+_TICK = 0.02  # how late the death of a component inside is noticed; a look is one `select`
+_PATIENCE = 3.0  # a loaded machine may run external components at a third of the pace; a guess
+_GRACE = 10.0  # for their start and end, which take as long in short runs; a guess
+_STALL = 60.0  # above `_SETTLE_TIMEOUT`: slow components that still read keep their links; a guess
+_LOOK = 0.1  # only ranks components for an error; those that never rest switch within it
 
 
 class _Tap:

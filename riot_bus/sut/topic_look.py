@@ -21,9 +21,9 @@ __all__ = ["TopicDraft", "TopicLook", "look_at"]
 
 _MOST_READ, _LARGEST_READ = 200, 1 << 20
 """Largest number of payloads read for each topic, and their largest size: a few show which codecs fit."""
-_MOST_ENCODINGS = 8
+_MOST_ENCODINGS = 8  # publishers may use any text as encoding; usually, a topic has one or two
 _TEXT = "json"
-_MOST_TOPICS = 2000
+_MOST_TOPICS = 2000  # drafts are for people to edit; the memory stays bounded if keys are invented
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ _MOST_KEYS = 64
 """Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
 _GROWN = 1 / 32
 """Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
-_WARM_UP = 0.15
+_WARM_UP = 0.15  # as `stage._MEASURE`: Zenoh's threads for callbacks wake up after 0.1 s
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ _MOST_BYTES = 256 << 20
 _OVERHEAD = 500
 """Approximate memory of a message besides its payload, in bytes."""
 
-_NAMED = 8
+_NAMED = 8  # a failed assertion stays a line or two; the most frequent topics tell most
 
 
 @dataclass(frozen=True, slots=True)

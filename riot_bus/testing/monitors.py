@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MonitorConformance", "trial_view"]
 
-_STEP_S = 0.1
+_STEP_S = 0.1  # a usual rate, 10 Hz; authors of monitors of times set their own
 _STRANGE = (b"", b"\x00" * 64, b"{", b"\xff\xfe\xfd")
 
 Output = tuple[str, "Mapping[str, Any] | bytes"]

@@ -38,7 +38,7 @@ outputs = ["out"]
 [unit.unit]
 """
 _SIGNATURE = "crash in unit: unit.py:7"
-_MESSAGES = 3
+_MESSAGES = 3  # any small number; more than one, so that a log has an order
 
 
 class FailingRunner:

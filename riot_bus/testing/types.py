@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 __all__ = ["SETTINGS", "HostileConformance", "TypeConformance", "hostile"]
 
-_ELEMENTS = 50
+_ELEMENTS = 50  # short arrays are listed whole, and long ones do not slow down each of many examples
 _INTEGERS = {f"{sign}int{bits}": (bits, not sign) for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _PYTHON = {"bool": bool, "string": str, "bytes": bytes, "float32": float, "float64": float}
-_WIDEST = 64
+_WIDEST = 64  # the longest number is in JSON, 24 bytes; types with checksums set more
 SETTINGS = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow, HealthCheck.filter_too_much],

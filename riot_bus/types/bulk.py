@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["as_array", "gather", "join"]
 
-_EXACT = 1 << 53
+_EXACT = 1 << 53  # beyond it, float64 skips integers
 
 
 def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:

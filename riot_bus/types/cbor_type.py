@@ -29,9 +29,9 @@ _INDEFINITE = 31
 _ELEMENT, _KEY, _VALUE = -1, -2, -3
 _NEXT = {_ELEMENT: _ELEMENT, _KEY: _VALUE, _VALUE: _KEY}
 """Next state after an element, a key or a value, in containers that end with a break."""
-_MOST_OPEN = 1000
+_MOST_OPEN = 1000  # no recursion: bounds a list for hostile payloads; `leaves` reads fewer levels anyway
 _FLOATS = {0xF9: ">e", 0xFA: ">f", 0xFB: ">d"}
-_FEW_TAGS = 16
+_FEW_TAGS = 16  # a value has one or two; hostile payloads may repeat them up to their end
 
 
 def _whole_size(code: int) -> int:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DocumentType", "Item"]
 
-_MAX_DEPTH = 64
+_MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000; as for JSON
 
 
 class Item(NamedTuple):

@@ -34,7 +34,7 @@ _CODES = {
 }  # fmt: skip
 _FIELD = re.compile(r"([a-z]+[0-9]*)(be)?(?:\[([0-9]{1,6})\])? +([A-Za-z_][A-Za-z0-9_.]*)(?: *@ *([0-9]{1,8}))?")
 _ELEMENT = re.compile(r"(.+)\[(0|[1-9][0-9]{0,5})\]")
-_MOST_PLACES = 100_000
+_MOST_PLACES = 100_000  # logs and peers may name such types: bounds the leaves of a payload
 _EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature @20)'"
 
 

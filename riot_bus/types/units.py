@@ -69,7 +69,7 @@ _UNITS = {word.lower(): symbol for symbol, words in _WORDS.items() for word in w
 }
 _AFTER_IN = frozenset(_WORDS) - {"g", "h", "N", "J", "W", "V", "A", "T", "K", "bit", "bar", "min"}
 """Symbols that cannot be other words after `in`."""
-_MOST_TEXT = 4096
+_MOST_TEXT = 4096  # a guess, some fifty lines: bounds the search in comments, which logs bring along
 _BRACKETS = re.compile(r"\[([^\[\]]{1,20})\]|\(([^()]{1,20})\)")
 _NAMED = re.compile(r"\bunits?\s?[:=]\s?([^\s,;]{1,20})", re.IGNORECASE)
 _IN = re.compile(r"\bin (degrees celsius|[^\s,;()\[\]]{1,20})", re.IGNORECASE)

@@ -41,7 +41,7 @@ _OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-_DEPTH = 50
+_DEPTH = 50  # four calls for each level: far below Python's limit of 1000
 
 
 class _Token(NamedTuple):

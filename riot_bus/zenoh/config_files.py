@@ -40,8 +40,8 @@ FILE_KEYS = frozenset(
 )
 """Keys whose value is the path of a file."""
 
-_LARGEST_SECRET = 64 << 10
-_OTHERS = 0o077
+_LARGEST_SECRET = 64 << 10  # passwords, keys and certificates have some KiB; anything else is a mistake
+_OTHERS = 0o077  # permissions of group and others
 _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 
 

@@ -20,8 +20,8 @@ __all__ = ["FEW", "Claims", "Converter", "Occasional", "Outlets", "is_delete", "
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
 _DEFAULT_ENCODING = "zenoh/bytes"
-_CACHED_PUBLISHERS = 4096
-_CACHED_KEYS = 1 << 16
+_CACHED_PUBLISHERS = 4096  # each is declared at Zenoh, too; components may invent keys without end
+_CACHED_KEYS = 1 << 16  # components may invent keys: about 10 MB of short ones, then it starts anew
 _SHARED_BYTES = 1 << 26  # of which only what is in use takes memory
 
 FEW = 2

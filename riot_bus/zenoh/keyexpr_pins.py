@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FrequentKeys", "begin_pinning", "end_pinning", "no_more_numbers", "pin"]
 
-_MOST = 1 << 14
-_MOST_FREQUENT = 1 << 12
-_OFTEN = 8
+_MOST = 1 << 14  # a quarter of Zenoh's numbers, which have 16 bits
+_MOST_FREQUENT = 1 << 12  # a sixteenth of Zenoh's numbers, as none is released before the session ends
+_OFTEN = 8  # rare keys are not worth a declaration; a guess
 _held: dict[int, OrderedDict[str, zenoh.KeyExpr]] = {}
 _frequent: dict[int, dict[str, zenoh.KeyExpr]] = {}
 _numbering = threading.Lock()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["borrow", "give_back", "library_of", "moved"]
 
 _NAME = "zenoh.zenoh"
-_CHUNK = 1 << 26
+_CHUNK = 1 << 26  # more than the library has, 33 MB, so that one call copies it
 _lock = threading.Lock()
 _copies: list[ModuleType] = []
 _idle: list[ModuleType] = []

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Dispatcher", "Mailbox"]
 
 _LOG = logging.getLogger(__name__)
-_OVERHEAD_BYTES = 256
-_HANDFUL_BYTES = 1 << 22
+_OVERHEAD_BYTES = 256  # an estimate of a queued item without its payload, so that small ones count, too
+_HANDFUL_BYTES = 1 << 22  # items taken no longer count as queued: bounds the memory beyond the capacity
 ItemT = TypeVar("ItemT")
 
 

@@ -25,7 +25,7 @@ __all__ = ["Network"]
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PROTOCOLS = "transport/link/protocols"
 _OWN_PROTOCOL = "unixsock-stream"
-_PLACES = 3
+_PLACES = 3  # for the junction in use, for the next one, and for another try if that one fails
 
 
 class Network:

@@ -18,7 +18,7 @@ __all__ = ["EPHEMERAL", "Segment"]
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""
 
-_FLUSH_S = 1.0
+_FLUSH_S = 1.0  # neighbours are routers of this process; one that hangs must not stop a change for ever
 _RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}
 
 

@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 _VARIABLE = "ZENOH_RUNTIME"
-_RECEIVERS = 128
+_RECEIVERS = 128  # as many components may block one each (`prepare_runtime`); waiting threads cost little
 
 
 def _runtime(receivers: int) -> str:
@@ -44,10 +44,10 @@ def _runtime(receivers: int) -> str:
 
 _OURS = {_runtime(_RECEIVERS)}
 """Values set by `prepare_runtime`, in this process or in the riot process that started it."""
-_FEW_RECEIVERS = 4
+_FEW_RECEIVERS = 4  # with fewer, three components that flood slow ones block all; a guess
 _ZENOH_RECEIVERS = 2  # Zenoh's default
 _CALLBACKS = "pyo3-closure"
-_CALLBACKS_S = 3.0
+_CALLBACKS_S = 3.0  # callbacks end soon after their sessions; a hung one delays the end by this; a guess
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 

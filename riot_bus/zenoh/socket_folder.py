@@ -26,7 +26,7 @@ _OPEN = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _LOCK = fcntl.LOCK_EX | fcntl.LOCK_NB
 _MOST = 16
 """Number of folders that one router checks, chosen at random, so that folders that stay do not hide others."""
-_MOST_INSIDE = 64
+_MOST_INSIDE = 64  # the sockets of eight segments, with their locks; later routers remove the rest
 
 
 @contextmanager

@@ -27,14 +27,14 @@ __all__ = ["Learner"]
 
 _LOG = logging.getLogger(__name__)
 _FIRST_S = 0.05  # what a component announces comes in a burst
-_AGAIN_S = (1.0, 5.0, 20.0, 60.0)
-_LOOK_S = 2.0
-_ANSWER_S = 2.0
-_MOST_KEYS = 1 << 14
-_MOST_EARS = 64
-_MOST_QUESTIONS = 10_000
-_MOST_REPLIES = 4
-_MOST_BYTES = 1 << 20
+_AGAIN_S = (1.0, 5.0, 20.0, 60.0)  # a starting component answers soon; after five questions in 86 s, it is mute
+_LOOK_S = 2.0  # how late a key that is used from now on is noticed; a look goes over all of `_MOST_KEYS`
+_ANSWER_S = 2.0  # a node that never answers holds up the questions for other keys this long
+_MOST_KEYS = 1 << 14  # peers may announce any number of keys; as in `registry`, some MB
+_MOST_EARS = 64  # each is a subscription in all sessions, whose messages come here: bounds that load
+_MOST_QUESTIONS = 10_000  # in the life of a process: peers that invent types cannot make it ask for ever
+_MOST_REPLIES = 4  # a node sends one; others that answer under its key must not take for ever
+_MOST_BYTES = 1 << 20  # descriptions of types are text of some KB; larger replies are ignored
 
 
 @dataclass(slots=True, eq=False)

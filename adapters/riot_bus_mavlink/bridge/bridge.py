@@ -40,8 +40,8 @@ JSON_LINK = "json"
 """Name that replaces the link in the keys of frames received as JSON."""
 
 _LOG = logging.getLogger(__name__)
-_MOST_PROBLEMS = 1000
-_MEET_S = 5.0
+_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make the bridge print and keep for its status
+_MEET_S = 5.0  # a guess: segments that no router joins delay the start by this much
 
 
 class MavlinkBridge:

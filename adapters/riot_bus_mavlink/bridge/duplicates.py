@@ -6,7 +6,7 @@ from collections import OrderedDict
 
 __all__ = ["Duplicates"]
 
-_MOST = 1 << 16
+_MOST = 1 << 16  # attackers may send any number: bounds memory at 18 MB of frames (280 bytes each)
 
 
 class Duplicates:

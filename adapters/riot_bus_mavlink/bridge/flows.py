@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_FLOWS", "Flow"]
 
-MOST_FLOWS = 4096
+MOST_FLOWS = 4096  # senders choose their ids: bounds memory; beyond it all routes are found anew
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["JsonForm"]
 
-_MOST_BYTES = 1 << 16
+_MOST_BYTES = 1 << 16  # bounds the parser's time; the longest frames make some 3 kB of JSON
 _CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
     "float32": "f", "float64": "d",

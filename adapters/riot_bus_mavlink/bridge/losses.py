@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 __all__ = ["LinkLosses", "SourceCount"]
 
-_MOST_SOURCES = 4096
+_MOST_SOURCES = 4096  # of 65,536 that senders may make up: bounds memory; a guess
 
 
 @dataclass(slots=True)

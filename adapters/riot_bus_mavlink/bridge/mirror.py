@@ -24,8 +24,8 @@ __all__ = ["ENCODING", "IN", "OUT", "Mirror"]
 IN, OUT = "mavlink/in", "mavlink/out"
 ENCODING = "application/json;mavlink"
 _MOST_WAITING = 1024  # batches
-_MOST_OUTLETS = 4096
-_END_S = 5.0
+_MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
+_END_S = 5.0  # generous: the thread ends after the batch that it has begun; not measured
 _MARK = b"mavlink-json-1"
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["ENCODING", "Side"]
 
 ENCODING = "application/octet-stream;mavlink"
-_MOST_OUTLETS = 4096
+_MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 
 
 class Side:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OwnStreams"]
 
-_MOST_SOURCES = 4096
+_MOST_SOURCES = 4096  # of 65,536 possible: beyond it, inserted frames of new sources get number 0
 
 
 class OwnStreams:

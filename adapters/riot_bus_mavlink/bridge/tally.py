@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["LinkTally"]
 
 _STREAM = ("frames", "unknown", "bad_crc", "bytes", "frame_bytes", "junk_bytes")
-_MOST_SOURCES = 4096
+_MOST_SOURCES = 4096  # as in losses.py, over all ends of a link: bounds memory and the status
 
 
 class LinkTally:

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FILES", "LISTENS", "Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
 
-DEFAULT_BAUD = 57600
-_LARGEST_PORT = 65535
-_MOST_LINKS = 256
+DEFAULT_BAUD = 57600  # MAVSDK's default, and that of usual telemetry radios
+_LARGEST_PORT = 65535  # ports of UDP and TCP have 16 bits
+_MOST_LINKS = 256  # a guess: a quarter of the 1024 descriptors that a process usually may open
 _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or /dev/ttyACM0,115200"
 _SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
 _LISTS = FILTER_NAMES["in"] | FILTER_NAMES["out"]

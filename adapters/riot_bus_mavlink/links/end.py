@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Batching", "End", "Host", "Link"]
 
-_MOST_WAITING = 64
+_MOST_WAITING = 64  # as many as one call can send over UDP (`_MOST_SEGMENTS` in udp.py)
 
 
 class Batching(NamedTuple):

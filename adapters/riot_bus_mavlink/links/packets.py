@@ -12,10 +12,10 @@ from typing import Any
 
 __all__ = ["Packets"]
 
-_AT_ONCE = 64
-_LARGEST = 1 << 16
+_AT_ONCE = 64  # per call; buffers for so many take 4 MiB of address space for each socket
+_LARGEST = 1 << 16  # UDP has 16 bits for the length of a packet
 _NAME = 32  # bytes, more than addresses of IPv4 and IPv6 have
-_WORD = 4
+_WORD = 4  # bytes of `c_uint`, the type of `size` in `_Slot`
 _IPV4 = struct.Struct("!2xH4s")
 _IPV6 = struct.Struct("!2xHI16s")
 _FAMILY, _SCOPE = struct.Struct("=H"), struct.Struct("=24xI")

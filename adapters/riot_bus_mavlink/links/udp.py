@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 __all__ = ["UdpClient", "UdpServer"]
 
 _BUFFER = 1 << 22  # asked for; the system may give less
-_MOST_PEERS = 64
-_RETRY_S = 1.0
+_MOST_PEERS = 64  # a guess: addresses can be forged, and each is sent frames
+_RETRY_S = 1.0  # a guess: finds a new host soon; one lookup per second costs little
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
-_STARTS = (0xFE, 0xFD)
+_STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
 _DROPS = 12  # column of /proc/net/udp
 _UDP_SEGMENT = 103  # linux/udp.h: the system cuts data into packets of one size; the last may be shorter
-_MOST_SEGMENTS = 64
+_MOST_SEGMENTS = 64  # Linux's UDP_MAX_SEGMENTS, in newer versions 128: it refuses more
 _SIZE = struct.Struct("=H")
 _CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
 

@@ -38,15 +38,15 @@ __all__ = ["Ros2Bridge"]
 _LOG = logging.getLogger(__name__)
 _NODE = "riot_bridge_"
 _TOKENS = "@riot/bridge/ros2"
-_LOOK_S = 0.5
-_START_S = 60.0
+_LOOK_S = 0.5  # changes wake the thread at once; waits such as `_LINGER_S` end up to this late
+_START_S = 60.0  # generous: discovery on a slow or busy machine; not measured
 _LINGER_S = 2.0  # longest delay of the last messages of a publisher that has gone
-_MOST_PROBLEMS = 1000
-_MOST_ROUTES = 4096
-_MOST_TOKENS = 50_000
-_MOST_BRIDGES = 1000
+_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make the bridge print and keep for its status
+_MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
+_MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
+_MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
 _MEET_S = 5.0  # longest time until nodes of a domain know each other
-_GID = 16
+_GID = 16  # an attachment ends with a gid, a hash of 128 bits (gid.py)
 
 
 class Ros2Bridge:

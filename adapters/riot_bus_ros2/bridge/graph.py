@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 __all__ = ["DomainEndpoint", "DomainGraph", "Profile", "announced", "profile_of"]
 
-_SECOND = 10**9
+_SECOND = 10**9  # nanoseconds, as in `Profile`
 RELIABLE, BEST_EFFORT = 1, 2
 LATCHED, VOLATILE = 1, 2
 KEEP_LAST, KEEP_ALL = 1, 2
-AUTOMATIC, BY_TOPIC = 1, 3
+AUTOMATIC, BY_TOPIC = 1, 3  # rmw's numbers, as above; 2 (by node) is deprecated
 
 
 class Profile(NamedTuple):

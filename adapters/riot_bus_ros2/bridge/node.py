@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 __all__ = ["NodeProcess", "interpreter"]
 
 _PROGRAM = Path(riot_bus_ros2.__file__).resolve().parent / "rclpy_node"
-_START_S = 60.0
-_END_S = 10.0
-_FLUSH_S = 5.0
-_BUFFER = 1 << 22
+_START_S = 60.0  # generous: importing rclpy on a slow or busy machine; not measured
+_END_S = 10.0  # the node itself takes up to 6 s: three times `_LINGER_S` of relay.py
+_FLUSH_S = 5.0  # generous: only a node that hangs leaves orders unread for so long
+_BUFFER = 1 << 22  # asked for, so that large messages need not wait; the system may give less
 _SOURCE = 'source "$0" && exec "$@"'
 
 

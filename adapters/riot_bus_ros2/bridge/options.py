@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["Names", "Ros2BridgeOptions"]
 
 _LARGEST_DOMAIN = 232  # DDS computes its ports from it
-_LARGEST_ZENOH_DOMAIN = 999_999_999
-_MOST_KEPT = 1 << 20
+_LARGEST_ZENOH_DOMAIN = 999_999_999  # data keys have domains of up to nine digits (keys.py)
+_MOST_KEPT = 1 << 20  # a million messages of 1 kB take 1 GB: more is probably a mistake
 _OF_EVERY_NODE = frozenset(
     {
         "describe_parameters",

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["BridgePlan", "DomainAnnouncement", "Down", "Up", "plan_of"]
 
 _USUAL_DEPTH = 10  # default of ROS; used in tokens if DDS does not tell the depth
-_MOST_LATCHED = 1 << 16
+_MOST_LATCHED = 1 << 16  # peers may announce depths of ten digits: bounds what is fetched and kept
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 

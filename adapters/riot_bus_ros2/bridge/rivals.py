@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 __all__ = ["Rival"]
 
-_CHUNKS = 3
+_CHUNKS = 3  # domain, id of the session and name, see `token`
 _DOMAIN = re.compile("[0-9]{1,3}")
 
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-FLUSH_S = 10.0
+FLUSH_S = 10.0  # generous for one short report: only a bridge that hangs takes longer
 
 
 def _load() -> None:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["DomainClient", "Server"]
 
-_MOST_OPEN = 1024
-_AT_ONCE = 16
+_MOST_OPEN = 1024  # a guess: requests that nobody answers would be kept for ever
+_AT_ONCE = 16  # then other services and topics get their turn; not measured
 
 
 class Server:

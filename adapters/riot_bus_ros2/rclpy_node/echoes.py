@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Echoes"]
 
 _ROUNDED_NS = 1_000  # DDS counts time in fractions of 2**-32 s
-_ENDLESS = 1 << 63
+_ENDLESS = 1 << 63  # later than any time of publication, which is an int64 of nanoseconds
 
 
 class Echoes:

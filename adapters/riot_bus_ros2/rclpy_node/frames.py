@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["BridgeFrame", "BridgeFrameKind", "Wire"]
 
 _HEADER = struct.Struct("<IBIq")
-_JOINED = 1 << 16
-_BUFFER = 1 << 20
+_JOINED = 1 << 16  # a guess: copying more than this costs more than queueing a second piece
+_BUFFER = 1 << 20  # one read takes many small frames; more would only take memory
 
 
 class BridgeFrameKind(IntEnum):

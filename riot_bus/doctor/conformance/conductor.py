@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["EndFailedError", "conduct"]
 
 _OTHER: dict[EndName, EndName] = {"left": "right", "right": "left"}
-_LEAVE_S = 5.0
+_LEAVE_S = 5.0  # generous, not measured; an end that hangs is killed, and has told what it saw before
 _CHILD = "riot_bus.doctor.conformance.child"
 
 

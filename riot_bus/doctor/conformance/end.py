@@ -20,7 +20,7 @@ EndName = Literal["left", "right"]
 DEADLINE_S = 60.0
 """Longest wait for anything that must happen."""
 
-_PROBE_INTERVAL_S = 0.002
+_PROBE_INTERVAL_S = 0.002  # each look publishes a message per session: at most 500 a second
 
 Session = Any
 """A zenoh.Session; its stubs leave much untyped."""

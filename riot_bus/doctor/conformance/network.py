@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BusNetwork", "PlainNetwork", "RunningNetwork", "ScenarioNetwork"]
 
-_TIMEOUT_S = 10.0
+_TIMEOUT_S = 10.0  # the default of `Bus`; a quarter of the time that a scenario has
 _UNUSED = "riot/unused"
 _ENDS: tuple[EndName, EndName] = ("left", "right")
 

@@ -31,7 +31,7 @@ intercepted, and over the junction from then on.
 """
 
 _OWN_ROUTER: frozenset[Need] = frozenset({"router", "tls", "mtls", "password", "shm"})
-_TIMEOUT_S = 40.0
+_TIMEOUT_S = 40.0  # waits for messages take at most 10 s each; ends that need more hang
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ __all__ = ["END", "CallCollector", "Inbox", "show", "show_replies"]
 END = b"riot-end"
 """Payload of a message after which nothing more is expected."""
 
-_SHORT = 40
+_SHORT = 40  # the scenarios' counters and words are shorter; of longer payloads, a hash is compared
 
 
 def _bytes(data: bytes) -> str:

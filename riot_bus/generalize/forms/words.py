@@ -30,7 +30,7 @@ _STL = "always eventually until historically once since implies iff abs sqrt exp
 _OURS = "math struct div quotient leg larger smaller nearest candidates near single is_dangerous sanitize v TERMS ROOTS"
 _TAKEN = frozenset([*keyword.kwlist, *keyword.softkwlist, *dir(builtins), *_CPP.split(), *_STL.split(), *_OURS.split()])
 _FLOAT_OPERATIONS = frozenset({"div", "hypot", "leg"})
-_LONGEST = 60
+_LONGEST = 60  # keeps lines of generated code readable; a number tells equal beginnings apart
 
 
 def identifiers(names: Sequence[str]) -> dict[str, str]:

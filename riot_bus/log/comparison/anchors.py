@@ -18,7 +18,7 @@ __all__ = ["Gap", "Keys", "Twins", "anchored", "longest_rising"]
 Keys = Sequence[Hashable] | Mapping[int, Hashable]
 """The key of each message, by position; None for a message without a key, which equals no other one."""
 
-_SHARE = 0.5
+_SHARE = 0.5  # of the shorter sequence: if fewer keys are equal, this may be by chance
 
 
 class Twins(NamedTuple):

@@ -32,8 +32,8 @@ PAYLOAD, KIND, ATTACHMENT = "(payload)", "(kind)", "(attachment)"
 
 _INDEX = re.compile(r"\[\d+\]")
 _SEQUENCE = "sequence number"
-_MOST_PATHS = 1 << 18
-_HASH_BYTES = 16
+_MOST_PATHS = 1 << 18  # of all known shapes: those of 64 arrays that are MOST_ELEMENTS long
+_HASH_BYTES = 16  # 128 bits: among 1e9 messages, two collide with a chance of 1.5e-21
 
 
 class _Odd:

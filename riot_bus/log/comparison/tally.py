@@ -22,8 +22,8 @@ MOST_FIELDS = 10_000
 """Most fields of a topic that are counted separately; differences in others are counted together."""
 
 _OTHERS = "(other fields)"
-_LONGEST = 200
-_SAMPLE = 4096
+_LONGEST = 200  # two values for each of MOST_FIELDS fields: 8 million characters, if hexadecimal
+_SAMPLE = 4096  # distances, of which half are kept: the median's rank is exact to about 1 %
 
 
 @dataclass(slots=True)

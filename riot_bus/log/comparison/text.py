@@ -18,8 +18,8 @@ __all__ = ["MOST_FIELDS", "facts", "moves", "rest_lines", "spans", "topic_lines"
 MOST_FIELDS = 10
 """Most fields of a topic that are shown."""
 
-_MOST_NUMBERS = 8
-_LONGEST = 80
+_MOST_NUMBERS = 8  # as many spans like `#12345-12399` take about 110 characters
+_LONGEST = 80  # usual width of a terminal: longer values would hide the rest of the line
 
 
 def topic_lines(topic: TopicDifference) -> Iterator[str]:

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = ["TopicComparison"]
 
-_NUMBERS = 100
-_BINS = 120
-_IN_MEMORY = 1 << 21
-_BYTES_PER_VALUE = 32
+_NUMBERS = 100  # of each kind in a report; one that lists all losses could be huge
+_BINS = 120  # stretches of a log, as fleet.near_misses.BINS
+_IN_MEMORY = 1 << 21  # values of messages: 64 MiB at _BYTES_PER_VALUE; beyond it, messages are read again
+_BYTES_PER_VALUE = 32  # a Python float takes 24 bytes, the reference to it 8
 
 
 class TopicComparison:

@@ -34,7 +34,7 @@ _VALUE = re.compile(
 )
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 _HINT = "write TOPIC:FIELD=VALUE, such as '/odom:twist.twist.linear.x = nan where pose.pose.position.x > 3'"
-_ALL_ELEMENTS = 1 << 20
+_ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,9 @@ class Assignment:
         if "[*]" not in self.field:
             return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
         pattern = _elements(self.field)
-        leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
+        leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS + 1) if pattern.fullmatch(leaf.path)]
+        if len(leaves) > _ALL_ELEMENTS:
+            raise PayloadError(f"more than {_ALL_ELEMENTS} elements cannot be set", where=self.field)
         if not leaves:
             kind.read(payload, f"len({self.field.partition('[*]')[0]})")  # raises if there is no such array
             return payload

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["FIELD", "Former", "former_of", "metadata_text", "record_of"]
 
 FIELD = "serialized_metadata"
-_MOST_BYTES = 1 << 26
+_MOST_BYTES = 1 << 26  # default limit of a metadata record (LogLimits.definitions)
 _NAMES = re.compile(r"(?:history|reliability|durability|liveliness):\s*[A-Za-z]")
 _DISTRO = re.compile(r'^ros_distro:\s*"?([\w.-]*)"?\s*$', re.MULTILINE)
 _CUSTOM = re.compile(r"^custom_data:(?:[ \t]*\n(?:[ \t]+.*(?:\n|\Z))+|[^\n]*)", re.MULTILINE)

@@ -34,8 +34,7 @@ _HEAD_TYPE = np.dtype(
     ]
 )
 _MESSAGE = struct.Struct("<BQHIQQ")
-_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23
-_WRAP = 1 << 64
+_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record, see _HEAD_TYPE
 
 
 @dataclass(slots=True, eq=False)

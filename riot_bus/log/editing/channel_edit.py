@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ChannelEdit", "EditStep", "Kinds", "concerning"]
 
-_HOPELESS = 1000
+_HOPELESS = 1000  # failures without a success: a misspelt field ends an edit early; a guess
 
 
 class Trouble:

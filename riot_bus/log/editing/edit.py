@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["edit"]
 
-_END = 1 << 64
+_END = 1 << 64  # MCAP's times have 64 bits and no sign: all lie below
 
 
 def edit(

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = ["InputLog"]
 
-_CHANNELS = 1 << 16
-_CHUNK_NAME_AT = 28
-_MOST_LOOKED_AT = 1000
+_CHANNELS = 1 << 16  # MCAP's channel numbers have 16 bits
+_CHUNK_NAME_AT = 28  # in MCAP's chunk record, after two times, size and CRC (8 + 8 + 8 + 4)
+_MOST_LOOKED_AT = 1000  # uncompressed chunks before a compressed one; looking at each reads 64 bytes
 
 
 class InputLog:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Design", "EditOptions", "Shift"]
 
-_LONGEST_S = 1e10
-_LARGEST_CHUNK = 1 << 28
+_LONGEST_S = 9e9  # 285 years: shifts are nanoseconds in 64 bits with a sign, which span 292
+_LARGEST_CHUNK = 1 << 28  # as in record.options: memory holds whole chunks; readers refuse more than 1 GiB
 
 
 @dataclass(frozen=True, slots=True)

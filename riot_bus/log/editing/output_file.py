@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["OutputFile", "ReadyChunk"]
 
 _INDEX = struct.Struct("<BQHI")
-_MOST_WAITING = 4
+_MOST_WAITING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
 _SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Outputs"]
 
 _NO_NAME = re.compile(r"[^\w.-]+", re.ASCII)
-_LONGEST = 100
+_LONGEST = 100  # file names have 255 bytes at most; stem and number need some of them
 METADATA = "metadata.yaml"
 
 

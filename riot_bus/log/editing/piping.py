@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Piping"]
 
-_MOST_BYTES = 1 << 26
-_TIMES = 1 << 64
+_MOST_BYTES = 1 << 26  # of delayed messages; beyond it they are written early, as readers sort anyway
+_TIMES = 1 << 64  # MCAP's times have 64 bits
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Condition", "Selection", "parse_clauses", "parse_selection"]
 
 _CLAUSE = re.compile(r"(.*?)\s*(?<!\S)(during|index|every)\s+(\S+)", re.DOTALL)
-_ALL_TIME = 1 << 64
+_ALL_TIME = 1 << 64  # MCAP's times have 64 bits and no sign: all lie below
 _HINT = "write TOPIC [during A..B] [index I..J] [every N] [where PREDICATE], such as '/odom during 5..9 where x > 3'"
 
 

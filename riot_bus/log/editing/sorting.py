@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Sorter"]
 
-_MOST_BYTES = 1 << 28
-_ROW_BYTES = 64
-_LAST = (1 << 64) - 1
+_MOST_BYTES = 1 << 28  # as LogLimits.held: beyond it messages are written unsorted, and readers sort them
+_ROW_BYTES = 64  # arrays of a `Batch` take 28 to 48 bytes a message, extras more
+_LAST = (1 << 64) - 1  # latest time in MCAP: its times have 64 bits
 
 
 class Sorter:

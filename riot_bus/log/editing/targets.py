@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OutputChannel", "Targets", "new_identity"]
 
-_NUMBERS = 1 << 16
+_NUMBERS = 1 << 16  # MCAP's numbers of channels and schemas have 16 bits
 _NO_KEY = re.compile(r"\A\Z|//|[*$?#\s]")
 
 

@@ -34,7 +34,7 @@ MOST_OTHERS = 1 << 18
 """Most records of one block that are not messages: a damaged block must not exhaust the memory."""
 
 _REPEATED = 4  # after this many records of equal length in a row, more of them are searched for at once
-_FIRST_LOOK = 32
+_FIRST_LOOK = 32  # records; times 4 while all are equal: short runs cost little, long ones few calls
 
 
 class Span(NamedTuple):

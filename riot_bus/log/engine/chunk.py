@@ -21,9 +21,9 @@ Buffer = bytes | memoryview
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
 _ENTRY = struct.Struct("<QQ")
-_BODY = 22
-_PIECE = 1 << 17
-_FEW = 8
+_BODY = 22  # MCAP's message record without payload: channel, sequence, two times (2 + 4 + 8 + 8)
+_PIECE = 1 << 17  # the system allocates and frees larger blocks each time (glibc's default); see packing
+_FEW = 8  # numpy's calls cost more than a loop over few messages; a guess
 _FIELDS = (
     ("opcode", "u1"),
     ("length", "<u8"),

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["COMPRESSIONS", "PackedChunk", "check_compression", "pieces_of", "worthwhile"]
 
 _LEAST_SHARE = _LEAST_GAIN = 32  # 1/32 of a chunk
-_FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256
-_LOOK = 64
+_FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256  # headers are skipped; of few payloads, 1 MiB is sampled at most
+_LOOK = 64  # bytes in the middle of payloads: if two agree there, they are probably copies
 
 _PER_THREAD = threading.local()
 

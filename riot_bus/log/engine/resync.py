@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["next_record"]
 
-_FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22
+_FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22  # most damage is short; the search takes several times a window in memory
 _NAMES = (b"", b"lz4", b"zstd")
 _CHUNK_HEAD = HEAD.size + CHUNK.size + len(b"zstd") + 8
 _NAME_LENGTH = HEAD.size + CHUNK.size - 4

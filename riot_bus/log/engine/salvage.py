@@ -26,7 +26,7 @@ __all__ = ["Salvage", "salvage"]
 
 _INDEX = struct.Struct("<HI")
 _STEP = 1 << 12  # bytes that are decompressed at once: up to this many are lost before a damaged place
-_PACKED_STEP = 1 << 10
+_PACKED_STEP = 1 << 10  # compressed bytes of lz4: up to this many are lost before a damaged place
 _FIELDS = (("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"))
 
 

@@ -56,10 +56,10 @@ FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 RecordT = TypeVar("RecordT")
 
 _MESSAGE = struct.Struct("<BQHIQQ")
-_PLAIN_BLOCK = 1 << 20
+_PLAIN_BLOCK = 1 << 20  # as a usual chunk: smaller blocks need more entries, larger ones load longer
 _DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
 _SHORTEST_CHUNK = CHUNK.size + 8
-_MOST_GAPS = 1000
+_MOST_GAPS = 1000  # a search reads 64 KiB or more: many in a hostile file would take hours
 
 
 class MessageEntry(NamedTuple):

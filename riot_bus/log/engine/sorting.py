@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Waiting"]
 
-_ENTRY_BYTES = 200
+_ENTRY_BYTES = 200  # a `MessageEntry`, its integers and its payload's header take about this
 
 
 @dataclass(slots=True)

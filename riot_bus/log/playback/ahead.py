@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 __all__ = ["AheadSource"]
 
-_BATCH = 64
-_BATCH_BYTES = 1 << 20
-_BATCHES = 32
+_BATCH = 64  # messages: one by one, each would take a lock and wake a thread
+_BATCH_BYTES = 1 << 20  # as a usual chunk: large messages are handed over after fewer than _BATCH
+_BATCHES = 32  # 2048 messages or 32 MiB, of which usual chunks take 1 MiB; not tuned
 _WAITING_BYTES = _BATCHES * _BATCH_BYTES
-_JOIN_S = 10.0
+_JOIN_S = 10.0  # threads end at their next batch; a hanging disk must not block for ever
 
 
 class AheadSource:

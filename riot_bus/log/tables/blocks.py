@@ -42,7 +42,7 @@ _MESSAGE = np.dtype(
     }
 )
 """The part of a message record before its payload."""
-_LATEST = (1 << 63) - 1
+_LATEST = (1 << 63) - 1  # the largest int64 of numpy; times in MCAP go up to 2^64 - 1
 _SMALL = 1 << 14  # handing a block of this size to a thread takes longer than loading it
 
 

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Exported", "TableWriter", "export_table"]
 
-_BATCH = 1 << 16
-_MEMORY = 1 << 28
+_BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
+_MEMORY = 1 << 28  # as for `iter_columns`, so that a log may have any size
 
 
 class TableWriter(Protocol):

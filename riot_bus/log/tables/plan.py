@@ -41,8 +41,8 @@ __all__ = [
     "topic_types",
 ]
 
-_SAMPLES = 16
-_MOST_SAMPLED = 100_000
+_SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
+_MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read
 _INDEX = re.compile(r"\[\d+\]")
 _NOTHING = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
 

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 __all__ = ["FieldRange", "TopicFields", "field_ranges"]
 
-_MEMORY = 1 << 28
-_ELEMENTS = 16
-_NESTED_ELEMENTS = 4
-_MOST_NESTED = 3
-_MOST_SURVEYED = 1000
-_EXAMPLES = 4
-_EXAMPLE_LENGTH = 40
+_MEMORY = 1 << 28  # as for `iter_columns`; a single block may be larger
+_ELEMENTS = 16  # each is a path of its own, whose values are gathered from all messages
+_NESTED_ELEMENTS = 4  # of each level, so that three levels have 64 paths
+_MOST_NESTED = 3  # each further level would take four times as many paths
+_MOST_SURVEYED = 1000  # each field takes a pass over the payloads; the rest counts as omitted
+_EXAMPLES = 4  # all examples of a field share a cell of a table
+_EXAMPLE_LENGTH = 40  # four examples take 160 characters; texts and bytes may have any length
 _INDEX = re.compile(r"\[\d+\]")
 
 

@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 __all__ = ["HistoryMirror"]
 
 _LOG = logging.getLogger(__name__)
-_SETTLE_S = 0.05
-_UNDER_WAY_S = 0.25
-_LOOK_S = 0.01
+_SETTLE_S = 0.05  # for lanes to take samples, and subscribers to query; live messages may wait meanwhile
+_UNDER_WAY_S = 0.25  # 50 ms were not enough once in 180 runs on a busy machine
+_LOOK_S = 0.01  # a look compares two numbers of each lane; `_MOST_LOOKS` make ten seconds
 _MOST_LOOKS = (
     1000  # ten seconds: where interceptors are so slow that a lane never ends, late joiners shall not wait for it
 )
-_RECOVERED_S = 1.5
-_PATIENCE_S = 0.005
-_FAILURES = 3
-_STAND_IN = 1 << 30
+_RECOVERED_S = 1.5  # three heartbeats of 0.5 s, to notice a gap and query; not measured
+_PATIENCE_S = 0.005  # a slow receiver keeps the worker from other publishers for as long
+_FAILURES = 3  # one or two queries may time out by chance, after 2 s each
+_STAND_IN = 1 << 30  # fits into the 32 bits of an entity's id, far above those that a session counts up
 
 
 class HistoryMirror:

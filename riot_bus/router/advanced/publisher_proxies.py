@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 __all__ = ["PublisherProxies"]
 
 _LOG = logging.getLogger(__name__)
-_BEAT_S = 0.5
-_END_S = 5.0
-_TOKENS_S = 2.0
-_ASK_AGAIN_S = 5.0
-_MOST_ASKED = 1 << 16
-_MOST_UNASKED = 1 << 13
-_ASK_AT_ONCE = 16
-_ASK_PAUSE_S = 0.05
-_ASK_REST = 9
-_MOST_ENDED = 1 << 12
-_MOST_RELAYS = 1 << 14
+_BEAT_S = 0.5  # how late subscribers hear of a lost last sample; a beat visits all publishers
+_END_S = 5.0  # longer than the two queries, of 2 s each, that an earlier task may make
+_TOKENS_S = 2.0  # a router knows its tokens and answers at once; callers wait for it
+_ASK_AGAIN_S = 5.0  # longer than a query (2 s), so that a key has only one at a time
+_MOST_ASKED = 1 << 16  # an entry takes about 300 bytes: bounds memory at about 20 MiB
+_MOST_UNASKED = 1 << 13  # at 320 keys a second (see below), the last one waits 26 s
+_ASK_AT_ONCE = 16  # with `_ASK_PAUSE_S` 320 keys a second: a query costs Zenoh more with more publishers
+_ASK_PAUSE_S = 0.05  # leaves the worker's thread to other jobs after each group of queries
+_ASK_REST = 9  # pauses are nine times as long as queries took, so these take at most a tenth of the time
+_MOST_ENDED = 1 << 12  # their late samples must not revive them; about 400 bytes each: 2 MiB
+_MOST_RELAYS = 1 << 14  # tokens can be forged, and each publisher costs declarations in all other segments
 
 
 class PublisherProxies:

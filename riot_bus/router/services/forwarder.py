@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["CallLane", "Limits"]
 
 _LOG = logging.getLogger(__name__)
-_FOREVER_S = 30 * 86_400.0
+_FOREVER_S = 30 * 86_400.0  # Zenoh needs a limit (10 s by default); no caller waits for a month
 _QOS = Qos()
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Presence"]
 
-_CACHED = 1 << 10
+_CACHED = 1 << 10  # each is a querier declared in a session, and callers may use ever new keys
 
 
 class Presence:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["leave_account", "package_lines"]
 
-_LARGEST = 1 << 20
+_LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so more is no report
 
 
 def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Passage"]
 
-_MOST_NAMES = 12
+_MOST_NAMES = 12  # at about 20 letters each, three lines of a terminal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

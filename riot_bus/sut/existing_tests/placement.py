@@ -20,7 +20,7 @@ __all__ = ["STARTED", "Placement", "StartedProcesses", "hooked", "only_some", "s
 HOOK = Path(__file__).with_name("hook")
 STARTED = ".started"
 """Suffix of the file next to a plan of `only_some` in which the hook reports what was to be started."""
-_LARGEST = 1 << 20
+_LARGEST = 1 << 20  # four times the size at which the hook stops writing reports
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,9 +54,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ProtobufType"]
 
-_MAX_DEPTH = 64
-_MOST_DEFAULTS = 1 << 20
-_END_GROUP = 4
+_MAX_DEPTH = 64  # two calls for each level at most: far below Python's limit of 1000
+_MOST_DEFAULTS = 1 << 20  # an element of two bytes may have thousands: else small payloads fill the memory
+_END_GROUP = 4  # wire type EGROUP of the encoding of Protocol Buffers
 
 
 class _Spot(NamedTuple):

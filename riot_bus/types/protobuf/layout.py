@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Definitions", "Layout", "ProtobufField", "load_set"]
 
-_MAX_SET = 1 << 24
+_MAX_SET = 1 << 24  # a guess, far more than definitions need: bounds the work that a log can cause
 _TYPES = (
     "", "double", "float", "int64", "uint64", "int32", "fixed64", "fixed32", "bool", "string", "group", "message",
     "bytes", "uint32", "enum", "sfixed32", "sfixed64", "sint32", "sint64",
 )  # fmt: skip
 _DEFAULTS: dict[str, Scalar] = {"bool": False, "string": "", "bytes": b"", "float32": 0.0, "float64": 0.0}
-_REPEATED = 3
+_REPEATED = 3  # the number of LABEL_REPEATED in descriptor.proto
 _IMPLICIT, _EXPANDED, _DELIMITED = 2, 2, 2
 _UNITS = {
     f"google.protobuf.{name}.{member}": unit

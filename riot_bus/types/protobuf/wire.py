@@ -34,8 +34,8 @@ __all__ = [
 VARINT, FIXED64, BYTES, GROUP, END_GROUP, FIXED32 = range(6)
 """Wire types; `GROUP` begins a group."""
 
-_MOST_GROUPS = 100
-_MAX_VARINT = 10
+_MOST_GROUPS = 100  # the default limit of Google's parsers for nested messages
+_MAX_VARINT = 10  # 64 bits, 7 in each byte
 
 
 class ScalarKind(NamedTuple):

@@ -101,6 +101,19 @@ def test_json_round_trip() -> None:
     assert PAPER.variables == (X, Y)
 
 
+def test_whatever_is_written_can_be_read() -> None:
+    long = Rule(
+        (
+            (Literal(Feature("mul3", ("x", "y", "z")), ">", 2**191),),
+            (Literal(Feature("linear", ("x", "y"), (2**64 - 1, -(2**64) + 1)), "<=", -(2**129)),),
+            (Literal(Feature("raw", ("s",)), "==", "a" * (1 << 20)),),
+            (Literal(Feature("raw", ("b",)), "in", (b"\0" * (1 << 20), b"")),),
+        )
+    )
+    assert Rule.from_json(json.dumps(long.to_dict())) == long
+
+
+
 def _literal(**changes: Any) -> str:
     item = {"feature": "mul", "args": ["x", "y"], "operator": "<", "value": 0} | changes
     return json.dumps({"format": "riot-rule", "version": 1, "terms": [[item]]})

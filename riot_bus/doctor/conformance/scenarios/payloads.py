@@ -14,7 +14,7 @@ from riot_bus.doctor.conformance.scenario import Observation, scenario
 if TYPE_CHECKING:
     from riot_bus.doctor.conformance.end import ScenarioEnd
 
-_SIZES = (0, 1, 1 << 16, 10 << 20)
+_SIZES = (0, 1, 1 << 16, 10 << 20)  # none, one byte, one more than a batch of Zenoh, 160 batches
 
 
 @scenario("payload_sizes")

@@ -13,7 +13,7 @@ from riot_bus.doctor.conformance.scenario import Observation, scenario
 if TYPE_CHECKING:
     from riot_bus.doctor.conformance.end import ScenarioEnd
 
-_COMBINATIONS = 7 * 3 * 2
+_COMBINATIONS = 7 * 3 * 2  # Zenoh's priorities, its congestion controls, and express or not
 
 
 @scenario("quality_of_service")

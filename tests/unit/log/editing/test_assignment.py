@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from riot_bus.log.editing import assignment
 from riot_bus.log.editing.assignment import parse_assignment
 from riot_bus.types.json_type import JsonType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -78,6 +79,13 @@ def test_values_keep_the_kind_of_the_field(text, before, after):
 def test_all_elements():
     assert applied("a:v[*].x *= 10", {"v": [{"x": 1}, {"x": 2}], "w": [1]}) == {"v": [{"x": 10}, {"x": 20}], "w": [1]}
     assert applied("a:v[*] = 0", {"v": []}) == {"v": []}
+
+
+def test_more_elements_than_memory_should_hold_are_refused(monkeypatch):
+    monkeypatch.setattr(assignment, "_ALL_ELEMENTS", 3)
+    assert applied("a:v[*] = 0", {"v": [1, 2, 3]}) == {"v": [0, 0, 0]}
+    with pytest.raises(PayloadError, match="more than 3 elements"):
+        applied("a:v[*] = 0", {"v": [1, 2, 3, 4]})
 
 
 @pytest.mark.parametrize("text", ["a:u = 1", "a:v += 1", "a:v.x = 1", "a:u[*] = 1"])
