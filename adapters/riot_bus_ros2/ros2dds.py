@@ -48,7 +48,7 @@ _RMW_RELIABILITY = {0: 2, 1: 1}
 _RMW_DURABILITY = {0: 2, 1: 1}
 _RMW_HISTORY = {0: 1, 1: 2}
 _REQUEST = b"rqh"
-_REQUEST_SIZE = 20
+_REQUEST_SIZE = 20  # `_REQUEST`, client and sequence of 8 bytes each, and the byte order
 
 
 def key_of(name: str, namespace: str = "/") -> str:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Ros2DdsAdapter"]
 
-_MOST_TYPES = 50_000
+_MOST_TYPES = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens, so this bounds memory
 
 
 class Ros2DdsAdapter(Ros2Adapter):

@@ -35,7 +35,7 @@ HUMBLE = "ros2_humble"
 """The last distribution without hashes in keys."""
 DISTROS = ("ros2_kilted", "ros2_lyrical")
 OLDER = ("ros2_jazzy", "ros2_iron", HUMBLE)
-_MOST_BYTES = 1 << 20
+_MOST_BYTES = 1 << 20  # as `_MOST_TEXT` of definitions.py: bounds the parser's time for any file
 _stores: dict[str, Typestore] = {}
 
 

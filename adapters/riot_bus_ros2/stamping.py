@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["TOKENS", "definition_of", "details_of", "profiles_of", "stamp_of"]
 
 _V2 = struct.Struct("<qqB16s")
-_GID = 16
-_MOST_PROFILES = 64
+_GID = 16  # bytes of a gid, a hash of 128 bits (gid.py)
+_MOST_PROFILES = 64  # a guess: tokens can be forged, and each would make the log's metadata longer
 
 
 def stamp_of(attachment: bytes) -> Stamp | None:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["TypeStore", "require_rosbags"]
 
-_LONGEST = 1 << 12
+_LONGEST = 1 << 12  # a guess: rosbags generates and compiles a line of code for each element
 _OF_USER = 2  # number of sources before the distributions
-_MOST_TOLD = 1 << 12
+_MOST_TOLD = 1 << 12  # a guess: nodes may describe any number of types, and each takes a store
 
 
 def require_rosbags() -> None:

@@ -27,8 +27,8 @@ EndpointKind = Literal["MP", "MS", "SS", "SC"]
 """Publisher, subscriber, service server, service client."""
 
 _SPACE = "@ros2_lv"
-_NODE_CHUNKS = 8
-_ENDPOINT_CHUNKS = 12
+_NODE_CHUNKS = 8  # those behind `_SPACE` in a node's token, as at the top
+_ENDPOINT_CHUNKS = 12  # a node's 8, and name, type, hash and QoS
 _KINDS: dict[str, EndpointKind] = {kind: kind for kind in get_args(EndpointKind)}
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
 _ZID = re.compile(r"[0-9a-f]{1,32}", re.ASCII)

@@ -27,9 +27,9 @@ NOBODY = "(nobody)"
 """The identity without a name: a session with no credentials at all."""
 
 _COMMANDS = ("status", "logs", "play", "record", "pause", "resume", "seek", "rate", "stop")
-_WINDOW_S = 3.0
-_PAUSE_S = 0.2
-_ASK_S = 1.0
+_WINDOW_S = 3.0  # a guess: declarations take time, and nothing tells when they have arrived
+_PAUSE_S = 0.2  # 15 tries in the window: the first ones may come before the declarations
+_ASK_S = 1.0  # all sides are in this process and answer at once; silence means refusal
 
 
 @dataclass(frozen=True, slots=True)

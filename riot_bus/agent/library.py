@@ -29,7 +29,7 @@ _MOST_ROWS = 500
 _END_S = 10.0
 _IDLE, _LONGEST_REST_S = 9, 20.0
 """Rest between two scans, whatever is requested: a multiple of the last scan's duration, and the limit of it."""
-_NAMES = 10_000
+_NAMES = 10_000  # a guess: a wrong name is compared with each, only for a hint
 
 
 class Library:

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["FleetLink"]
 
 _LOG = logging.getLogger(__name__)
-_RETRY_S = 1.0
-_ASK_S = 1.0
-_END_S = 15.0
+_RETRY_S = 1.0  # so late a router that has started is found; a try costs one connection
+_ASK_S = 1.0  # with `_WATCH_S`, the default grace of 10 s holds six unanswered questions
+_END_S = 15.0  # opening a link takes up to 10 s (Zenoh's open_timeout), `others` another second
 
 
 class FleetLink:

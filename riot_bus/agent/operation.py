@@ -21,6 +21,7 @@ __all__ = ["FINAL", "Operation"]
 _LOG = logging.getLogger(__name__)
 _MOST_WARNINGS = 20
 _LONGEST = 500
+"""All warnings are in the status, published twice a second: at most 10,000 characters."""
 
 FINAL = ("ended", "stopped", "failed")
 """The states in which an operation is over and holds no resources."""

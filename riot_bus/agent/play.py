@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Play"]
 
-_LOOK_S = 0.1
-_MOST_ROWS = 20
-_LONGEST = 300
+_LOOK_S = 0.1  # so late a player that hangs is given up; other ends wake it
+_MOST_ROWS = 20  # with `_LONGEST`: a result's texts take at most 12,000 characters of the status
+_LONGEST = 300  # a guess: texts of problems may quote payloads of any length
 
 
 class Play(Operation):

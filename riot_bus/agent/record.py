@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordOperation", "check_room"]
 
-_LOOK_S = 0.1
-_MOST_ROWS = 20
-_LONGEST = 300
-_MIB = 1 << 20
+_LOOK_S = 0.1  # between two looks, 1 GB/s fill a fifth of the 512 MiB kept free
+_MOST_ROWS = 20  # with `_LONGEST`: a result's problems take at most 6,000 characters of the status
+_LONGEST = 300  # as in play.py: problems may quote payloads of any length
+_MIB = 1 << 20  # bytes: the unit in which people are told what is free
 
 
 class RecordOperation(Operation):

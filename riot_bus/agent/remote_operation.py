@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 __all__ = ["RemoteOperation", "Robot", "ask_robot", "find_robots", "list_logs", "who_am_i"]
 
-_FIND_S = 3.0
-_BEGIN_S = 20.0
-_ASK_S = 2.0
-_STOP_S = 10.0
-_SILENT_S = 2.0
-_LOOK_S = 0.2
-_LOOKING_S = 5.0
-_LARGEST = 1 << 20
-_LONGEST_NONCE = 100
+_FIND_S = 3.0  # as in riot_bus.control.remote: one agent that hangs delays the list by as much
+_BEGIN_S = 20.0  # generous: agents look up logs and check plans before they answer; not measured
+_ASK_S = 2.0  # Ctrl-C is not noticed meanwhile; agents answer `status` and `stop` at once
+_STOP_S = 10.0  # as docs/fleet.md says; an agent that hangs must not keep the terminal for longer
+_SILENT_S = 2.0  # four missed messages of progress, which come every 0.5 s
+_LOOK_S = 0.2  # so late Ctrl-C is noticed; `riot agent acl` allows 20 questions for logs a second
+_LOOKING_S = 5.0  # scans may rest for 20 s (library.py): then people get the list so far
+_LARGEST = 1 << 20  # as `LARGEST_PAYLOAD` of commands: anyone may publish at these keys
+_LONGEST_NONCE = 100  # an agent's has 32 digits; anyone may ask, with a payload of any length
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,9 +32,9 @@ _Secret = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=1000)]
 _Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-_MOST_INJECTIONS = 1000
-_MOST_COPIES = 1000
-_LONGEST_DELAY_S = 3600.0
+_MOST_INJECTIONS = 1000  # a guess: each one costs the robot time for every message of its topic
+_MOST_COPIES = 1000  # a guess: a single injection could flood the robot's bus
+_LONGEST_DELAY_S = 3600.0  # a guess: delayed messages take memory until they are due
 
 
 class Lead(BaseModel):

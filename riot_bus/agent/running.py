@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["run_agent"]
 
-_LOOK_S = 0.2
+_LOOK_S = 0.2  # so late the agent ends if the signal came just before a wait
 
 
 def run_agent(

@@ -33,13 +33,12 @@ if TYPE_CHECKING:
 __all__ = ["AGENT_COMMANDS", "AgentService"]
 
 _LOG = logging.getLogger(__name__)
-_PROGRESS_S = 0.5
-_LOOK_S = 0.1
-_WATCH_S = 0.5
-_END_S = 20.0
-_LARGEST = 1e12
-_LONGEST_WHO = 200
-_ROWS = 100
+_PROGRESS_S = 0.5  # four within the 2 s (`_SILENT_S`) after which a controller asks by itself
+_LOOK_S = 0.1  # so late changes are told that do not set the event, as a player's
+_WATCH_S = 0.5  # six questions that time out fit into the default grace of 10 s
+_END_S = 20.0  # with the link's 15 s below the 40 s of systemd (riot-agent.service)
+_LARGEST = 1e12  # beyond any log; keeps out NaN, infinity and what overflows SQLite's 64 bits
+_LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and the status
 
 
 class AgentService:

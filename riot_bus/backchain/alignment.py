@@ -21,7 +21,7 @@ _FEWEST_IN_ALL = 40
 _MOST_ROWS = 10_000
 """Most rows of a response in total: more change no verdict, but cost memory and time."""
 
-_FASTER = 1.5
+_FASTER = 1.5  # below, at least half of the means are of the held value alone
 
 HALF_A_STEP = (False, False, True, True)
 """Which variants lie half a step earlier: at a delay of whole steps, jitter decides which row shows the effect."""

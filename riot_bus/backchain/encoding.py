@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Encoding", "SearchField"]
 
-_DIGITS = 3
-_FEW = 16
+_DIGITS = 3  # steps of a thousandth of the distance from nominal: finer ones make no difference
+_FEW = 16  # a guess: modes have fewer values; counts and other quantities have more
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,10 +19,10 @@ Effect = Literal["level", "change", "spread"]
 CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 """The effect that each column of `residuals` shows."""
 
-_TERMS = 4
-_LEAST_SPREAD = 0.25
-_TRIMS = 6
-_OUTLIER = 6.0
+_TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
+_LEAST_SPREAD = 0.25  # of the mean size: quiet samples weigh at most four times as much
+_TRIMS = 6  # a guess: each fit without outliers shows which samples really are
+_OUTLIER = 6.0  # times the median size: four standard deviations of normal noise
 
 
 def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Share", "estimate"]
 
-_TERMS = 4
-_FEWEST_GROUPS = 4
+_TERMS = 4  # as in responses.py: the selected fields explain as much as in the test
+_FEWEST_GROUPS = 4  # Student's t: 3.2 standard errors with four groups, 4.3 with three, 12.7 with two
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,9 +34,9 @@ __all__ = [
 ]
 
 _LOG = logging.getLogger(__name__)
-_AT_ONCE = 64
+_AT_ONCE = 64  # saves calls in a burst; the first ones of larger batches would wait
 _CHANNEL = 4096  # messages
-_HEARTBEAT_S = 0.5
+_HEARTBEAT_S = 0.5  # as in rmw_zenoh: SAMPLE_MISS_DETECTION_HEARTBEAT_PERIOD of rmw_publisher_data.cpp
 _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 
 

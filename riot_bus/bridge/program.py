@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Program", "end_as"]
 
-_GRACE_S = 3.0
+_GRACE_S = 3.0  # a guess: from SIGTERM to SIGKILL; the bridge's end waits as long
 
 
 class Program:

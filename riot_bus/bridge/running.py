@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["run_bridge"]
 
-_LOOK_S = 0.2
+_LOOK_S = 0.2  # so late the bridge ends if the signal came just before a wait
 
 
 def _nothing() -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TokenTable"]
 
-_ANSWER_S = 2.0
+_ANSWER_S = 2.0  # routers answer at once; one that hangs delays followers by 4 s
 
 
 class TokenTable:

@@ -33,8 +33,8 @@ _BOTH = 0.25
 """Share of policies that set two fields."""
 _ENOUGH = 3
 """Policies about one thing that fail alone after which no more are tried."""
-_SHARES = (0.1, 0.3, 0.5)
-_MISSES = 4
+_SHARES = (0.1, 0.3, 0.5)  # a guess: from every tenth message to every second; more is nearly a row
+_MISSES = 4  # a guess: what has failed often enough is drawn again, but perhaps all has
 
 
 class Stretches:

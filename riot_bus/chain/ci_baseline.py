@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PruneResult", "PrunedFinding", "accept", "check_keep", "found_in", "moment", "prune"]
 
-_TITLE = 300
-_GIT_S = 10
+_TITLE = 300  # as in ci.py: titles have up to 20,000 characters, a line shows one
+_GIT_S = 10  # generous: it reads a few small files, but network folders may hang
 
 
 def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:

@@ -22,7 +22,7 @@ __all__ = ["axes_of", "crash_region"]
 
 _REGION_BUDGET, _AXES = 80, 2
 """Runs for a map of two fields, and these fields' number; more fields, if the failure needs them, get more runs."""
-_EDGE = 0.05
+_EDGE = 0.05  # of the spread; half of it takes about one more run for each edge
 
 
 def axes_of(permeable: PermeabilityRecord, fields: Mapping[str, ExternalField]) -> list[str]:

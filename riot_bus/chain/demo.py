@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["demo", "find_example"]
 
-_TRIALS = 60
+_TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
 
 
 def find_example(name: str) -> Path:

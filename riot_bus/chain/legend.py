@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["legend_of"]
 
 _INDEX = re.compile(r"\[\d+\]")
-_MOST = 12
+_MOST = 12  # a guess: all of them come into the one sentence that tells the rule
 _BITS = "bits"
 
 

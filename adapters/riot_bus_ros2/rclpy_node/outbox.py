@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Outbox"]
 
-_ROOM = 1 << 24
-_AT_ONCE = 1 << 20
+_ROOM = 1 << 24  # when the reader is slow, relaying threads wait instead of memory growing
+_AT_ONCE = 1 << 20  # a guess: saves system calls for small pieces, and copies for large ones
 
 
 class Outbox:

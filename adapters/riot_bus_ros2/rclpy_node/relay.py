@@ -34,10 +34,10 @@ __all__ = ["Relay"]
 EndT = TypeVar("EndT")
 FoundT = TypeVar("FoundT")
 
-_WAIT_NS = 1_000_000_000
+_WAIT_NS = 1_000_000_000  # orders and the end trigger the guard; only a missed trigger waits so long
 _LINGER_S = 2.0  # longest delay of the last messages at the end
-_LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02
-_BUSY_S = 1.0
+_LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02  # so late new endpoints are told; `_SHARE` bounds what looks cost
+_BUSY_S = 1.0  # a node makes its endpoints one after another: a change announces more
 _SHARE = 20  # a twentieth of the time is spent on looking at the graph
 
 

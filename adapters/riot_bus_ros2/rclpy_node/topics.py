@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Publisher", "Subscription", "Topics"]
 
 _AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 18  # messages of one subscription before others have their turn
-_LEAST_REMEMBERED = 1 << 12
+_LEAST_REMEMBERED = 1 << 12  # a guess: a later echo counts as a message of others, and is relayed
 _RELIABLE, _LATCHED = 1, 1
 
 
