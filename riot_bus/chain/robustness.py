@@ -280,7 +280,7 @@ def _leaks(
 ) -> tuple[list[Failure], tuple[str, ...]]:
     """Return growth that shows when a log is repeated, and what that cannot tell."""
     known = {*result.failures, *result.unconfirmed, *result.alarms}
-    if subject.whole_system or any(name.startswith("growth") for name in known):
+    if subject.whole_system or result.stopped or any(name.startswith("growth") for name in known):
         return [], ()
     runner, registry = step.unit_runner(subject.unit, unjudged=True), step.workspace.context.registry
     for grown, case in result.grown[:_MOST_LEAKS]:

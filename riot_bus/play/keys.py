@@ -13,7 +13,7 @@ HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, o
 
 _FASTER = 1.1  # a tenth, as in `ros2 bag play`; 24 presses change the rate tenfold
 _SEEK_S = 10.0  # `HELP` says so; usual in players of videos
-_LOWEST, _HIGHEST = 0.01, 1000.0  # of three decimals, which lose a tenth of 0.004; above, rate 0 will do
+_LOWEST, _HIGHEST = 0.01, 1000.0  # keys go no further; beyond, `-r` or rate 0 will do
 
 
 def press(service: PlayService, key: str) -> None:
@@ -45,4 +45,4 @@ def press(service: PlayService, key: str) -> None:
 def _accelerate(service: PlayService, factor: float) -> None:
     rate = service.status()["rate"]
     if rate:  # 0, as fast as possible, stays 0
-        service.set_rate(round(min(_HIGHEST, max(_LOWEST, rate * factor)), 3))
+        service.set_rate(float(f"{min(max(_HIGHEST, rate), max(min(_LOWEST, rate), rate * factor)):.3g}"))

@@ -113,7 +113,6 @@ def test_whatever_is_written_can_be_read() -> None:
     assert Rule.from_json(json.dumps(long.to_dict())) == long
 
 
-
 def _literal(**changes: Any) -> str:
     item = {"feature": "mul", "args": ["x", "y"], "operator": "<", "value": 0} | changes
     return json.dumps({"format": "riot-rule", "version": 1, "terms": [[item]]})

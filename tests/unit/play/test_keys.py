@@ -74,3 +74,19 @@ def test_as_fast_as_possible_gets_neither_faster_nor_slower():
 def test_help_names_the_keys():
     for key in ("space", "s or →", "↑ ↓", "[ ]", "0", "q"):
         assert key in HELP
+
+
+@pytest.mark.parametrize(
+    ("rate", "key", "then"),
+    [
+        (10_000.0, "up", 10_000.0),
+        (10_000.0, "down", 9090.0),
+        (0.001, "down", 0.001),
+        (1e-6, "down", 1e-6),
+        (1e-6, "up", 1.1e-6),
+    ],
+)
+def test_a_rate_beyond_what_keys_reach_changes_only_the_way_that_was_asked_for(rate, key, then):
+    player = Player(rate=rate)
+    press(player, key)
+    assert player.rate == then
