@@ -106,15 +106,16 @@ def test_or_in_that_of_the_marker(riot, riot_segment):
 def test_without_riot_there_is_no_segment():
     assert "ZENOH_CONFIG" not in os.environ
 
-@pytest.fixture(scope="module")
-def lasting(riot_router):
-    with riot_router.start([sys.executable, "-c", DOUBLER], subscribes=["pos"], timeout=60) as process:
-        yield process
+class TestLasting:  # it would answer in the tests that follow, too
+    @pytest.fixture(scope="class")
+    def lasting(self, riot_router):
+        with riot_router.start([sys.executable, "-c", DOUBLER], subscribes=["pos"], timeout=60) as process:
+            yield process
 
-@pytest.mark.parametrize("number", range(3))
-@pytest.mark.riot(plan="nine.toml")
-def test_a_component_may_live_over_many_tests(riot, lasting, number):
-    assert ask(riot, 3) == [2.0, 18.0, 2.0]
+    @pytest.mark.parametrize("number", range(3))
+    @pytest.mark.riot(plan="nine.toml")
+    def test_a_component_may_live_over_many_tests(self, riot, lasting, number):
+        assert ask(riot, 3) == [2.0, 18.0, 2.0]
 
 class TestOld(unittest.TestCase):
     @pytest.fixture(autouse=True)
