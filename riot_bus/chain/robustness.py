@@ -64,7 +64,7 @@ _LOG = logging.getLogger(__name__)
 _MOST_HISTORIES = 5
 """Most histories to shrink: each may take some hundred trials."""
 _MOST_LEAKS = 5
-"""Most cases whose log is played several times, to see whether growth goes on."""
+"""Most cases whose log is played several times, to see whether growth goes on: that may take as long as 64 trials."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
 """Trials for evidence in one call of a runner, trials in all at most, and the accepted probability that none fails."""
 

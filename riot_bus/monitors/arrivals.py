@@ -160,6 +160,8 @@ class Reached(_Condition):
         when: A selector, `mission/state where phase == 4`; without a condition, some message has to come.
     """
 
+    whole_trial = True
+
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return nothing: another trial may reach it."""
         return []

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from riot_bus.monitors.arrivals import Rate, Sometimes
+from riot_bus.monitors.arrivals import Rate, Reached, Sometimes
 from riot_bus.monitors.invariants import Finite, Range
 from riot_bus.record.trigger import Trigger
 from riot_bus.types.registry import TypeRegistry
@@ -79,6 +79,7 @@ def test_silence_violates_a_rate() -> None:
     assert fired == [None, None, None, first, None, None, None, second]
 
 
-def test_a_monitor_of_whole_trials_is_refused() -> None:
-    with pytest.raises(ConfigError, match="Sometimes judges whole trials"):
-        Trigger([], registry=TypeRegistry(), monitors=[Sometimes("a where v > 1")])
+@pytest.mark.parametrize("kind", [Sometimes, Reached])
+def test_a_monitor_of_whole_trials_is_refused(kind: type[Sometimes | Reached]) -> None:
+    with pytest.raises(ConfigError, match=f"{kind.__name__} judges whole trials"):
+        Trigger([], registry=TypeRegistry(), monitors=[kind("a where v > 1")])
