@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.activation import Activation, activate
@@ -20,7 +21,7 @@ from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun
@@ -103,9 +104,16 @@ def activation(
     if result.found is not None:
         found = system.needed(system.simplest(result.found))
         text = result.with_inputs(system.in_words(found)) + left_out
-        played = replay(system, *system.failing.get(frozenset(found.items()), (None, None)))
+        played = _replayed(system, found)
         axes = [name for name in axes_of(permeable, system.fields) if name in names]
         region = crash_region(system, axes, found)
+        if not played.reliable and (deeper := system.deeper(found)) and system.run([deeper], "again")[0].failed:
+            again = _replayed(system, deeper)
+            if again.failed > played.failed:
+                found, played = deeper, again
+                text = result.with_inputs(system.in_words(found)) + left_out
+            else:
+                _replayed(system, found)  # answered by the store; it writes the logs again
     controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
         found=None if found is None else system.told(found),
@@ -125,9 +133,13 @@ def activation(
         chance=system.chance,
         others=dict(system.others.most_common()),
         controls_others=dict(system.controls_others.most_common()),
-        replays_others=dict(system.replays_others.most_common()),
+        replays_others=dict(Counter(played.others).most_common()),
         played=bool(driving),
     )
+
+
+def _replayed(system: DrivenSystem, point: Mapping[str, float]) -> Replay:
+    return replay(system, *system.failing.get(frozenset(point.items()), (None, None)))
 
 
 def _seconds(step: StepRun) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from riot_bus.backchain.activation import Activation, Evaluation
 from riot_bus.backchain.box import RegionSample
+from riot_bus.backchain.encoding import Encoding
 from riot_bus.backchain.varied import VariedInputs
 from riot_bus.chain.driven import changed_in_log
 from riot_bus.chain.external import ExternalField, external_fields
@@ -125,7 +126,7 @@ class DrivenSystem:
         self.points: list[PointRecord] = []
         self.failing: dict[frozenset[tuple[str, float]], tuple[TestCase, str | None]] = {}
         self.chance, self.others = 0, Counter[str]()
-        self.controls_others, self.replays_others = Counter[str](), Counter[str]()
+        self.controls_others = Counter[str]()
         self._controls = 0, 0
         self._left = budget
 
@@ -314,6 +315,32 @@ class DrivenSystem:
                 if one.failed and self._comes_again(point):
                     return point
         return dict(found)
+
+    def deeper(self, found: Mapping[str, float]) -> dict[str, float] | None:
+        """Return a failing point with the numbers of the failed run that is farthest from all runs that passed.
+
+        That run may have changed more fields. Return None if there is no such point, or fields vary in time.
+        """
+        fields = [one for name in found if (one := self.fields.get(name)) and not one.choices]
+        if not fields or not found.keys() <= self.fields.keys():
+            return None
+        scale = Encoding(tuple(one.search_field() for one in fields))
+
+        def place(values: Mapping[str, Scalar]) -> NDArray[np.float64] | None:
+            told = {one.name: values.get(one.name, one.nominal) for one in fields}
+            numbers = {name: value for name, value in told.items() if _is_number(value) and math.isfinite(value)}
+            return (
+                scale.encode(numbers) if len(numbers) == len(fields) and values.keys() <= self.fields.keys() else None
+            )
+
+        passed = [spot for one in self.points if not one.failed and (spot := place(one.values)) is not None]
+        best, depth = dict(found), 0.0
+        for values in map(dict, self.failing):
+            spot = place(values)
+            near = 0.0 if spot is None else min((float(np.linalg.norm(spot - one)) for one in passed), default=0.0)
+            if near > depth:
+                best, depth = {**found, **{one.name: values.get(one.name, found[one.name]) for one in fields}}, near
+        return best if best != found else None
 
     def _without_idle(self, found: dict[str, float], groups: Sequence[Sequence[str]]) -> dict[str, float]:
         if len(groups) < 2:

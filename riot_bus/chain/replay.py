@@ -39,6 +39,7 @@ class Replay(NamedTuple):
         failed: Number of replays that failed again.
         needed: Number of messages that are enough; 0 if unknown.
         proven: Whether it was shown that none of these can be left out.
+        others: Signatures of other failures of these replays, each once for each replay.
     """
 
     messages: int = 0
@@ -46,6 +47,12 @@ class Replay(NamedTuple):
     failed: int = 0
     needed: int = 0
     proven: bool = False
+    others: tuple[str, ...] = ()
+
+    @property
+    def reliable(self) -> bool:
+        """Whether so many replays failed that one is expected to; so without any replay."""
+        return self.failed >= _RELIABLE * self.total
 
 
 def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Replay:
@@ -75,10 +82,10 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
         for number in range(_REPLAYS)
     ]
     outcomes = system.runner.run(cases)
-    system.replays_others.update(system.otherwise(outcomes))
     failed = sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
-    if failed < _RELIABLE * _REPLAYS:
-        return Replay(len(external), _REPLAYS, failed)
+    played = Replay(len(external), _REPLAYS, failed, others=tuple(system.otherwise(outcomes)))
+    if not played.reliable:
+        return played
     runner = FreshCases(system.runner, after=1)  # the first trial of the whole is one of the replays
 
     def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
@@ -101,7 +108,7 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             progress=system.step.progress,
         )
     except InconclusiveError:  # chance has led the search to messages that do not fail
-        return Replay(len(external), _REPLAYS, failed)
+        return played
     kept = [external[place] for place in minimal.kept]
     write_log(system.folder / "activation-minimal.mcap", kept, context=context, metadata=metadata)
-    return Replay(len(external), _REPLAYS, failed, len(kept), minimal.one_minimal)
+    return played._replace(needed=len(kept), proven=minimal.one_minimal)

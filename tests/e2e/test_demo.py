@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import FieldsRecord, RuleRecord
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
@@ -42,7 +42,7 @@ def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_p
     assert PermeabilityRecord.load(finding).pruned
 
     assert figures["activation_runs"] <= 200
-    assert figures["activation_replay_rate"] >= 0.9
+    assert figures["activation_replay_rate"] >= 0.9, ActivationRecord.load(finding).summary
     region = figures["region"]
     truth = {"/goal:pose.position.x": [-100, 100], "/goal:pose.position.y": [-100, -80]}
     assert region.keys() == truth.keys()

@@ -32,6 +32,7 @@ from riot_bus.report.page import write_report
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import TestCase
 from tests.interop import OPTUNA, importable
 from tests.tiers import scaled
 from tests.unit.chain.machine import (
@@ -133,6 +134,26 @@ def test_what_made_the_system_fail_in_permeability_already_is_tried_first(tmp_pa
     )
     record = activation(one.run(), one.folder, budget=60)
     assert (record.runs, record.found) == (1, {"panel:knob": -40.0})
+
+
+def test_a_point_that_replays_seldom_gives_way_to_one_farther_inside(tmp_path: Path, slow: dict[str, Any]) -> None:
+    """Close to what passes, a replay fails half of the time only."""
+
+    def passes(case: TestCase) -> bool:
+        return bool(case.messages) and min(said(one)["knob"] for one in case.messages) > 15 and share(case) < 0.5
+
+    one = ready(tmp_path, slow, ("panel:knob", 0.9), system_wrong=passes)
+    known = PermeabilityRecord.load(one.folder)
+    known.model_copy(update={"failing": ({"panel:knob": 19.0},)}).save(one.folder)
+    record = activation(one.run(), one.folder, budget=60)
+    assert record.runs == 1
+    assert record.found is not None
+    assert record.found["panel:knob"] < 15
+    assert (record.replays, record.replays_failed, record.needed) == (10, 10, 1)
+    assert f"with panel:knob = {record.found['panel:knob']:g}; 10 of 10 replays" in record.summary
+    assert {said(message)["knob"] for message in read_log(one.folder / "activation.mcap")} == {
+        record.found["panel:knob"]
+    }
 
 
 def test_one_permeable_field_has_an_interval(tmp_path: Path, slow: dict[str, Any]) -> None:
