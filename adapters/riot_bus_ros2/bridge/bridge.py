@@ -41,6 +41,10 @@ _TOKENS = "@riot/bridge/ros2"
 _LOOK_S = 0.5  # changes wake the thread at once; waits such as `_LINGER_S` end up to this late
 _START_S = 60.0  # generous: discovery on a slow or busy machine; not measured
 _LINGER_S = 2.0  # longest delay of the last messages of a publisher that has gone
+_RESTART_S = 10.0
+"""Time for which a route stays whose last endpoint has gone: a node that is started again is back in 1 to 5 s, and Fast
+DDS may never tell a participant that it just meets of a reader that goes at that moment (1 of 60 starts, without any
+bridge); a reliable publisher then waits for that reader."""
 _MOST_PROBLEMS = 1000  # a guess: bounds what peers can make the bridge print and keep for its status
 _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
 _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
@@ -353,7 +357,7 @@ class Ros2Bridge:
                 self._absent.pop(route.number, None)
                 return same
         since = self._absent.setdefault(route.number, time.monotonic())
-        if time.monotonic() - since < _LINGER_S:
+        if time.monotonic() - since < (_RESTART_S if plan is None else _LINGER_S):
             return True
         del self._absent[route.number]
         return False
