@@ -40,6 +40,9 @@ DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
 ALTERNATIVE_BITS = 6.0
 """A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
+DECISIONS = 4
+"""Largest number of times that a rule is compared with its alternatives: each answer may leave another one, and each
+time costs a trial for each of them, rarely more than two."""
 MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, whose comparisons hold periodically."""
 GUESSED = ("explore",)
@@ -64,9 +67,10 @@ AskExpecting = Callable[[Sequence[Mapping[str, Setting]], Sequence[float]], Sequ
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One trial of the rule search; `phase` is "start", "explore", "committee", "threshold", "validate" or "context".
+    """One trial of the rule search.
 
-    In the last one, variables outside of the rule have other values too.
+    `phase` is "start", "explore", "committee", "threshold", "validate", "decide" (between rules that explain all trials
+    before) or "context" (variables outside of the rule have other values, too).
     """
 
     assignment: Mapping[str, Setting]
@@ -135,7 +139,8 @@ def learn_rule(
         seed: Seed of all random draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
         validation: Fresh trials per validation, on top of the budget; up to 3 validations are run. Each that finds
-            counterexamples adds half of the budget, for learning from them.
+            counterexamples adds half of the budget, for learning from them. So does a trial that decides for another
+            rule; there are none between rules that explain all trials if this is 0.
         parallelism: Questions worth asking in one batch.
         context: Variables that should not matter. Every third fresh trial also gives them other nominal values.
         progress: Called after every batch.
@@ -158,13 +163,15 @@ def learn_rule(
     with _one_thread():
         search.start()
         checked: list[Sample] = []
-        for _ in range(VALIDATIONS):
+        for left in reversed(range(VALIDATIONS)):
             search.refine()
             checked = search.validate(validation, context)
             if checked and search.revise(search.best):
                 checked = search.samples[-len(checked) :]
-            if not search.mistakes([sample for sample in checked if sample.phase != "context"]):
-                break  # more trials of these variables cannot show what the context does
+            # more trials of these variables cannot show what the context does
+            wrong = search.mistakes([sample for sample in checked if sample.phase != "context"])
+            if not wrong and not (left and validation and search.decide()):
+                break
             search.budget += budget // MORE
         return search.result(checked)
 
@@ -245,7 +252,7 @@ class _Search:
         """Ask what was not asked yet (within the budget, validation aside) and learn the outcomes."""
         fresh = {assignment_key(q): q for q in questions if not self._known(q)}
         new = list(fresh.values())
-        if phase not in ("validate", "context"):
+        if phase not in ("validate", "context", "decide"):
             new = new[: max(0, self.budget - self.spent)]
             self.spent += len(new)
         asked: list[Sample] = []
@@ -568,16 +575,29 @@ class _Search:
             sum(sample.phase == "context" for sample in checked),
         )
 
+    def decide(self) -> bool:
+        """Ask about cases on which rules that explain all trials disagree; return whether the rule has been wrong."""
+        for _ in range(DECISIONS):
+            asked = self.ask([case for _, _, case in self._rivals()], "decide")
+            if not asked or self.mistakes(asked):
+                return bool(asked)
+        return False
+
     def alternatives(self) -> tuple[Alternative, ...]:
         """Return short rules without one of this rule's features that explain all trials, but not all other cases."""
+        found = sorted(self._rivals(), key=lambda rival: rival[0])
+        return tuple(Alternative(rule, row_of(self.variables, case)) for _, rule, case in found[:2])
+
+    def _rivals(self) -> list[tuple[float, Rule, Assignment]]:
+        """Return all alternatives, each with its length in bits and a case that decides."""
         failed = np.array(self.table.failed, dtype=bool)
         candidates, masks = self.table.candidates()
         pool = [*self._pool(), *self._surfaces(candidates)]
         if not pool or not self.best.terms:
-            return ()
+            return []
         columns = columns_of(self.variables, pool)
         said = self.rule.predict(columns)
-        found: dict[str, tuple[float, Alternative]] = {}
+        found: dict[str, tuple[float, Rule, Assignment]] = {}
         for feature in sorted({candidate.feature for term in self.best.terms for candidate in term}):
             keep = [index for index, candidate in enumerate(candidates) if candidate.feature != feature]
             rival = widen(self.table, learn([candidates[index] for index in keep], masks[keep], failed))
@@ -586,6 +606,5 @@ class _Search:
                 continue
             differ = np.flatnonzero(rival.rule.predict(columns) != said)
             if len(differ):
-                decided_by = row_of(self.variables, pool[int(differ[0])])
-                found.setdefault(rival.rule.text(), (rival.bits, Alternative(rival.rule, decided_by)))
-        return tuple(one for _, one in sorted(found.values(), key=lambda pair: pair[0])[:2])
+                found.setdefault(rival.rule.text(), (rival.bits, rival.rule, pool[int(differ[0])]))
+        return list(found.values())

@@ -262,6 +262,17 @@ def test_other_variables_are_left_alone_again_after_a_validation_that_shows_mist
     assert sum("armed" in v for v in asked) == len(checks)
 
 
+@pytest.mark.parametrize("seed", [1, 3, 4, 5])
+def test_trials_decide_between_rules_that_fit_all_others(seed: int) -> None:
+    variables = [replace(INDEX, failing=65535), WIDTH]
+    learned = learn_rule(variables, Recorder(lambda v: v["i"] >= v["w"]), seed=seed, budget=10, validation=2)
+    assert set(learned.rule.variables) == {"i", "w"}
+    assert learned.alternatives == ()
+    decided = [sample for sample in learned.samples if sample.phase == "decide"]
+    assert decided
+    assert all(sample.failed == (sample.assignment["i"] >= sample.assignment["w"]) for sample in decided)
+
+
 def test_what_the_trials_cannot_tell_apart_is_told() -> None:
     """With a budget for the first trials alone, several rules fit; each comes with a case that decides."""
     variables = [replace(INDEX, failing=65535), WIDTH]
