@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.confirm import repeat_in_order
+from riot_bus.campaign.confirm import more_nominal, repeat_in_order
 from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.history import AfterOthers, add_history
 from riot_bus.campaign.triage import Failure, group, plainer
@@ -127,6 +127,7 @@ class _Campaign:
     effects: Effects = field(default_factory=Effects)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
     grown: list[tuple[float, TestCase]] = field(default_factory=list)
+    controlled: dict[str, int] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _: None
 
     @property
@@ -146,7 +147,8 @@ class _Campaign:
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Record the outcomes of some trials, and confirm new failures."""
         fresh: dict[str, Failure] = {}
-        for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
+        for (trial, case), trial_outcome in zip(cases.items(), outcomes, strict=True):
+            outcome = self._without_usual_growth(case, trial_outcome)
             if not outcome.judged:
                 self.unjudged.append((case, outcome.detail))
                 continue
@@ -239,6 +241,17 @@ class _Campaign:
         for outcome in outcomes:
             for signature in {each.signature for each in outcome.violations if is_compared(each)}:
                 self.alarms[signature] = self.alarms.get(signature, 0) + 1
+
+    def _without_usual_growth(self, case: TestCase, outcome: Outcome) -> Outcome:
+        """Return an outcome without growth that more nominal messages cause, too."""
+        played = int(outcome.statistics.get("played", 0))
+        for signature in {each.signature for each in outcome.violations if each.monitor == "growth"} - set(self.alarms):
+            if played > max(2 * len(case.messages), self.controlled.get(signature, 0)):
+                self.controlled[signature] = played
+                controls = more_nominal(case, played, self.repeating)
+                if usual := sum(one.failed_as(signature) for one in controls):
+                    self.alarms[signature] = usual
+        return self._judged(outcome)
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome without violations that say nothing about the unit."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,9 +10,15 @@ from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import Proportion, proportion
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Runner, TestCase
+    from collections.abc import Sequence
 
-__all__ = ["CONFIRMATIONS", "repeat", "repeat_in_order"]
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
+
+__all__ = ["CONFIRMATIONS", "GAP_NS", "join_logs", "more_nominal", "repeat", "repeat_in_order"]
+
+GAP_NS = 1_000_000
+"""Nanoseconds between the end of a log and the start of the next, when logs are joined."""
 
 CONFIRMATIONS = 20
 """Largest number of fresh trials of a case."""
@@ -21,6 +28,31 @@ _FIRST = 4
 _DOUBT, _SPREAD = 0.005, 0.15
 """Accepted doubt whether the case triggers the failure or it is chance, and accepted spread of the rate; then trials
 end. A failure in one of five trials is missed once in eighty-seven times."""
+_CONTROLS = 4
+"""Trials of nominal messages; they are twice as many as those that make the unit grow, so that chance hides nothing."""
+
+
+def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
+    """Return logs as one, each a millisecond after the end of the one before."""
+    joined: list[Message] = []
+    for log in logs:
+        if not log:
+            continue
+        shift = joined[-1].time + GAP_NS - log[0].time if joined else 0
+        joined += [message.with_(time=message.time + shift) for message in log]
+    return tuple(joined)
+
+
+def more_nominal(case: TestCase, played: int, runner: Runner) -> Sequence[Outcome]:
+    """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some.
+
+    Args:
+        case: The test case; it has a nominal log.
+        played: Number of messages that it plays.
+        runner: Runner of the trials.
+    """
+    log = join_logs([case.messages] * (2 * math.ceil(played / len(case.messages))))
+    return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_CONTROLS)])
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.confirm import repeat
+from riot_bus.campaign.confirm import join_logs, repeat
 from riot_bus.campaign.triage import Failure
 from riot_bus.chain.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
@@ -19,23 +19,10 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Progress, Runner
 
-__all__ = ["GAP_NS", "join_logs", "shrink_history"]
+__all__ = ["shrink_history"]
 
-GAP_NS = 1_000_000
-"""Nanoseconds between the end of a log and the start of the next, when logs are joined."""
 _TRIES = 8
 """Most trials of the whole, long history until one fails; a failure in 3 of 10 trials is missed once in 17 times."""
-
-
-def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
-    """Return logs as one, each a millisecond after the end of the one before."""
-    joined: list[Message] = []
-    for log in logs:
-        if not log:
-            continue
-        shift = joined[-1].time + GAP_NS - log[0].time if joined else 0
-        joined += [message.with_(time=message.time + shift) for message in log]
-    return tuple(joined)
 
 
 def shrink_history(

@@ -7,9 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.confirm import repeat
+from riot_bus.campaign.confirm import GAP_NS, join_logs, more_nominal, repeat
 from riot_bus.campaign.triage import Failure
-from riot_bus.chain.histories import GAP_NS, join_logs
 from riot_bus.chain.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
@@ -30,8 +29,6 @@ _MOST_TIMES, _MOST_MESSAGES = 64, 2000
 """Most repeats of a log, and most messages in all: if each repeat grows by 1/32 of what is allowed, all exceed it."""
 _AIM = 4.0
 """Wanted growth as a share of what is allowed: it is clear, and much less than the usual limits."""
-_CONTROLS = 4
-"""Trials of nominal messages; they are twice as many as those that make the unit grow, since injections add some."""
 _ROUNDING = 1e-6
 """Seconds by which windows of time begin and end early, as sums of seconds are not exact."""
 _BUDGET = 100
@@ -110,8 +107,7 @@ def find_leak(
         return Leak()
     signature = violation.signature
     played = len(inject_log(long.messages, long.injections, registry=registry, seed=long.seed)[0])
-    longer = repeat_log(replace(case, injections=()), 2 * math.ceil(played / len(case.messages)), registry=registry)
-    controls = runner.run([replace(longer, again=number) for number in range(_CONTROLS)])
+    controls = more_nominal(case, played, runner)
     for control in controls:
         if control.violations:
             return Leak(nominal=control.violations[0])
@@ -123,7 +119,7 @@ def find_leak(
     violation = next((each for each in outcome.violations if each.signature == signature), violation)
     rate = repeat(long, signature, runner)
     failure = Failure(violation, long, 0, outcome, len(long.injections), occurrences=1, rate=rate, types=types)
-    failure.nominal = proportion(0, _CONTROLS)
+    failure.nominal = proportion(0, len(controls))
     failure.details.append(f"{violation.detail} (the log {times} times)")
     return Leak(failure if failure.confirmed else None)
 

@@ -14,6 +14,7 @@ from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, t
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.campaign.targets import Target
 from riot_bus.campaign.triage import finding_id
+from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -156,6 +157,28 @@ def test_what_is_only_told_by_comparing_is_no_failure_where_nominal_trials_show_
     assert set(result.failures) == ({CRASH.signature} if compared else {CRASH.signature, signature})
     assert list(result.alarms) == ([signature] if compared else [])
     assert (f"{signature}: nominal trials show the same" in result.notes) == compared
+
+
+@pytest.mark.parametrize("every", [True, False])
+def test_growth_with_each_message_is_no_failure_of_trials_that_have_more_of_them(*, every: bool) -> None:
+    """A unit grows with each message, or with each of a burst: only the latter depends on what is injected."""
+    grows = Violation("growth", "part", "growth of part: memory")
+
+    def answer(case: TestCase) -> Outcome:
+        count = len(inject_log(case.messages, case.injections, registry=TypeRegistry(), seed=case.seed)[0])
+        fails = count > 60 and (every or case.injections)
+        return Outcome(Verdict.FAIL if fails else Verdict.PASS, (grows,) if fails else (), statistics={"played": count})
+
+    pure = Pure(answer)
+    faults = message_faults(LOG, TypeRegistry())
+    covering = Covering(faults, positions_of(LOG, TypeRegistry()), seed=0)
+    result = run_campaign(LOG, schedule(), pure, seed=0, trials=120, covering=covering)
+    assert set(result.failures) == (set() if every else {grows.signature})
+    assert (result.failing == 0) == every
+    assert list(result.alarms) == ([grows.signature] if every else [])
+    most = max(len(case.messages) for case in pure.executed if not case.injections)
+    assert most > 2 * 60
+    assert sum(len(case.messages) > len(LOG) for case in pure.executed) <= 12
 
 
 def test_all_violations_of_a_trial_count() -> None:

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 
 import pytest
 
-from riot_bus.campaign.confirm import repeat, repeat_in_order
+from riot_bus.campaign.confirm import join_logs, more_nominal, repeat, repeat_in_order
 from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.injection import Injection
@@ -103,3 +104,20 @@ def test_a_case_with_plain_values_stands_for_a_failure_before_one_with_fewer_cha
     for kind, trial, kept in (("missing", 9, 3), ("another type", 10, 3), ("plain", 11, 11)):
         add(TestCase(injections=(kinds.get(kind, Injection("a", "x", "1")),)), trial=trial)
         assert failures[CRASH.signature].trial == kept
+
+
+def test_logs_are_joined_without_going_back_in_time() -> None:
+    log, other = (tuple(Message(10**9 + n * 10**7, "cmd", payload) for n in range(3)) for payload in (b"1", b"2"))
+    joined = join_logs([log, (), other, log])
+    assert [message.payload for message in joined] == [each.payload for each in (*log, *other, *log)]
+    assert all(one.time < another.time for one, another in pairwise(joined))
+    assert join_logs([]) == ()
+
+
+@pytest.mark.parametrize(("played", "times"), [(1, 2), (4, 2), (5, 4), (30, 16)])
+def test_nominal_messages_are_twice_as_many(played: int, times: int) -> None:
+    pure = runner(0.0)
+    log = tuple(Message(10**9 + n * 10**7, "cmd", b"1") for n in range(4))
+    assert len(more_nominal(TestCase(log, (Injection("cmd", "x", 1),)), played, pure)) == 4
+    assert {(len(case.messages), case.injections) for case in pure.executed} == {(4 * times, ())}
+    assert len({case.digest() for case in pure.executed}) == 4

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 from riot_bus.campaign.history import AfterOthers
-from riot_bus.chain.histories import join_logs, shrink_history
+from riot_bus.chain.histories import shrink_history
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
@@ -80,10 +79,3 @@ def test_what_comes_only_sometimes_is_found_too() -> None:
         )
         found += failure is not None
     assert found >= 17
-
-
-def test_logs_are_joined_without_going_back_in_time() -> None:
-    joined = join_logs([LOG, (), PROBE, LOG])
-    assert [message.payload for message in joined] == [each.payload for each in (*LOG, *PROBE, *LOG)]
-    assert all(one.time < other.time for one, other in itertools.pairwise(joined))
-    assert join_logs([]) == ()
