@@ -71,7 +71,7 @@ class PermeabilityEdge:
         external: External field.
         internal: Internal field.
         strength: Share of the variance within a run that the external field explains, 0 to 1.
-        low: Lower end of the jackknife interval (95 %) of the strength, over runs.
+        low: Lower end of the jackknife interval (95 %) of the strength, over runs; 0 if the effect is not significant.
         high: Upper end of that interval.
         lag_s: Lag at which the external field shows most, in seconds.
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
@@ -137,7 +137,7 @@ class PermeabilityResult:
             shown = (pair in clear and edge.low > 0) or (again is not None and again.permeable)
             if not edge.permeable or (pair in known and shown):
                 return edge
-            return replace(edge, permeable=False, p_value=1.0 if again is None else again.p_value)
+            return replace(edge, permeable=False, low=0.0, p_value=1.0 if again is None else again.p_value)
 
         return replace(together, edges=tuple(map(judged, together.edges)))
 
@@ -359,7 +359,7 @@ def _select(
                 share.name,
                 output.name,
                 share.strength,
-                share.low,
+                share.low if share.name in selected else 0.0,
                 share.high,
                 columns[share.name].lag(share.column),
                 p_values[share.name],

@@ -48,6 +48,7 @@ def test_finds_linear_even_and_spread_effects_with_lag_and_strength():
     assert edges["ext2"].effect == "spread"
     assert 0.2 < edges["ext0"].strength < 0.7
     assert all(0 <= edge.low <= edge.strength <= edge.high <= 1 for edge in result.edges)
+    assert all(edge.permeable or edge.low == 0 for edge in result.edges)  # no effect was shown, so none is claimed
     assert len(result.edges) == 8
     assert all(edge.p_value > 0.05 for edge in result.edges if not edge.permeable)
 
