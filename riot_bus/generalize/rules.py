@@ -139,8 +139,8 @@ def learn_rule(
         seed: Seed of all random draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
         validation: Fresh trials per validation, on top of the budget; up to 3 validations are run. Each that finds
-            counterexamples adds half of the budget, for learning from them. So does a trial that decides for another
-            rule; there are none between rules that explain all trials if this is 0.
+            counterexamples adds half of the budget, for learning from them. After one that finds none, but for the
+            last, trials decide between rules that explain all others; one against the rule counts as a counterexample.
         parallelism: Questions worth asking in one batch.
         context: Variables that should not matter. Every third fresh trial also gives them other nominal values.
         progress: Called after every batch.
@@ -170,6 +170,7 @@ def learn_rule(
                 checked = search.samples[-len(checked) :]
             # more trials of these variables cannot show what the context does
             wrong = search.mistakes([sample for sample in checked if sample.phase != "context"])
+            # a rule that a decision changes needs another validation
             if not wrong and not (left and validation and search.decide()):
                 break
             search.budget += budget // MORE
