@@ -205,6 +205,13 @@ class RouterService(Operations):
 
         return self._watches.graph if self._watches is not None else Graph()
 
+    def graph_document(self) -> dict[str, Any]:
+        """Return the graph as JSON values, with its age in seconds; None before `watch`."""
+        from riot_bus.graph.render import VERSION as GRAPH_VERSION
+
+        age = self._watches.graph_age if self._watches is not None else None  # before the graph: never too young
+        return {"version": GRAPH_VERSION, "age": age, **asdict(self.graph())}
+
     def _open_bus(self) -> Bus:
         if self._bus is None:
             raise EnvironmentFaultError("this router is not open", hint="use it in a with statement")
@@ -221,16 +228,10 @@ def _counts(service: RouterService, request: CommandRequest) -> dict[str, Any]:
     return {"counts": status.count_rows(service.counts()), "losses": status.loss_rows(service.losses)}
 
 
-def _graph(service: RouterService, request: CommandRequest) -> dict[str, Any]:
-    from riot_bus.graph.render import VERSION as GRAPH_VERSION
-
-    return {"version": GRAPH_VERSION, **asdict(service.graph())}
-
-
 ROUTER_COMMANDS: dict[str, Command] = {
     "status": Command(lambda service, _: service.status(), reads=True, urgent=True),
     "counts": Command(_counts, reads=True),
-    "graph": Command(_graph, reads=True),
+    "graph": Command(lambda service, _: service.graph_document(), reads=True),
     "intercept/add": Command(lambda service, request: {"intercepted": service.intercept_add(request.keys())}),
     "intercept/remove": Command(lambda service, request: {"intercepted": service.intercept_remove(request.keys())}),
     "plan/load": Command(lambda service, request: service.plan_load(request.text(), request.name())),

@@ -76,6 +76,11 @@ class Watches:
         return self._graph.graph
 
     @property
+    def graph_age(self) -> float:
+        """Seconds since the look that the present graph describes."""
+        return self._graph.age
+
+    @property
     def bypasses(self) -> list[Bypass]:
         """The present ways around the router."""
         return self._bypasses.bypasses if self._bypasses is not None else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from typing import TYPE_CHECKING, Self
@@ -61,7 +62,7 @@ class GraphWatch:
         self._observer = Observer(
             bus, self._event, senders=senders, registry=registry or TypeRegistry(), processes=processes
         )
-        self._graph = Graph()
+        self._graph, self._looked = Graph(), -math.inf
         self._new = threading.Condition()
         self._wake = threading.Event()
         self._updating = threading.RLock()
@@ -96,13 +97,19 @@ class GraphWatch:
         """The present graph."""
         return self._graph
 
+    @property
+    def age(self) -> float:
+        """Seconds since the look that the present graph describes; infinite before the first."""
+        return time.monotonic() - self._looked
+
     def refresh(self) -> Graph:
         """Look at everything now and return the graph."""
         with self._updating:
+            looked = time.monotonic()
             graph = build(self._observer.observe())
             changes = graph.changes_since(self._graph)
             with self._new:
-                self._graph = graph
+                self._graph, self._looked = graph, looked
                 self._new.notify_all()
             if changes and self._callback is not None:
                 try:

@@ -42,9 +42,9 @@ __all__ = ["look_at_log", "look_at_network"]
 
 _SURVEY_S, _LINK = 0.5, "link"
 _RIOT, _WATCHES = frozenset({"riot", "riot-bus", "riot_bus"}), frozenset({"ctl", "graph", "record", "scan"})
-_REST_S, _WITHIN_S = 0.5, 30.0
-"""Seconds for which a router's graph must be complete and unchanged, since our recorder has just left, and the longest
-wait for that: on a busy machine, the graph is updated every half a minute."""
+_REST_S, _WITHIN_S = 0.5, 60.0
+"""Seconds that a router is given to notice that our recorder has left, and the longest wait for a graph that describes
+a look after that: on a busy machine, the router looks every half a minute."""
 
 
 def look_at_log(path: Path) -> PlainFacts:
@@ -164,14 +164,16 @@ def _of_router(endpoint: str, name: str | None, config: Mapping[str, Any]) -> tu
     with Remote(endpoint, name, config=config) as remote:
         if name is None and not remote.find():
             return None, []
-        begin, graph = time.monotonic(), graph_from(remote.ask("graph"))
+        begin = time.monotonic()
         while True:
             time.sleep(_REST_S)
-            former, graph = graph, graph_from(remote.ask("graph"))
+            document = remote.ask("graph")
+            asked, age, graph = time.monotonic(), document.get("age"), graph_from(document)
             segments = remote.ask("status")["segments"]
             present = _present(segments)
             known = {(each.segment, each.zid): each for each in graph.components if each.segment and each.mode != _LINK}
-            if (graph == former and known.keys() == present.keys()) or time.monotonic() - begin > _WITHIN_S:
+            recent = isinstance(age, float) and asked - age > begin + _REST_S  # else its receivers may be our recorder
+            if (recent and known.keys() == present.keys()) or asked - begin > _WITHIN_S:
                 break
     others = [each for each in graph.components if not each.segment or each.mode == _LINK]
     components = [*(known.get(who, each) for who, each in present.items()), *others]
