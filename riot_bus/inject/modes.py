@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.types.brittle import why_brittle
-from riot_bus.types.by_payload import ByPayload
-from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.types.by_payload import ByPayload, decoded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,13 +32,9 @@ def modes_of(message: Message, registry: TypeRegistry) -> Sequence[tuple[str, Sc
 
 
 def _modes_in(kind: MessageType | None, payload: bytes) -> Sequence[tuple[str, Scalar]]:
-    try:
-        leaves = () if kind is None else kind.leaves(payload, elements=1)
-    except PayloadError:
-        return ()
     return tuple(
         (leaf.path, leaf.value)
-        for leaf in leaves
+        for leaf in decoded.of(kind, payload)
         if (leaf.type in ("bool", "string") or "int" in leaf.type)
         and "[" not in leaf.path
         and "(" not in leaf.path

@@ -16,7 +16,7 @@ from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.statistics.rates import exact_interval
-from riot_bus.types.by_payload import ByPayload
+from riot_bus.types.by_payload import ByPayload, decoded
 from riot_bus.types.capabilities import allows_non_finite
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.trial import Violation
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NO_RULES", "Mined", "MinedRule", "check_rules", "mine"]
 
+_NO_NUMBERS = frozenset({"bool", "string", "bytes"})
 _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15
 """Squares and products of larger inputs may overflow in single precision."""
@@ -49,15 +50,12 @@ _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2  # ten times apart, so that rounding a
 
 
 class _Answer(NamedTuple):
-    """Numbers of one message by path; `odd` describes those that are NaN or infinite, with `[*]` for any element.
-
-    For the fields in `free`, NaN and infinity are regular values.
-    """
+    """Numbers of one message by path; `odd` describes those that are NaN or infinite, with `[*]` for any element."""
 
     time: int
     numbers: Mapping[str, float]
     odd: Mapping[str, str]
-    free: frozenset[str]
+    kind: MessageType | None
 
 
 _Answers = dict[str, list[_Answer]]
@@ -222,7 +220,9 @@ def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Mi
     counts = {len(trial) for trial in trials}
     every = list(chain.from_iterable(trials))
     paths = sorted(set().union(*(answer.numbers for answer in every)))
-    told = {_INDEX.sub("[*]", path) for path in paths}.difference(*(answer.free.union(answer.odd) for answer in every))
+    kinds = list({id(answer.kind): answer.kind for answer in every}.values())
+    free = {_INDEX.sub("[*]", path) for path in paths if any(allows_non_finite(kind, path) for kind in kinds)}
+    told = {_INDEX.sub("[*]", path) for path in paths}.difference(free, *(answer.odd for answer in every))
     for name in sorted(told):
         yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
@@ -286,23 +286,15 @@ def _answers(outputs: Sequence[Message], registry: TypeRegistry) -> _Answers:
 
 def _numbers_of(
     kind: MessageType | None, payload: bytes
-) -> tuple[Mapping[str, float], Mapping[str, str], frozenset[str]]:
-    """Return `numbers`, `odd` and `free` of an `_Answer`."""
-    try:
-        leaves = () if kind is None else kind.leaves(payload)
-    except PayloadError:
-        leaves = ()
-    numbers = {
-        leaf.path: float(leaf.value)
-        for leaf in leaves
-        if isinstance(leaf.value, int | float) and not isinstance(leaf.value, bool)
-    }
+) -> tuple[Mapping[str, float], Mapping[str, str], MessageType | None]:
+    """Return `numbers`, `odd` and `kind` of an `_Answer`."""
+    numbers = {leaf.path: float(leaf.value) for leaf in decoded.of(kind, payload) if leaf.type not in _NO_NUMBERS}
     odd = {
         _INDEX.sub("[*]", path): f"{path} = {value!r}"
         for path, value in reversed(numbers.items())  # so that the first element is kept
         if not math.isfinite(value)
     }
-    return numbers, odd, frozenset(_INDEX.sub("[*]", path) for path in numbers if allows_non_finite(kind, path))
+    return numbers, odd, kind
 
 
 _numbers = ByPayload(_numbers_of, most=_MOST_KNOWN)

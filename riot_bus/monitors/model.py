@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from functools import cache
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
@@ -264,11 +265,17 @@ def name_of(monitor: Monitor) -> str:
 
 def why_nothing_to_judge(monitor: Monitor, view: TrialView) -> str | None:
     """Return why a trial has nothing for a monitor, None if it has something."""
-    if isinstance(monitor, TellsUnseen):
-        return monitor.unseen(view)
+    if _tells_unseen(type(monitor)):
+        return cast("TellsUnseen", monitor).unseen(view)
     topics: Sequence[str] = getattr(monitor, "topics", ())
     reasons = [why_no_message(view, topic) for topic in topics]
     return next((reason for reason in reasons if reason), None) if all(reasons) else None
+
+
+@cache
+def _tells_unseen(kind: type[Monitor]) -> bool:
+    """Return whether monitors of a class are `TellsUnseen`; to ask each one in each trial is slow."""
+    return issubclass(kind, TellsUnseen)
 
 
 def why_no_message(view: TrialView, topic: str) -> str | None:

@@ -106,18 +106,25 @@ class Threads:
     def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",), but: int = 0) -> None:
         self.pids = tuple(pids)
         self._names, self._but = names, but
+        self._counts: tuple[int, ...] = ()
         self._files: dict[int, tuple[int, int]] = {}
         self._called: dict[int, bytes] = {}
-        self._calls: dict[int, int] = {}
+        self._more: dict[str, dict[int, int]] = {"syscall": {}, "children": {}}
 
     def activity(self) -> Activity:
         """Return the activity of the present threads so far."""
+        found = self._read_times()
+        return Activity(found if self._counts else self._read_times())
+
+    def _read_times(self) -> dict[int, tuple[int, int, int]]:
         self._find()
         found = {}
         for thread, (file, _) in self._files.items():
-            with suppress(OSError, ValueError):  # it has ended just now
+            try:
                 found[thread] = _times(os.pread(file, 4096, 0))
-        return Activity(found)
+            except (OSError, ValueError):  # it has ended just now, and another one may have begun
+                self._counts = ()
+        return found
 
     def switches(self) -> int:
         """Return how often the known threads got a processor, without looking for new threads."""
@@ -132,10 +139,15 @@ class Threads:
         if new:
             self._find()
         for _, file in self._files.values():
-            with suppress(OSError):
+            try:
                 if os.pread(file, 512, 0).rpartition(b") ")[2][:1] in (b"R", b"D", b"t"):
                     return True
-        return False
+            except OSError:  # as in `_read_times`
+                self._counts = ()
+        if self._counts or not new:
+            return False
+        self._find()
+        return self.busy(new=False)
 
     def calls(self) -> Iterator[tuple[int, bytes, bytes]]:
         """Yield each known thread, its name, and its current system call.
@@ -143,12 +155,23 @@ class Threads:
         The latter is a line of /proc/PID/task/THREAD/syscall, empty if this process may not read it.
         """
         for thread in self._files:
-            call = b""
-            with suppress(OSError):
-                if thread not in self._calls:
-                    self._calls[thread] = os.open(f"/proc/{thread}/syscall", os.O_RDONLY)
-                call = os.pread(self._calls[thread], 512, 0)
-            yield thread, self._called[thread], call
+            yield thread, self._called[thread], self._read_more("syscall", thread)
+
+    def has_all_of(self, roots: Iterable[int]) -> bool:
+        """Return whether the processes are the given ones and all their running descendants (see `families`)."""
+        self._find()
+        children = b" ".join(self._read_more("children", thread) for thread in self._files)
+        return set(self.pids) == {*roots, *map(int, children.split())}
+
+    def _read_more(self, name: str, thread: int) -> bytes:
+        """Return what a further file of a thread says; empty if this process may not read it."""
+        files = self._more[name]
+        try:
+            if thread not in files:
+                files[thread] = os.open(f"/proc/{thread}/task/{thread}/{name}", os.O_RDONLY)
+            return os.pread(files[thread], 4096, 0)
+        except OSError:
+            return b""
 
     def switches_of(self, thread: int) -> int:
         """Return how often one known thread got a processor; -1 if it has ended."""
@@ -163,11 +186,19 @@ class Threads:
         self._called.clear()
 
     def _drop(self, thread: int) -> None:
-        for file in (*self._files.pop(thread), *([self._calls.pop(thread)] if thread in self._calls else [])):
+        more = [files.pop(thread) for files in self._more.values() if thread in files]
+        for file in (*self._files.pop(thread), *more):
             os.close(file)
 
     def _find(self) -> None:
-        """Open the files of new threads, and close those of ended ones."""
+        """Open the files of new threads, and close those of ended ones.
+
+        Listing them is left out where their number is the same and none was seen to have ended.
+        """
+        counts = tuple(map(_threads_of, self.pids))
+        if counts == self._counts and self._names == (b"",):
+            return
+        self._counts = counts
         now: dict[int, str] = {}
         for pid in self.pids:
             with suppress(OSError):
@@ -188,6 +219,14 @@ class Threads:
                     self._files[thread] = times, os.open(f"{now[thread]}/stat", os.O_RDONLY)
                 except OSError:
                     os.close(times)
+
+
+def _threads_of(pid: int) -> int:
+    """Return a number that depends on how many threads a process has; 0 if it has ended."""
+    try:
+        return os.stat(f"/proc/{pid}/task").st_nlink
+    except OSError:
+        return 0
 
 
 def _times(text: bytes) -> tuple[int, int, int]:

@@ -223,8 +223,8 @@ class Launcher:
 
     def cpu(self) -> float:
         """Return the processor time of the supervisor and of ended components, in seconds."""
-        with suppress(OSError):
-            words = Path(f"/proc/{self._supervisor.pid}/stat").read_text().rpartition(")")[2].split()
+        with suppress(OSError), open(f"/proc/{self._supervisor.pid}/stat", "rb", buffering=0) as stream:
+            words = stream.read().rpartition(b")")[2].split()
             return sum(map(int, words[11:15])) / _TICKS
         return 0.0
 

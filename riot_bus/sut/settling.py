@@ -10,6 +10,7 @@ Deadlines do not run while a component waits for a processor that others use: a 
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
@@ -31,7 +32,7 @@ _POLLS = 8
 _TAKEN_POLL = 0.0001
 _SENT_POLL = 0.0003
 _REST_POLL, _REST_S = 0.001, 0.05
-"""As long as a unit usually takes for a log, it is looked at often: a look costs about as much as such a pause."""
+"""As long as a unit usually takes for a log, it is asked often whether it rests: its outputs tell at little cost."""
 _SENDERS = (b"app-", b"tx-", b"net-")
 _LONGER, _LONGER_BY = 10, 60.0  # after waiting nine tenths of it for a processor: no verdict; a minute for short ones
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
@@ -138,11 +139,16 @@ def wait_settled(
     start = time.monotonic()
     pause = min(max(window / _POLLS, _POLL), _LONGEST_POLL)
     calm = _Calm(begun, idle, start)
-    received = since is None
+    received, looked = since is None, -math.inf
     while True:
         # In this order, for others may have the processor in between: who sleeps here, and has not run by the look that
         # follows, has slept since `calm.since`, which is taken after a look. Else a pause passes for rest.
         now = time.monotonic()
+        often = rests is not None and now - start < _REST_S
+        if rests is not None and often and now - looked < pause and not rests() and alive():
+            time.sleep(_REST_POLL)
+            continue
+        looked = now
         busy = now - calm.since >= window and threads.busy()
         seen = threads.activity()
         if not alive():
@@ -166,7 +172,7 @@ def wait_settled(
                     f"components got so little of the processors that they were not done within {now - start:.0f} s",
                     hint="run fewer trials at once (--jobs), or stop what else runs on this machine",
                 )
-        time.sleep(_REST_POLL if rests is not None and now - start < _REST_S else pause)
+        time.sleep(_REST_POLL if often else pause)
 
 
 class _Calm:

@@ -93,9 +93,13 @@ class Feeder:
         self._begun = self._begun or (start, own)
         before = self._publish(messages, start)
 
+        least = sum(expected.values()) if expected else 0
+
         def rests() -> bool:
-            return not Counter(expected) - self._answers(begin) and stage.is_at_rest(
-                self._name, since=start, own=own, window=self._settle.window
+            return (
+                len(stage.outputs) - begin >= least
+                and not Counter(expected) - self._answers(begin)
+                and stage.is_at_rest(self._name, since=start, own=own, window=self._settle.window)
             )
 
         window, timeout = self._settle.window, self._settle.timeout

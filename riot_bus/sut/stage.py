@@ -536,12 +536,12 @@ class TrialSetup:
     def include_started(self, names: Iterable[str]) -> bool:
         """Include processes that components have started meanwhile; return whether there are no changes."""
         pids = self._starter.roots(names)
-        now, known = tuple(families(pids)), self._families.get(pids)
-        if known is not None and known.pids == now:
+        known = self._families.get(pids)
+        if known is not None and known.has_all_of(pids):
             return True
         if known is not None:
             known.close()
-        self._families[pids] = Threads(now)
+        self._families[pids] = Threads(families(pids))
         return False
 
     def _family(self, names: Iterable[str]) -> Sequence[int]:

@@ -20,6 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.control.heap import calm_collector
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.launcher import Launcher
@@ -114,10 +115,13 @@ def main() -> None:
     requests: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     launcher = Launcher(int(sys.argv[2]))
     threading.Thread(target=_receive, args=(link, requests, launcher), daemon=True).start()
-    worker = TrialWorker(Path(sys.argv[1]), launcher)
+    worker, began = TrialWorker(Path(sys.argv[1]), launcher), False
     with suppress(BrokenPipeError, ConnectionResetError):
         while (data := requests.get()) is not None:
             link.send_bytes(worker.answer(data))
+            if not began:
+                calm_collector()  # the first trial has loaded all
+            began = True
     launcher.close()
     os._exit(0)  # Zenoh's threads have nothing left to do
 

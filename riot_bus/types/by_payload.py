@@ -5,14 +5,16 @@ from __future__ import annotations
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from riot_bus.vocabulary.errors import PayloadError
 
-    from riot_bus.types.model import MessageType
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus.types.model import Leaf, MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ByPayload"]
+__all__ = ["ByPayload", "decoded"]
 
 _T = TypeVar("_T")
 
@@ -34,11 +36,26 @@ class ByPayload(Generic[_T]):
     def __call__(self, message: Message, registry: TypeRegistry) -> _T:
         """Return the result for a message's payload."""
         kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        key = id(kind), blake2b(message.payload, digest_size=16).digest()
+        return self.of(kind, message.payload)
+
+    def of(self, kind: MessageType | None, payload: bytes) -> _T:
+        """Return the result for a payload of a type."""
+        key = id(kind), blake2b(payload, digest_size=16).digest()
         known = self._known.get(key)
         if known is None:
-            known = kind, self._make(kind, message.payload)  # keeping the type keeps its identity unique
+            known = kind, self._make(kind, payload)  # keeping the type keeps its identity unique
             if len(self._known) >= self._most:
                 self._known.clear()
             self._known[key] = known
         return known[1]
+
+
+def _leaves(kind: MessageType | None, payload: bytes) -> Sequence[Leaf]:
+    try:
+        return () if kind is None else kind.leaves(payload)
+    except PayloadError:
+        return ()
+
+
+decoded: ByPayload[Sequence[Leaf]] = ByPayload(_leaves, most=1 << 12)  # payloads; beyond it, it begins anew; not tuned
+"""The fields of a message, with as many elements of arrays as `leaves` gives; none if it cannot be decoded."""

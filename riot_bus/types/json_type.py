@@ -39,6 +39,7 @@ _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000
 _INT64 = range(-(1 << 63), 1 << 63)
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
+_KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "string"}
 _STAND_INS = {"null": "null", "list": "[]", "map": "{}"}
 
 Span = tuple[int, int]
@@ -173,6 +174,12 @@ def _float(value: float) -> float:
 
 
 def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
+    kind = type(value)
+    if kind in _KINDS:
+        if kind is int and value not in _INT64:
+            kind, value = float, _float(value)
+        found.append(Leaf(path, _KINDS[kind], value))
+        return
     if depth > _MAX_DEPTH:
         raise PayloadError(f"JSON is nested deeper than {_MAX_DEPTH}")
     if isinstance(value, dict):
@@ -182,10 +189,6 @@ def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]
         found.append(Leaf(f"len({path})", "uint32", len(value)))
         for index, item in enumerate(value[:elements]):
             _collect(item, f"{path}[{index}]", elements, depth + 1, found)
-    elif value is not None:
-        scalar = _scalar(value, path)
-        kinds = {bool: "bool", int: "int64", float: "float64", str: "string"}
-        found.append(Leaf(path, kinds[type(scalar)], scalar))
 
 
 def _token(old: Scalar, new: Scalar, path: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import threading
 import time
 
@@ -50,6 +51,49 @@ def test_threads_that_begin_and_end_are_followed() -> None:
     assert wait_until(lambda: more.native_id not in threads.activity().threads, WAIT_S)  # the kernel is a moment behind
     threads.close()
     assert len(os.listdir("/proc/self/fd")) == files
+
+
+def test_a_thread_that_takes_the_place_of_another_is_seen() -> None:
+    threads, ends = Threads([os.getpid()]), [threading.Event() for _ in range(2)]
+    first, second = (threading.Thread(target=end.wait) for end in ends)
+    first.start()
+    assert first.native_id in threads.activity().threads
+    ends[0].set()
+    first.join()
+    assert wait_until(lambda: not os.path.exists(f"/proc/self/task/{first.native_id}"), WAIT_S)
+    second.start()  # so there are as many as before
+    assert second.native_id in threads.activity().threads
+    ends[1].set()
+    second.join()
+    threads.close()
+
+
+def test_children_of_any_thread_belong_to_the_family() -> None:
+    alone, end = Threads([os.getpid()]), threading.Event()
+    found: list[subprocess.Popen[bytes]] = []
+
+    def start() -> None:
+        found.append(subprocess.Popen(["sleep", "60"]))
+        end.wait()
+
+    before = families([os.getpid()])
+    assert Threads(before).has_all_of([os.getpid()])
+    thread = threading.Thread(target=start)
+    thread.start()
+    assert wait_until(lambda: bool(found), WAIT_S)
+    try:
+        assert not alone.has_all_of([os.getpid()])
+        both = Threads(families([os.getpid()]))
+        assert found[0].pid in both.pids
+        assert both.has_all_of([os.getpid()])
+    finally:
+        found[0].kill()
+        found[0].wait()
+        end.set()
+        thread.join()
+    assert not both.has_all_of([os.getpid()])
+    alone.close()
+    both.close()
 
 
 def test_shares_are_told_by_thread() -> None:
