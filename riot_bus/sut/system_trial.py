@@ -207,6 +207,8 @@ class SystemTrial:
                         parameters=_parameters(case),
                         imports=place.imports,
                         attach=[*inside, *outside],
+                        spare=place.spare,
+                        idles=place.idles,
                     )
                 )
 

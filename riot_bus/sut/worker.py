@@ -25,6 +25,7 @@ from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.persistent import PersistentTrial, end_kept
+from riot_bus.sut.spare_network import SpareNetwork
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.supervisor import IGNORED
 from riot_bus.sut.system_trial import SystemTrial
@@ -32,9 +33,10 @@ from riot_bus.sut.wire import TrialAnswer, TrialRequest, pack_answer, pack_failu
 from riot_bus.zenoh.session import prepare_runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Sequence
     from contextlib import AbstractContextManager
 
+    from riot_bus.sut.activity import Idle
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
 
@@ -59,12 +61,21 @@ class TrialWorker:
         self._known: dict[bytes, tuple[Trial, tuple[Message, ...]]] = {}
         self._imports: dict[str, Sequence[str]] = {}
         self._kept: list[AbstractContextManager[object]] = []
+        self._spare = SpareNetwork()
+        self._idles: dict[Hashable, Idle] = {}
 
     @cached_property
     def _context(self) -> Context:
         context = open_system(self._system)
         prepare_runtime(2 * len(context.file.components) + _SPARE_RECEIVERS)
         return context
+
+    def _place(self, directory: Path) -> TrialPlace:
+        return TrialPlace(self._context, self._launcher, directory, self._imports, self._kept, self._spare, self._idles)
+
+    def close(self) -> None:
+        """Close what is ready for a next trial."""
+        self._spare.close()
 
     def _cpu(self) -> float:
         """Return the processor time of this process and of components that have ended, in seconds."""
@@ -78,9 +89,11 @@ class TrialWorker:
             before, hangs = set(self._imports), self._context.hangs
             for name, told in request.hangs.items():
                 hangs[name].know(told)
-            place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
+            place = self._place(request.directory)
             if not isinstance(request.trial, PersistentTrial | SystemTrial):  # these end them themselves if needed
                 end_kept(place)
+            if not isinstance(request.trial, SystemTrial):
+                self._spare.close()
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)
             busy = (self._cpu() - used) / (time.monotonic() - began)
@@ -122,6 +135,7 @@ def main() -> None:
             if not began:
                 calm_collector()  # the first trial has loaded all
             began = True
+    worker.close()
     launcher.close()
     os._exit(0)  # Zenoh's threads have nothing left to do
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import random
 from bisect import bisect_right
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,11 @@ __all__ = ["PARAMETERS", "Curve", "Formula", "Injection", "Signal"]
 
 PARAMETERS = "#param"
 """Topic of injections that set a parameter of commands instead of a field of messages; no key has this name."""
+
+
+@lru_cache(1 << 12)  # a value is asked for again for each message for which it is held
+def _draw(seed: int, block: int) -> float:
+    return random.Random(f"{seed}:{block}").uniform(-1.0, 1.0)  # noqa: S311
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +51,7 @@ class Signal:
 
     def value(self, index: int) -> float:
         """Return the value for the topic's `index`-th message (0, 1, ...)."""
-        draw = random.Random(f"{self.seed}:{index // self.hold}").uniform(-1.0, 1.0)  # noqa: S311
-        value = self.center + self.amplitude * draw
+        value = self.center + self.amplitude * _draw(self.seed, index // self.hold)
         return float(round(value)) if self.integer else value
 
     def injected(self, index: int) -> Scalar:
