@@ -42,7 +42,7 @@ class Inbox:
         moving = allocate_lock()
         moving.acquire()
         self._moving.append(moving)
-        start_new_thread(self._move, (topic, subscriber, moving))
+        start_new_thread(self._move, (topic, [subscriber], moving))
 
     def next(self, until: float | None) -> Batch | None:
         """Wait for the next batch, at most until a time of the monotonic clock."""
@@ -64,7 +64,13 @@ class Inbox:
         except RuntimeError:
             return  # it rings already
 
-    def _move(self, topic: str, subscriber: Subscriber[Handler[Sample]], moving: LockType) -> None:
+    def _move(self, topic: str, subscribers: list[Subscriber[Handler[Sample]]], moving: LockType) -> None:
+        """Move what one subscriber receives.
+
+        It takes the subscriber out of the list, and lets go of all that is Zenoh's before it says that it has ended:
+        Zenoh aborts a process whose interpreter ends meanwhile ("exception not rethrown").
+        """
+        subscriber = subscribers.pop()
         channel = subscriber.handler
         try:
             while True:
@@ -74,4 +80,6 @@ class Inbox:
                 self._batches.append((topic, batch))
                 self._ring()
         except ZError:
-            moving.release()
+            pass
+        sample = batch = channel = subscriber = None
+        moving.release()

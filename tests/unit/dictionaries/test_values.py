@@ -37,3 +37,21 @@ def test_floats_cover_the_special_ones(kind):
 
 def test_strings_are_utf_8():
     assert all(entry.value.encode() is not None for entry in DICTIONARY.values_for("string"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "tried", "untried"),
+    [
+        ("float64", "fix:lat", 90.0000001, 180.0000001),
+        ("float64", "fix:where.Latitude", 90.0000001, 180.0000001),
+        ("float64", "platform:flat", 90.0, 90.0000001),
+        ("uint32", "map:info.width", 46_341, 46_342),
+        ("float64", "odom:pose.covariance[7]", -1e-9, -2e-9),
+        ("string", "log:opened_at", "2023-02-29T12:00:00Z", "256.256.256.256"),
+        ("bool", "map:width", True, None),
+    ],
+)
+def test_names_of_fields_suggest_values(kind, path, tried, untried):
+    values = [entry.value for entry in DICTIONARY.values_for(kind, path)]
+    assert tried in values
+    assert untried not in values
