@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import more_nominal, repeat_in_order
+from riot_bus.campaign.covering import is_hang
 from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.history import AfterOthers, add_history
 from riot_bus.campaign.triage import Failure, group, plainer
@@ -40,6 +41,8 @@ _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3
 """Cases of one signature that are repeated before it counts as unconfirmed."""
+_HANGS, _HANG_SHARE = 8, 0.5
+"""Hangs take more than this share of the time of all trials only until there have been so many; a guess."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +67,7 @@ class CampaignResult:
         alarms: Signatures from comparison with nominal trials that nominal trials have shown themselves: no failures;
             also in `notes`.
         unordered: Number of passing trials in which the order across topics was given up.
+        calm: Number of trials for which what had hung was kept back, since hangs took too much of the time.
         stopped: Whether it was told to stop.
         grown: Passing cases after which the unit had grown more than in nominal trials, the most first; before each
             how much more, as a share of what is allowed.
@@ -84,6 +88,7 @@ class CampaignResult:
     unjudged: Sequence[tuple[TestCase, str]] = ()
     alarms: Sequence[str] = ()
     unordered: int = 0
+    calm: int = 0
     stopped: bool = False
     grown: Sequence[tuple[float, TestCase]] = ()
 
@@ -128,6 +133,8 @@ class _Campaign:
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
     grown: list[tuple[float, TestCase]] = field(default_factory=list)
     controlled: dict[str, int] = field(default_factory=dict)
+    hangs: list[float] = field(default_factory=list)
+    seconds: float = 0.0
     tell: Callable[[str], None] = lambda _: None
 
     @property
@@ -144,6 +151,11 @@ class _Campaign:
         """The fewest outputs of a trial of the nominal log."""
         return min(int(outcome.statistics.get("outputs", 0)) for outcome in self.nominal)
 
+    @property
+    def calm(self) -> bool:
+        """Whether hangs have taken so much of the time of trials that the next ones should not hang."""
+        return len(self.hangs) >= _HANGS and sum(self.hangs) > _HANG_SHARE * self.seconds
+
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Record the outcomes of some trials, and confirm new failures."""
         fresh: dict[str, Failure] = {}
@@ -152,6 +164,8 @@ class _Campaign:
             if not outcome.judged:
                 self.unjudged.append((case, outcome.detail))
                 continue
+            self.seconds += outcome.seconds
+            self.hangs += [outcome.seconds] if is_hang(outcome) else []
             if started := str(outcome.statistics.get("started", "")):
                 self.starts[started] = self.starts.pop(started, 0) + 1
             if outcome.detail:
@@ -317,7 +331,7 @@ def run_campaign(
     work = _Campaign(runner, explorer or runner, found, ordered, schedule.types)
     nominal = work.check_nominal(log, seed)
     done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
-    hopeless, stopped = work.failing == nominal, False
+    hopeless, stopped, spared = work.failing == nominal, False, 0
 
     def tell(doing: str = "") -> None:
         if progress:
@@ -334,7 +348,9 @@ def run_campaign(
         if covered and covering and covering.finished:
             break
         batch = range(done, min(most, done + max(_ROUND, runner.parallelism)))
-        together = {trial: _together(covering, trial) for trial in batch}
+        calm = work.calm and not covered
+        spared += len(batch) if calm and covering else 0
+        together = {trial: _together(covering, trial, calm=calm) for trial in batch}
         cases = {
             trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
             if chosen
@@ -376,19 +392,22 @@ def run_campaign(
         unjudged=work.unjudged,
         alarms=sorted(work.alarms),
         unordered=work.unordered,
+        calm=spared,
         stopped=stopped,
         grown=sorted(work.grown, key=lambda each: -each[0]),
     )
 
 
 def _together(
-    covering: Covering | None, trial: int
+    covering: Covering | None, trial: int, *, calm: bool
 ) -> tuple[Covering | Stretches | Novelties | None, tuple[Placed, ...]]:
     """Return the things that a trial tries together, and their chooser; nothing if its injections are drawn."""
     if covering is None:
         return None, ()
     if not (trial + 1) % _DRAWN:
-        return covering.stretches, covering.policies()
+        policies = covering.policies()
+        if policies or not calm:
+            return covering.stretches, policies
     if covering.finished and not trial % _NARROWED and (part := covering.novelties.next()):
         return covering.novelties, part
-    return covering, covering.next() or covering.further()
+    return covering, covering.next(calm=calm) or covering.further()

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from riot_bus.campaign.situations import Situation
     from riot_bus.vocabulary.trial import Outcome
 
-__all__ = ["Covering", "failure_rates"]
+__all__ = ["Covering", "failure_rates", "is_hang"]
 
 _LARGEST = 256
 """Most things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
@@ -96,6 +96,8 @@ class Covering:
         self._alone: deque[Variation] = deque()
         self._late = False
         self._halves: deque[tuple[Placed, ...]] = deque()
+        self._hanging: deque[tuple[Placed, ...]] = deque()
+        self._hung: set[str] = set()
         self._missed: Counter[int] = Counter()
         self._size = 1
         self.total = len(fitting)
@@ -105,16 +107,30 @@ class Covering:
         self._values: dict[object, list[Variation]] = {}
         self._failed: Counter[object] = Counter()
 
-    def next(self) -> tuple[Placed, ...]:
-        """Return the next things to try together; nothing when all have been tried or handed out."""
+    def next(self, *, calm: bool = False) -> tuple[Placed, ...]:
+        """Return the next things to try together; nothing when all have been tried or handed out.
+
+        Args:
+            calm: Whether to keep back halves of what hung, and other things about what alone makes the unit hang.
+        """
         if self._halves:
             return self._halves.popleft()
+        if self._hanging and not calm:
+            return self._hanging.popleft()
+        fresh, alone = self._fresh, self._alone
+        if calm:
+            self._fresh = deque(item for item in fresh if item.about not in self._hung)
+            self._alone = deque(item for item in alone if item.about not in self._hung)
         if not self._fresh and self._alone:
             self._size = self._size if self._late else 1
             self._late = True
             while self._alone and len(self._fresh) < self._size:
                 self._fresh.append(self._alone.popleft())
-        return self._gather(self._fresh, fill=not self._late) if self._fresh else ()
+        found = self._gather(self._fresh, fill=not self._late) if self._fresh else ()
+        if calm:
+            self._fresh += (item for item in fresh if item.about in self._hung)
+            self._alone += (item for item in alone if item.about in self._hung)
+        return found
 
     def further(self) -> tuple[Placed, ...]:
         """Return further things to try, without end: things that passed, elsewhere, in a row, or two at once.
@@ -134,6 +150,7 @@ class Covering:
         """
         reached = self._reached(group, outcome)
         failed = outcome.verdict is Verdict.FAIL
+        hung = is_hang(outcome)
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
         apart = failed or hidden or not outcome.judged
@@ -141,13 +158,15 @@ class Covering:
         self._put_back(placed.item for placed in group if id(placed) not in at)
         if apart and len(reached) > 1:
             half = len(reached) // 2
-            self._halves += (tuple(reached[:half]), tuple(reached[half:]))
+            halves = self._hanging if hung else self._halves
+            halves += (tuple(reached[:half]), tuple(reached[half:]))
         elif outcome.judged:
             fresh = [placed.item for placed in reached if not placed.item.again]
             self.tried += [(item, failed) for item in fresh]
             if failed and reached:
                 self._failed.update((reached[0].item.injections, reached[0].item.about))
                 self._set_apart(reached[0].item.about)
+                self._hung |= {reached[0].item.about} if hung else set()
             elif not failed:
                 self._remember(fresh)
                 self.novelties.learn(reached, outcome)
@@ -161,12 +180,12 @@ class Covering:
     @property
     def undecided(self) -> list[Variation]:
         """Things of failed trials that have not been told apart yet."""
-        return [placed.item for group in self._halves for placed in group]
+        return [placed.item for group in (*self._halves, *self._hanging) for placed in group]
 
     @property
     def finished(self) -> bool:
         """Whether all things have been tried or handed out, and those that fail are known."""
-        return not (self._fresh or self._alone or self._halves)
+        return not (self._fresh or self._alone or self._halves or self._hanging)
 
     def policies(self) -> tuple[Placed, ...]:
         """Return policies on many messages, for topics with everything tried once; nothing if there is none."""
@@ -307,6 +326,11 @@ class Covering:
         """Postpone the other things about what failed, to be tried alone: most would make their groups fail, too."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
+
+
+def is_hang(outcome: Outcome) -> bool:
+    """Return whether the unit hung in a trial."""
+    return any(each.monitor == "hang" for each in outcome.violations)
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:

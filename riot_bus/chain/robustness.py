@@ -184,6 +184,9 @@ def test_unit(
         if result.unordered:
             of = f"{result.unordered} of {counted(result.trials, 'trial')}"
             untold += (f"what depends on the order across topics: it could not be kept in {of}",)
+        if result.calm:
+            of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
+            untold += (f"whether more values hang: those of fields that hung already were kept back {of}",)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         traced, untraced = _after_others(step, unit, result, baseline)
         leaks, normal = _leaks(step, subject, result, types)

@@ -83,6 +83,28 @@ def test_values_are_tried_all_over_an_array_and_then_in_its_other_elements() -> 
     assert seen >= {f"ranges[{number}]" for number in range(40)} > set(first)
 
 
+@pytest.mark.parametrize("monitor", ["hang", "crash"])
+def test_hangs_take_no_more_than_half_of_the_time_once_they_are_known(monitor: str) -> None:
+    registry = TypeRegistry()
+    found = Violation(monitor, "part", f"{monitor} of part")
+
+    def answer(case: TestCase) -> Outcome:
+        bad = any(each.field == "speed" and each.value != 1.5 for each in case.injections)
+        return Outcome(Verdict.FAIL if bad else Verdict.PASS, (found,) if bad else (), seconds=10.0 if bad else 1.0)
+
+    covering = Covering(schedule().items(), positions_of(LOG, registry), seed=0)
+    result = run_campaign(LOG, schedule(), Pure(answer), seed=0, trials=300, covering=covering)
+    assert list(result.failures) == [found.signature]
+    assert result.failing >= 8
+    share = 10.0 * result.failing / (9.0 * result.failing + result.trials)
+    if monitor == "hang":
+        assert share < 0.6
+        assert result.calm > 100
+    else:
+        assert share > 0.6
+        assert result.calm == 0
+
+
 def test_nothing_to_inject() -> None:
     with pytest.raises(ConfigError, match="no field"):
         Schedule({}, load_dictionary(), seed=0)

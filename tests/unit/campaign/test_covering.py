@@ -129,6 +129,31 @@ def test_after_a_failure_further_values_of_its_field_come_last() -> None:
     assert covering.covered == 200
 
 
+def test_what_may_hang_waits_while_a_campaign_is_calm_and_is_tried_later() -> None:
+    places = log(1, 200)
+    covering = Covering(items(1, 4, 10), places, seed=3)
+    hang = Violation("hang", "part", "hang of part: in spin")
+
+    def run(group: Sequence[Placed]) -> Outcome:
+        bad = any(each.item.about == "f1" for each in group)
+        return Outcome(Verdict.FAIL if bad else Verdict.PASS, (hang,) if bad else ())
+
+    def step(*, calm: bool) -> set[str]:
+        group = covering.next(calm=calm) or covering.further()
+        covering.take(group, run(group), nominal_outputs=100)
+        return {each.item.about for each in group}
+
+    while not any(failed for _, failed in covering.tried):
+        step(calm=False)
+    tried = covering.covered
+    assert all("f1" not in step(calm=True) for _ in range(100))
+    assert covering.covered - tried > 0
+    assert not covering.finished
+    while not covering.finished:
+        step(calm=False)
+    assert covering.covered == 40
+
+
 def test_what_is_silenced_by_others_is_tried_without_them() -> None:
     """After a bad mode the unit ignores all, so that nothing which comes later has been tried."""
     places = log(1, 100)
