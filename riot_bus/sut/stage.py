@@ -29,7 +29,7 @@ from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping, MutableMapping, MutableSequence, Sequence
+    from collections.abc import Iterable, Mapping, MutableMapping, MutableSequence, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -50,9 +50,8 @@ _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
 _KILLED_WITHIN = 10.0
 """Seconds; a process that waits for a disk or a device dies late."""
-_MEASURE, _MEASURE_AGAIN = 0.15, 0.05
-"""Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up; where their rate is known, a
-third of that."""
+_MEASURE = 0.15
+"""Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
@@ -73,7 +72,6 @@ class TrialPlace:
         imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
         kept: Units and systems that are kept over trials.
         spare: Segments for the next trial of the whole system.
-        idles: Activity of ready components, by how they were started (see `TrialSetup`); trials fill it.
     """
 
     LEFT = "left"
@@ -85,7 +83,6 @@ class TrialPlace:
     imports: MutableMapping[str, Sequence[str]]
     kept: MutableSequence[AbstractContextManager[object]] = field(default_factory=list)
     spare: SpareNetwork = field(default_factory=SpareNetwork)
-    idles: MutableMapping[Hashable, Idle] = field(default_factory=dict)
 
     @property
     def left(self) -> Path:
@@ -108,8 +105,6 @@ class TrialSetup:
             may have another command; components that are not in it are executed and added, others are forked.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
         spare: Where segments are taken from; while components come to rest, it prepares those of the next trial.
-        idles: Activity of ready components, by what tells their commands apart. Those that are in it are looked at for
-            a shorter time until they are ready; others are added.
 
     Attributes:
         idle: Activity of components that are ready and never rest; no activity if they rest.
@@ -134,7 +129,6 @@ class TrialSetup:
         imports: MutableMapping[str, Sequence[str]] | None = None,
         attach: Iterable[str] = (),
         spare: SpareNetwork | None = None,
-        idles: MutableMapping[Hashable, Idle] | None = None,
     ) -> None:
         self.context = context
         self.launcher = launcher
@@ -151,8 +145,6 @@ class TrialSetup:
         self._started: dict[str, float] = {}
         self.idle = STILL
         nominal = {name: each.nominal for name, each in context.file.external.parameters.items()}
-        self._idles = {} if idles is None else idles
-        self._alike = frozenset((parameters or {}).items())
         self._starter = ComponentStarter(
             context,
             launcher,
@@ -377,25 +369,18 @@ class TrialSetup:
 
         Their activity then is `idle`, by which work is recognised later. It is measured for longer than after the last
         input; else a pause between two timers would be taken for rest, and no pause as long might come at the end.
-        Where it is known from an earlier trial, a shorter time shows that they do no more than that.
+        Nor may a thread of the router wait for a processor: it may have a subscription to process that the component
+        has declared, and of several subscribers of a key, only the first one is waited for elsewhere.
         """
         if self._spare is not None:
             self._spare.prepare()
-        key = self._alike, tuple(names)
-        if (known := self._idles.get(key)) is not None:
-            self.include_started(names)
-            now = self.measure_idle(names, seconds=_MEASURE_AGAIN)
-            if now.ran <= _LITTLE and now.switches <= 2 * known.switches and not self.threads(names).busy():
-                self.idle = known
-                return
         last: Idle | None = None
         while time.monotonic() < deadline:
             self.include_started(names)
             now = self.measure_idle(names, seconds=_MEASURE)
             self.idle = now if last is None else now.or_more(last)
             alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
-            if (now.ran <= _LITTLE or alike) and not self.threads(names).busy():
-                self._idles[key] = self.idle
+            if (now.ran <= _LITTLE or alike) and not self.wants_processor(names):
                 return
             last = now
 

@@ -208,7 +208,6 @@ class SystemTrial:
                         imports=place.imports,
                         attach=[*inside, *outside],
                         spare=place.spare,
-                        idles=place.idles,
                     )
                 )
 

@@ -33,10 +33,9 @@ from riot_bus.sut.wire import TrialAnswer, TrialRequest, pack_answer, pack_failu
 from riot_bus.zenoh.session import prepare_runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Sequence
     from contextlib import AbstractContextManager
 
-    from riot_bus.sut.activity import Idle
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
 
@@ -62,7 +61,6 @@ class TrialWorker:
         self._imports: dict[str, Sequence[str]] = {}
         self._kept: list[AbstractContextManager[object]] = []
         self._spare = SpareNetwork()
-        self._idles: dict[Hashable, Idle] = {}
 
     @cached_property
     def _context(self) -> Context:
@@ -71,7 +69,7 @@ class TrialWorker:
         return context
 
     def _place(self, directory: Path) -> TrialPlace:
-        return TrialPlace(self._context, self._launcher, directory, self._imports, self._kept, self._spare, self._idles)
+        return TrialPlace(self._context, self._launcher, directory, self._imports, self._kept, self._spare)
 
     def close(self) -> None:
         """Close what is ready for a next trial."""
