@@ -158,7 +158,10 @@ class Threads:
             yield thread, self._called[thread], self._read_more("syscall", thread)
 
     def has_all_of(self, roots: Iterable[int]) -> bool:
-        """Return whether the processes are the given ones and all their running descendants (see `families`)."""
+        """Return whether the processes are the given ones and all that `families` returns for them.
+
+        This takes less time than `families`; False where one thread has hundreds of children.
+        """
         self._find()
         children = b" ".join(self._read_more("children", thread) for thread in self._files)
         return set(self.pids) == {*roots, *map(int, children.split())}

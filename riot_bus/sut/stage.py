@@ -552,9 +552,12 @@ class TrialSetup:
         known = self._families.get(pids)
         if known is not None and known.has_all_of(pids):
             return True
+        now = families(pids)
+        if known is not None and set(known.pids) == set(now):
+            return True
         if known is not None:
             known.close()
-        self._families[pids] = Threads(families(pids))
+        self._families[pids] = Threads(now)
         return False
 
     def _family(self, names: Iterable[str]) -> Sequence[int]:
