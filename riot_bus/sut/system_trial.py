@@ -106,7 +106,7 @@ class SystemTrial:
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
 
     The outcome's statistics contain the number of messages that each injection changed (`delivered`), and their sum
-    (`modified`).
+    (`modified`), and how many seconds a thread of the system waited for a processor (`held_up`).
     """
 
     pace: RunPace
@@ -302,6 +302,7 @@ class SystemTrial:
             statistics={
                 "external_messages": len(external),
                 "unseen": judged.unseen,
+                "held_up": round(held_up, 2),
                 **({"baseless": judged.baseless} if judged.baseless else {}),
                 **({} if case.messages else {"delivered": tap.delivered(), "modified": sum(tap.delivered())}),
                 **(probe.statistics if probe else {}),

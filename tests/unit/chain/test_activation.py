@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from riot_bus.report.page import write_report
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.message import Message
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import Outcome, Series, TestCase
 from tests.interop import OPTUNA, importable
 from tests.tiers import scaled
 from tests.unit.chain.machine import (
@@ -154,6 +155,33 @@ def test_a_point_that_replays_seldom_gives_way_to_one_farther_inside(tmp_path: P
     assert {said(message)["knob"] for message in read_log(one.folder / "activation.mcap")} == {
         record.found["panel:knob"]
     }
+
+
+def test_runs_that_were_held_up_and_say_nothing_are_repeated(tmp_path: Path, slow: dict[str, Any]) -> None:
+    records, late = [], list[TestCase]()
+    for held_up in (0.0, 9.0):
+        folder = tmp_path / f"{held_up:g}"
+        folder.mkdir()
+        one = ready(folder, slow)
+        plain = one.machine.drive
+
+        def drive(case: TestCase, *options: Any, plain: Any = plain, held_up: float = held_up) -> Outcome:
+            found: Outcome = plain(case, *options)
+            if not held_up or case.again or not case.injections or found.violations or share(case) > 0.4:
+                return found
+            late.append(case)
+            nothing = dict.fromkeys(found.observed, Series((), ()))
+            return replace(found, observed=nothing, statistics={**found.statistics, "held_up": held_up})
+
+        one.machine.drive = drive  # type: ignore[method-assign]
+        records.append(one.workspace.carry_out(find_step("activate"), one.folder, budget=60))
+        repeated = [case for case in one.machine.executed if case.again == 1 and case.injections]
+        assert [replace(case, again=1) for case in late] == repeated
+    usual, held = records
+    assert isinstance(usual, ActivationRecord)
+    assert isinstance(held, ActivationRecord)
+    assert late
+    assert (held.found, held.runs, held.points) == (usual.found, usual.runs, usual.points)
 
 
 def test_one_permeable_field_has_an_interval(tmp_path: Path, slow: dict[str, Any]) -> None:
