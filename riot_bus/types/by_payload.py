@@ -57,5 +57,5 @@ def _leaves(kind: MessageType | None, payload: bytes) -> Sequence[Leaf]:
         return ()
 
 
-decoded: ByPayload[Sequence[Leaf]] = ByPayload(_leaves, most=1 << 12)  # payloads; beyond it, it begins anew; not tuned
+decoded: ByPayload[Sequence[Leaf]] = ByPayload(_leaves, most=1 << 10)  # the outputs of a few trials; a guess
 """The fields of a message, with as many elements of arrays as `leaves` gives; none if it cannot be decoded."""
