@@ -1,4 +1,4 @@
-"""Segments that are opened and joined while a trial waits, for the next one: that takes a fifth of a short trial."""
+"""Segments that are opened and joined while a trial waits, for the next one: that takes a sixth of a short trial."""
 
 from __future__ import annotations
 

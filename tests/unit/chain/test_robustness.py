@@ -199,6 +199,27 @@ def test_that_there_is_no_evidence_is_told_and_evidence_is_that_of_the_case(tmp_
     assert len(cases[-1].injections) == len(known.injections)
 
 
+@pytest.mark.parametrize("seconds", [10.0, 1.0])
+def test_that_values_were_kept_back_since_hangs_took_too_long_is_told(tmp_path: Path, seconds: float) -> None:
+    one = bench(tmp_path)
+    plain = one.machine.play
+
+    def play(case: TestCase) -> Outcome:
+        found = plain(case)
+        return replace(found, seconds=seconds if found.violations else 1.0)
+
+    one.machine.play = play  # type: ignore[method-assign]
+    campaign(one, trials=200)
+    record = CampaignRecord.load(one.workspace.out)
+    told = [each for each in record.untold if each.startswith("whether more values hang: ")]
+    if seconds > 1:
+        assert record.failing >= 8
+        assert len(told) == 1
+        assert "since hangs took more than half of the time" in told[0]
+    else:
+        assert (told, 2 * record.failing < record.tested) == ([], True)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_finding_names_what_was_injected_before_its_log_ends(tmp_path: Path, *, known: bool) -> None:
     one = bench(tmp_path)
