@@ -6,7 +6,7 @@ import itertools
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.pipeline.runner import Pipeline
@@ -73,8 +73,8 @@ class Bus:
     Several may live in one process.
 
     Args:
-        segments: A network that is already open and is closed with the bus; or by name, each segment's settings, or
-            just the endpoints to listen on, where no endpoint means a free port of this machine.
+        segments: A network, which stays open when the bus is closed; or by name, each segment's settings, or just the
+            endpoints to listen on, where no endpoint means a free port of this machine.
         intercept: Key expressions whose messages go through the pipeline instead of the junction.
         services: Key expressions of services whose requests and replies go through the pipeline, too.
         pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
@@ -102,6 +102,7 @@ class Bus:
         config: Mapping[str, Any] | None = None,
         timeout: float = 10.0,
     ) -> None:
+        self._owns_network = not isinstance(segments, Network)
         if not isinstance(segments, Network):
             segments = Network(segments, config=config, wait_before_close_s=wait_before_close_s, timeout=timeout)
         self._network = network = segments
@@ -134,6 +135,7 @@ class Bus:
         self._advanced: PublisherProxies | None = None
         self._services: Services | None = None
         self._probes: dict[tuple[str, str], zenoh.Publisher] = {}
+        self._declared: list[Any] = []
         self._slow = BoundedCounts()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
@@ -152,7 +154,8 @@ class Bus:
         self._check_ways(self.gate.pipeline.stages)
         with ExitStack() as stack:
             self._network.open(self._claims.expressions, self._selected)
-            stack.callback(self._network.close)
+            if self._owns_network:
+                stack.callback(self._network.close)
             self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
             self._watch = self._watched()
             stack.callback(self._watch.stop)
@@ -182,7 +185,7 @@ class Bus:
         self._crossing.start()
 
     def close(self) -> None:
-        """Forward the messages in transit, then close everything; safe to call twice."""
+        """Forward the messages in transit, then close everything but a network of others; safe to call twice."""
         self._stack.close()
 
     def __enter__(self) -> Self:
@@ -214,6 +217,13 @@ class Bus:
             self._advanced.close()
         self._crossing.close()
         self._dispatcher.close()
+        for outlets in self._outlets.values():
+            outlets.close()
+        for each in (*self._declared, *self._tokens.values()):
+            with suppress(library_of(each).ZError):  # its user has undeclared it
+                release(each)
+        self._declared.clear()
+        self._tokens.clear()
 
     @property
     def _segments(self) -> dict[str, Segment]:
@@ -524,7 +534,9 @@ class Bus:
 
         pin(session, text)
         locality = library_of(session).Locality
-        return session.declare_subscriber(text, take, allowed_origin=locality.ANY if own else locality.REMOTE)
+        subscriber = session.declare_subscriber(text, take, allowed_origin=locality.ANY if own else locality.REMOTE)
+        self._declared.append(subscriber)
+        return subscriber
 
     def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
         """Answer service calls of a segment's components with recorded replies until the bus closes.
@@ -536,7 +548,7 @@ class Bus:
             tokens: Liveliness tokens by which callers find the service; those already declared are kept.
         """
         session = self.segment(segment).session
-        serve_recorded(session, key, service)
+        self._declared.append(serve_recorded(session, key, service))
         for token in tokens:
             if token not in self._tokens:
                 self._tokens[token] = session.liveliness().declare_token(token)

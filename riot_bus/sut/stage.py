@@ -1,4 +1,4 @@
-"""One trial's stage: fresh segments, fresh components, and the view that monitors judge."""
+"""One trial's stage: its segments, fresh components, and the view that monitors judge."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Self
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, out_of_memory_kills, resources
+from riot_bus.sut.kept_network import KeptNetwork
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
 from riot_bus.sut.rest import all_wait, is_at_rest
 from riot_bus.sut.settling import own_others, own_senders, wait_settled
-from riot_bus.sut.spare_network import SpareNetwork
 from riot_bus.sut.starter import ComponentStarter, last_words
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Qos
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.launcher import ComponentProcess, Launcher
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message, Scalar
+    from riot_bus.zenoh.network import Network
 
 __all__ = ["TrialPlace", "TrialSetup", "Watch"]
 
@@ -71,7 +72,7 @@ class TrialPlace:
         parameters: Values of {param:NAME} in commands that differ from the nominal ones.
         imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
         kept: Units and systems that are kept over trials.
-        spare: Segments for the next trial of the whole system.
+        network: Segments that stay open between trials.
     """
 
     LEFT = "left"
@@ -82,7 +83,7 @@ class TrialPlace:
     directory: Path
     imports: MutableMapping[str, Sequence[str]]
     kept: MutableSequence[AbstractContextManager[object]] = field(default_factory=list)
-    spare: SpareNetwork = field(default_factory=SpareNetwork)
+    network: KeptNetwork = field(default_factory=KeptNetwork)
 
     @property
     def left(self) -> Path:
@@ -91,20 +92,20 @@ class TrialPlace:
 
 
 class TrialSetup:
-    """Fresh segments and the components on them; a context manager that leaves nothing behind.
+    """Segments that nobody else uses and the components on them; a context manager that leaves nothing behind.
 
     Args:
         context: The system.
         launcher: Owner of the processes.
         directory: Folder for their output and for what they write to `{trial_dir}`.
-        segments: Names of the segments to open; empty for one segment for each component, with its name.
+        segments: Names of the segments; empty for one segment for each component, with its name.
         intercept: Key expressions that are cut and passed through `pipeline`.
         pipeline: Pipeline of the interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
-        spare: Where segments are taken from; while components come to rest, it prepares those of the next trial.
+        network: Where segments are taken from and given back to; without it, they are opened and closed.
 
     Attributes:
         idle: Activity of components that are ready and never rest; no activity if they rest.
@@ -128,7 +129,7 @@ class TrialSetup:
         parameters: Mapping[str, Scalar] | None = None,
         imports: MutableMapping[str, Sequence[str]] | None = None,
         attach: Iterable[str] = (),
-        spare: SpareNetwork | None = None,
+        network: KeptNetwork | None = None,
     ) -> None:
         self.context = context
         self.launcher = launcher
@@ -157,11 +158,12 @@ class TrialSetup:
         self._apart = not segments
         self._attached_at: set[str] = set()
         addresses = self._addresses(segments, attach)
-        self._spare = spare if spare is not None and not self._attached_at else None
+        self._kept = network if not self._attached_at else None
+        self._network: Network | None = None
+        if self._kept is not None:
+            self._network = self._kept.take(list(addresses), intercept, wait_before_close_s=stall)
         self.bus = Bus(
-            addresses
-            if self._spare is None
-            else self._spare.take(list(addresses), intercept, wait_before_close_s=stall),
+            self._network or addresses,
             intercept=intercept,
             pipeline=pipeline,
             registry=context.registry,
@@ -189,10 +191,15 @@ class TrialSetup:
         return name if self._apart else self.context.file.segment_of(self.context.file.components[name])
 
     def __enter__(self) -> Self:
-        self.bus.__enter__()
+        try:
+            self.bus.open()
+        except BaseException:
+            self._give_back(usable=False)
+            raise
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: object, *_: object) -> None:
+        usable = False
         try:
             for name in self.processes:
                 self._terminate(name)
@@ -202,8 +209,16 @@ class TrialSetup:
         finally:
             try:
                 self._starter.close()
+                usable = error is None and not self.bus.losses.links
             finally:
-                self.bus.close()
+                try:
+                    self.bus.close()
+                finally:
+                    self._give_back(usable=usable)
+
+    def _give_back(self, *, usable: bool) -> None:
+        if self._kept is not None and self._network is not None:
+            self._kept.give_back(self._network, usable=usable)
 
     def renew(self) -> None:
         """Begin another trial with the same processes, and discard the observations of the last one."""
@@ -372,8 +387,6 @@ class TrialSetup:
         Nor may a thread of the router wait for a processor: it may have a subscription to process that the component
         has declared, and of several subscribers of a key, only the first one is waited for elsewhere.
         """
-        if self._spare is not None:
-            self._spare.prepare()
         last: Idle | None = None
         while time.monotonic() < deadline:
             self.include_started(names)

@@ -207,7 +207,7 @@ class SystemTrial:
                         parameters=_parameters(case),
                         imports=place.imports,
                         attach=[*inside, *outside],
-                        spare=place.spare,
+                        network=place.network,
                     )
                 )
 

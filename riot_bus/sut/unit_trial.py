@@ -63,6 +63,7 @@ class IdleTrial:
                     segments=segments,
                     imports=place.imports,
                     attach=[name],
+                    network=place.network,
                 ) as stage,
             ):
                 serve_calls(stage, self.unit)
@@ -112,6 +113,7 @@ class UnitTrial:
                     stall=file.unit[self.unit].settle.timeout,
                     imports=None if self.evidence else place.imports,
                     attach=[name],
+                    network=place.network,
                 ) as stage,
             ):
                 self.start(stage, case)

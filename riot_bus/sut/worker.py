@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 from riot_bus.control.heap import calm_collector
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.hangs import KnownHangs
+from riot_bus.sut.kept_network import KeptNetwork
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.persistent import PersistentTrial, end_kept
-from riot_bus.sut.spare_network import SpareNetwork
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.supervisor import IGNORED
 from riot_bus.sut.system_trial import SystemTrial
@@ -60,7 +60,7 @@ class TrialWorker:
         self._known: dict[bytes, tuple[Trial, tuple[Message, ...]]] = {}
         self._imports: dict[str, Sequence[str]] = {}
         self._kept: list[AbstractContextManager[object]] = []
-        self._spare = SpareNetwork()
+        self._network = KeptNetwork()
 
     @cached_property
     def _context(self) -> Context:
@@ -69,11 +69,11 @@ class TrialWorker:
         return context
 
     def _place(self, directory: Path) -> TrialPlace:
-        return TrialPlace(self._context, self._launcher, directory, self._imports, self._kept, self._spare)
+        return TrialPlace(self._context, self._launcher, directory, self._imports, self._kept, self._network)
 
     def close(self) -> None:
-        """Close what is ready for a next trial."""
-        self._spare.close()
+        """Close what is kept for a next trial."""
+        self._network.close()
 
     def _cpu(self) -> float:
         """Return the processor time of this process and of components that have ended, in seconds."""
@@ -90,8 +90,6 @@ class TrialWorker:
             place = self._place(request.directory)
             if not isinstance(request.trial, PersistentTrial | SystemTrial):  # these end them themselves if needed
                 end_kept(place)
-            if not isinstance(request.trial, SystemTrial):
-                self._spare.close()
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)
             busy = (self._cpu() - used) / (time.monotonic() - began)

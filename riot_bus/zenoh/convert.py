@@ -160,6 +160,10 @@ class Outlets:
         self._publishers[key, qos] = publisher
         return publisher
 
+    def close(self) -> None:
+        """Undeclare all publishers."""
+        self._publishers.clear()  # they undeclare themselves
+
     def occasional(self, key: str, qos: Qos, encoding: str) -> zenoh.Publisher | Occasional:
         """Return the publisher of a key if it is declared, otherwise an `Occasional`."""
         return self._publishers.get((key, qos)) or self._occasional(key, qos, encoding)

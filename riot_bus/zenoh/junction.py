@@ -75,6 +75,7 @@ class Junction:
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
         self._begun: tuple[list[str], list[str]] | None = None
+        self._joined: tuple[list[str], list[str]] | None = None
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
         self._library: ModuleType | None = borrow()
@@ -86,7 +87,7 @@ class Junction:
         self._begun = list(cut), list(services)
 
     def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
-        """Join the segments, or cut other keys if they are joined; return once links and routes are up.
+        """Join the segments, or cut other keys if they are joined and cut others; return once links and routes are up.
 
         Args:
             cut: Canonical key expressions of messages that must not cross.
@@ -95,9 +96,13 @@ class Junction:
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
         """
+        wanted = list(cut), list(services)
+        if self.session is not None and self._joined == wanted:
+            return self.session
+        self._joined = None
         # The former router stays until the new one works. If it left first, the new one would take its place in the
         # segments' tables, and they would not tell each other of subscriptions that exist already.
-        begun = self.session if self._begun == (list(cut), list(services)) else None
+        begun = self.session if self._begun == wanted else None
         self._begun = None
         former = (self.session, self.zid, self._meeting) if begun is None else (None, "", None)
         patience = 1
@@ -116,6 +121,7 @@ class Junction:
                 if self._direct is not None and not self._direct.cuts(cut, services):
                     self._sever(self._direct)
                 if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
+                    self._joined = wanted
                     return session
             self._leave(self.session, self.zid, self._meeting)
             self.session, self.zid, self._meeting = former
@@ -164,7 +170,7 @@ class Junction:
 
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
-        former, self.session, self.zid = (self.session, self.zid, self._meeting), None, ""
+        former, self.session, self.zid, self._joined = (self.session, self.zid, self._meeting), None, "", None
         if self._direct is not None:
             self._sever(self._direct)
         try:

@@ -375,28 +375,32 @@ def test_the_cut_can_be_changed_while_components_stay() -> None:
 
 
 @pytest.mark.parametrize("begun", [None, [], ["cut/**"]])
-def test_a_network_may_be_open_before_the_bus(begun: list[str] | None) -> None:
-    with Network(SEGMENTS) as network:
-        with Puppet(network.segments["unit"].endpoints[0]) as sink:
-            sink.do("subscribe", key="**")
-            assert network.junction is not None
-            if begun is not None:
-                network.junction.begin(begun)
-            first = network.junction.zid
-            with Bus(network, intercept=["cut/**"], pipeline=pipeline(Script())) as bus:
-                assert (bus.segment("unit"), network.junction.zid == first) == (
-                    network.segments["unit"],
-                    begun == ["cut/**"],
-                )
-                with Puppet(bus.endpoint("system")) as source:
-                    routed(bus, "free/x")
-                    for key in ("cut/x", "free/x"):
-                        source.do("put_texts", key=key, payloads=["change"], congestion="BLOCK")
-                    samples = sink.do("wait", count=2)
-                    found = sorted(zip([each["key"] for each in samples], texts(samples), strict=True))
-                    assert found == [("cut/x", "changed"), ("free/x", "change")]
-                    assert not bus.losses
-        assert network.segments["unit"].session.is_closed()
+def test_a_network_may_be_open_before_the_bus_and_after_it(begun: list[str] | None) -> None:
+    with Network(SEGMENTS) as network, Puppet(network.segments["unit"].endpoints[0]) as sink:
+        sink.do("subscribe", key="**")
+        assert network.junction is not None
+        if begun is not None:
+            network.junction.begin(begun)
+        first = network.junction.zid
+        with Bus(network, intercept=["cut/**"], pipeline=pipeline(Script())) as bus:
+            assert (bus.segment("unit"), network.junction.zid == first) == (
+                network.segments["unit"],
+                begun == ["cut/**"],
+            )
+            with Puppet(bus.endpoint("system")) as source:
+                routed(bus, "free/x")
+                for key in ("cut/x", "free/x"):
+                    source.do("put_texts", key=key, payloads=["change"], congestion="BLOCK")
+                samples = sink.do("wait", count=2)
+                found = sorted(zip([each["key"] for each in samples], texts(samples), strict=True))
+                assert found == [("cut/x", "changed"), ("free/x", "change")]
+                assert not bus.losses
+        with Bus(network, intercept=["cut/**"]) as bus, Puppet(bus.endpoint("system")) as source:
+            source.do("put_texts", key="cut/x", payloads=["unchanged"], congestion="BLOCK")
+            assert texts(sink.do("wait", count=3))[2:] == ["unchanged"]
+            assert bus.drain(60)
+            assert bus.counts()["cut/x"].received == 1
+    assert network.segments["unit"].session.is_closed()
 
 
 def test_two_buses_in_one_process_do_not_meet() -> None:
