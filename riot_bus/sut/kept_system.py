@@ -97,6 +97,7 @@ class KeptComponents(ABC):
                     stall=self._stall,
                     parameters=self._made_for[2],
                     imports=self._place.imports,
+                    network=self._place.network,
                     **self._crossing(),
                 )
             )

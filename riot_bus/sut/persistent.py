@@ -124,6 +124,7 @@ class LiveUnit:
                     stall=self._file.unit[self._trial.unit].settle.timeout,
                     imports=self._place.imports,
                     attach=[self._name],
+                    network=self._place.network,
                 )
             )
             self._trial.start(self._stage, self._first)

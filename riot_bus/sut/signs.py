@@ -59,6 +59,7 @@ class Feeder:
         gave_up: Whether the order across topics was to be kept and was not: a unit that works for long, or never
             sleeps, gets further messages without waiting.
         probed: Number of outputs before the last probe; None if there was none.
+        begun: Activity of the unit and of the router here before the first input; None before that.
     """
 
     def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline, *, ordered: bool = False) -> None:
@@ -71,7 +72,7 @@ class Feeder:
         self.gave_up = False
         self._ordered = ordered and not unit.rate
         self._fed = time.monotonic()
-        self._begun: tuple[Activity, Activity] | None = None
+        self.begun: tuple[Activity, Activity] | None = None
         self._hangs = stage.context.hangs[name]
         self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
@@ -89,8 +90,8 @@ class Feeder:
                 a window: on a loaded machine, the kernel may hold back what was sent for some milliseconds.
         """
         stage, begin = self._stage, len(self._stage.outputs)
-        start, own = stage.activity([self._name]), stage.others.activity()
-        self._begun = self._begun or (start, own)
+        start, own = begun = stage.activity([self._name]), stage.others.activity()
+        self.begun = self.begun or begun
         before = self._publish(messages, start)
 
         least = sum(expected.values()) if expected else 0
@@ -212,7 +213,7 @@ class Feeder:
 
     def _await_late(self) -> None:
         """Wait for what is on its way: where others had the processors since the first input, also for late answers."""
-        if self._begun is not None and self._stage.held_up([self._name], since=self._begun)() > self._settle.window:
+        if self.begun is not None and self._stage.held_up([self._name], since=self.begun)() > self._settle.window:
             self._wait_quiet()
         self._stage.bus.drain(self._settle.timeout)
 

@@ -472,7 +472,7 @@ class TrialSetup:
 
     def put(self, segment: str, message: Message) -> None:
         """Publish an input; it waits if receivers are slow."""
-        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express), time=self.now())
+        sent = message.sent(self.now(), Qos(message.qos.priority, "block", message.qos.express))
         self.bus.put(segment, sent)
         self.inputs.append(sent)
 

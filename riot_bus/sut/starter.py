@@ -124,11 +124,12 @@ class ComponentStarter:
         surroundings = fixed_environment(component.env) if fixed else {}
         domain = domain_environment(self._domain(name), self._directory) if component.dds else {}
         own = {**domain, **filled.env, **surroundings}
-        env = {**environment_of_others(), **own}
+        plain = {**environment_of_others(), **own}
+        env = plain
         if component.is_process:
-            env |= self._python.environment(env, imports=self._program(name) not in self._imports)
+            env = env | self._python.environment(env, imports=self._program(name) not in self._imports)
         if component.only is not None:
-            env |= only_some(env, component.only, plan=self._directory / f"{name}.only")
+            env = env | only_some(env, component.only, plan=self._directory / f"{name}.only")
         cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
         start = self._starts[name] = start_of(
             filled,
@@ -153,7 +154,7 @@ class ComponentStarter:
                 self._launcher, called, endpoint=endpoint, domain=number, folder=self._directory
             )
         around: dict[str, Any] = {"env": env, "cwd": cwd}
-        self._checks[name] = _ReadyCheck(filled.ready.command, {**environment_of_others(), **own}, cwd)
+        self._checks[name] = _ReadyCheck(filled.ready.command, plain, cwd)
         if filled.setup:
             within = component.ready.timeout
             self._carry_out(f"{name}.setup", filled.setup, **around, timeout=within, undo=filled.teardown)

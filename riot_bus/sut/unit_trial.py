@@ -149,7 +149,7 @@ class UnitTrial:
         started = time.monotonic()
         context, unit = stage.context, stage.context.file.unit[self.unit]
         name, reached, ahead = component_of(context.file, self.unit), list[list[int]](), list[int]()
-        process, begun = stage.processes[name], (stage.activity([name]), stage.others.activity())
+        process = stage.processes[name]
         messages, touched = inject_log(
             case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached, ahead=ahead
         )
@@ -165,7 +165,7 @@ class UnitTrial:
         signs, settled = feeder.signs(settled=settled)
         stage.sample_resources([name])
         view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
-        view = replace(view, probed=feeder.probed, held_up=stage.held_up([name], since=begun)())
+        view = replace(view, probed=feeder.probed, held_up=stage.held_up([name], since=feeder.begun)())
         monitors = context.monitors_of(name)
         judged = judge(view, monitors)
         if seen is not None:

@@ -52,6 +52,21 @@ class Message:
         """Return a copy with some attributes replaced."""
         return replace(self, **changes)
 
+    def sent(self, time: int, qos: Qos) -> Message:
+        """Return a copy with another time and other delivery settings; much faster than `with_`."""
+        return Message(
+            time,
+            self.key,
+            self.payload,
+            self.kind,
+            self.encoding,
+            self.attachment,
+            qos,
+            self.segment,
+            self.sequence,
+            self.publish_time,
+        )
+
     def with_payload(self, payload: bytes) -> Message:
         """Return a copy with another payload."""
         return Message(
