@@ -63,7 +63,6 @@ def map_region(
     seed: int,
     budget: int = 80,
     tolerance: float | Sequence[float],
-    parallelism: int = 1,
     progress: Progress | None = None,
 ) -> Region:
     """Find the boundary of the crash zone around a failing point.
@@ -78,17 +77,16 @@ def map_region(
         seed: Seed of the choice of samples.
         budget: Largest number of points tested.
         tolerance: Width to which an edge is bracketed, in the fields' units (one number, or one per axis).
-        parallelism: Points per call of `ask`.
         progress: Called after each batch.
 
     Raises:
-        ValueError: `tolerance`, `budget` or `parallelism` is not positive, there are no axes, or two are one field.
+        ValueError: `tolerance` or `budget` is not positive, there are no axes, or two are one field.
     """
     widths = [tolerance] * len(axes) if isinstance(tolerance, int | float) else tolerance
     alike = len({axis.name for axis in axes}) < len(axes)
-    if not axes or alike or min(widths) <= 0 or budget < 1 or parallelism < 1:
-        raise ValueError(f"no region map with tolerance {tolerance}, budget {budget}, parallelism {parallelism}")
-    mapper = _Mapper(start, axes, widths, ask, budget=budget, parallelism=parallelism, progress=progress)
+    if not axes or alike or min(widths) <= 0 or budget < 1:
+        raise ValueError(f"no region map with tolerance {tolerance}, budget {budget}")
+    mapper = _Mapper(start, axes, widths, ask, budget=budget, progress=progress)
     first = Box(tuple(_shoot(mapper, [(side, mapper.start) for side in range(2 * len(axes))])))
     box = _refine(mapper, first, np.random.default_rng([seed, 41]))
     return _report(mapper, box)
@@ -105,7 +103,6 @@ class _Mapper:
         ask: Ask[Mapping[str, float]],
         *,
         budget: int,
-        parallelism: int,
         progress: Progress | None,
     ) -> None:
         self.axes = axes
@@ -119,7 +116,6 @@ class _Mapper:
         self._ask = ask
         self._left = budget
         self._budget = budget
-        self._parallelism = parallelism
         self._progress = progress
 
     def asked(self, places: Sequence[Place]) -> list[bool | None]:
@@ -127,14 +123,13 @@ class _Mapper:
         known: dict[Place, bool] = dict(self.samples)
         wanted = [self.sensible(place) for place in places]
         new = list(dict.fromkeys(place for place in wanted if place not in known))[: self._left]
-        for at in range(0, len(new), self._parallelism):
-            batch = new[at : at + self._parallelism]
+        if new:
             names = [axis.name for axis in self.axes]
-            points = [self._fixed | dict(zip(names, place, strict=True)) for place in batch]
-            for place, failed in zip(batch, self._ask(points), strict=True):
+            points = [self._fixed | dict(zip(names, place, strict=True)) for place in new]
+            for place, failed in zip(new, self._ask(points), strict=True):
                 known[place] = failed
                 self.samples.append(RegionSample(place, failed))
-            self._left -= len(batch)
+            self._left -= len(new)
             if self._progress is not None:
                 self._progress(self._budget - self._left, self._budget, "boundary of the crash zone")
         return [known.get(place) for place in wanted]

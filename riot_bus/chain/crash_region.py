@@ -58,7 +58,6 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
         seed=system.step.workspace.seed,
         budget=_REGION_BUDGET * max(_AXES, len(axes)) // _AXES,
         tolerance=[_EDGE * axis.spread for axis in axes],
-        parallelism=system.runner.parallelism,
         progress=system.step.progress,
     )
     samples = [*region.samples, *system.seen([axis.name for axis in axes], fixed)]

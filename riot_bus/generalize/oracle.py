@@ -11,9 +11,13 @@ from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["BudgetSpentError", "Trials", "assignment_key", "same_scalar", "scalar_key"]
+__all__ = ["WAVES", "BudgetSpentError", "Trials", "assignment_key", "same_scalar", "scalar_key"]
 
 QuestionT = TypeVar("QuestionT")
+
+WAVES = 4
+"""Trials for each slot in one batch whose questions do not depend on each other's answers: slots wait for each other
+only at its end, and progress is still told often."""
 
 
 def scalar_key(value: Setting) -> Hashable:
@@ -148,7 +152,7 @@ class Trials(Generic[QuestionT]):
             open_ = [i for i, chance in enumerate(chances) if not asked[i] or doubt < chance < 1 - doubt]
             if not open_:
                 break
-            batch = open_[: self._batch()]
+            batch = open_[: self._batch(1 if first else WAVES)]
             for i, failed in zip(batch, self._asked([questions[i] for i in batch], doing), strict=True):
                 searches[i].tell(0, failed=failed)
         self.noise = self.noise.joined([search.noise for search in searches])
@@ -179,12 +183,12 @@ class Trials(Generic[QuestionT]):
         found = {key: chance > 0.5 for key, chance in zip(by_key, chances, strict=True)}
         return [found[self._key(question)] for question in questions]
 
-    def _batch(self) -> int:
-        """Return how many questions to ask at once."""
+    def _batch(self, waves: int = 1) -> int:
+        """Return how many questions to ask at once; several waves of them where no answer makes another needless."""
         left = self._budget - self.spent
         if left <= 0:
             raise BudgetSpentError
-        return min(self.parallelism, left)
+        return min(waves * self.parallelism, left)
 
     def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
         """Return whether one fresh trial of each question failed, for the first ones that fit in one batch.

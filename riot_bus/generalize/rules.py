@@ -17,7 +17,7 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
-from riot_bus.generalize.oracle import assignment_key, same_scalar
+from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
 from riot_bus.generalize.refine import inversions, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
@@ -257,8 +257,9 @@ class _Search:
             new = new[: max(0, self.budget - self.spent)]
             self.spent += len(new)
         asked: list[Sample] = []
-        for first in range(0, len(new), max(self.parallelism, 1)):
-            batch = new[first : first + self.parallelism]
+        at_once = (1 if phase in GUESSED else WAVES) * self.parallelism  # what was wrong changes further guesses
+        for first in range(0, len(new), at_once):
+            batch = new[first : first + at_once]
             guesses = self._guesses(batch, phase)
             answers = self._expecting(batch, guesses) if self._expecting else self._plain(batch)
             if len(answers) != len(batch):

@@ -20,13 +20,12 @@ def zone(noise, rng):
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0])
-@pytest.mark.parametrize("parallelism", [1, 4])
-def test_crash_zone_of_the_paper_within_five_metres(noise, parallelism):
+def test_crash_zone_of_the_paper_within_five_metres(noise):
     asked = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         start = {"goal.x": rng.uniform(-99, 99), "goal.y": rng.uniform(-99, -83), "vx": 0.5}
-        found = map_region(start, AXES, zone(noise, rng), seed=seed, tolerance=5.0, parallelism=parallelism)
+        found = map_region(start, AXES, zone(noise, rng), seed=seed, tolerance=5.0)
         assert found.box.edges == pytest.approx((-100, 100, -100, -80), abs=5.0)
         assert found.inside_low <= found.inside_share <= found.inside_high
         asked.append(len(found.samples) - 1)
@@ -100,7 +99,7 @@ def test_zone_that_fills_the_range_and_small_budgets():
         count.extend(points)
         return zone(0.0, np.random.default_rng(0))(points)
 
-    map_region({"goal.x": 0.0, "goal.y": -90.0}, AXES, ask, seed=0, budget=7, tolerance=5.0, parallelism=4)
+    map_region({"goal.x": 0.0, "goal.y": -90.0}, AXES, ask, seed=0, budget=7, tolerance=5.0)
     assert len(count) == 7
 
 
@@ -118,9 +117,7 @@ def test_progress_counts_points_up_to_the_budget():
     told = []
     start = {"goal.x": 0.0, "goal.y": -90.0}
     ask = zone(0.0, np.random.default_rng(0))
-    found = map_region(
-        start, AXES, ask, seed=0, budget=9, tolerance=5.0, parallelism=4, progress=lambda *words: told.append(words)
-    )
+    found = map_region(start, AXES, ask, seed=0, budget=9, tolerance=5.0, progress=lambda *words: told.append(words))
     assert [done for done, _, _ in told][-1] == 9 == len(found.samples) - 1
     assert {total for _, total, _ in told} == {9}
     assert all(text for _, _, text in told)

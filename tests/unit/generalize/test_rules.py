@@ -1,5 +1,6 @@
 import math
 import random
+import statistics
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -362,7 +363,7 @@ def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_
     spent: dict[bool, list[int]] = {True: [], False: []}
     texts = []
     variable = Variable("x", "float64", 1e300, (1.0,), tuple(map(float, range(20))), (*NUMBERS, 255.0, 1e9))
-    for seed in range(4):
+    for seed in range(8):
         for expects, into in spent.items():
             unit = Rarely(fails, seed)
             found = learn_rule([variable], unit.decide, expecting=unit.decide if expects else None, seed=seed)
@@ -372,5 +373,5 @@ def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_
                 judged = [one for one in found.samples if one.phase == "validate"]
                 hidden = [one for one in judged if one.failed != fails(one.assignment)]
                 assert not hidden  # expecting flatters no figure: what judges the rule is answered rightly
-    assert sum(spent[True]) < 0.75 * sum(spent[False])
-    assert texts.count("isnan(x) or abs(x) > 1000000") >= 3
+    assert statistics.median(spent[True]) < 0.75 * statistics.median(spent[False])  # sums depend on one long search
+    assert texts.count("isnan(x) or abs(x) > 1000000") >= 6
