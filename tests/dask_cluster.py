@@ -32,10 +32,14 @@ class DaskCluster:
         folder: Where the processes write.
         workers: How many.
         environment: Added to that of the processes.
+        tls: Whether its processes speak TLS, with the certificates that the environment names.
     """
 
-    def __init__(self, folder: Path, workers: int, environment: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, folder: Path, workers: int, environment: Mapping[str, str] | None = None, *, tls: bool = False
+    ) -> None:
         self.folder, self.count = folder, workers
+        self._scheme, self._protocol = ("tls", ("--protocol=tls",)) if tls else ("tcp", ())
         self.port = _free_port()
         self.executor = f"dask://127.0.0.1:{self.port}"
         leases = {"LEASE_TIMEOUT": "3s", "LEASE_VALIDATION_INTERVAL": "500ms"}
@@ -55,7 +59,9 @@ class DaskCluster:
     def start(self) -> None:
         """Start all of it, and wait until the scheduler listens."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.scheduler = self._dask("scheduler", "--host=127.0.0.1", f"--port={self.port}", "--no-dashboard")
+        self.scheduler = self._dask(
+            "scheduler", "--host=127.0.0.1", f"--port={self.port}", "--no-dashboard", *self._protocol
+        )
         assert wait_until(self._listens, 60)
         for number in range(self.count):
             self.start_worker(number)
@@ -64,7 +70,8 @@ class DaskCluster:
         """Start a worker."""
         own = self.folder / f"worker{number}"
         own.mkdir(exist_ok=True)
-        common = (f"tcp://127.0.0.1:{self.port}", "--host=127.0.0.1", "--memory-limit=0", "--no-dashboard")
+        address = f"{self._scheme}://127.0.0.1:{self.port}"
+        common = (address, "--host=127.0.0.1", "--memory-limit=0", "--no-dashboard", *self._protocol)
         options = options or ("--nthreads=1",)
         self.nannies.append(
             self._dask("worker", *common, *options, f"--local-directory={own}", TMPDIR=str(own), **environment)

@@ -157,7 +157,7 @@ class Feeder:
             What it had done just before the last one.
         """
         stage, names = self._stage, [self._name]
-        self.sent, ordered = 0, self._ordered
+        self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
         stage.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
@@ -178,7 +178,7 @@ class Feeder:
             if self.sent % samples == 0:
                 stage.sample_resources(names)
             self.sent += 1
-            stage.put(self._segment, message)
+            stage.put(self._segment, message, batched=batched)
 
         def stop() -> bool:
             return self.sent % _CHECK_EVERY == 0 and not self.alive

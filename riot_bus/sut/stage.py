@@ -470,9 +470,16 @@ class TrialSetup:
 
         self.bus.subscribe(segment, "**", take, own=False)
 
-    def put(self, segment: str, message: Message) -> None:
-        """Publish an input; it waits if receivers are slow."""
-        sent = message.sent(self.now(), Qos(message.qos.priority, "block", message.qos.express))
+    def put(self, segment: str, message: Message, *, batched: bool = False) -> None:
+        """Publish an input; it waits if receivers are slow.
+
+        Args:
+            segment: Name of the segment.
+            message: The input.
+            batched: Whether messages that follow at once may share a packet with it, even if it is an express message.
+                A packet for each took half of the time of a trial with thousands of messages.
+        """
+        sent = message.sent(self.now(), _blocking(message.qos.priority, message.qos.express and not batched))
         self.bus.put(segment, sent)
         self.inputs.append(sent)
 
@@ -668,6 +675,11 @@ class TrialSetup:
             stalled,
             tuple(self.inputs),
         )
+
+
+@functools.cache
+def _blocking(priority: int, express: bool) -> Qos:  # noqa: FBT001 - a cached function
+    return Qos(priority, "block", express)
 
 
 @functools.cache
