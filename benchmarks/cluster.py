@@ -3,7 +3,8 @@
 A campaign on a unit that fails and needs `sim = 1` is carried out on this machine, then by two Dask workers on
 loopback, of which one is killed at random moments. Once the client (`riot test`) is killed, once the scheduler; the
 same command goes on each time. Told is whether both campaigns have the same findings, and the same outcome of each
-trial; what was lost or is there twice; and how often two units ran at once. Workers have folders for temporary files of
+trial; what was lost or is there twice; which trials only one of them asked for, as what a unit published before it
+crashed varies, and leads the campaign; and how often two units ran at once. Workers have folders for temporary files of
 their own, so that what riot does on one machine to share resources is no help.
 """
 
@@ -137,9 +138,10 @@ def measure(folder: Path, trials: int, kills: int, seed: int) -> dict[str, Any]:
         "outcomes here": len(mine),
         "outcomes on the cluster": len(theirs),
         "rows that are there twice": len(stored(there)) - len(theirs),
-        "lost": len(mine.keys() - theirs.keys()),
+        "lost": campaign["trials"] - len(theirs),
         "other than here": sum(theirs[key] != mine[key] for key in mine.keys() & theirs.keys()),
-        "not asked here": len(theirs.keys() - mine.keys()),
+        "asked only here": len(mine.keys() - theirs.keys()),
+        "asked only there": len(theirs.keys() - mine.keys()),
         "findings here": findings(here),
         "findings on the cluster": findings(there),
         "workers killed": killer.killed,
