@@ -48,7 +48,7 @@ def slots_for(busy: float, processors: int) -> int:
         busy: Processor time of a trial in seconds per second; 0 if that is not known.
         processors: Number of processors.
     """
-    return max(processors, min(_MOST_SLOTS * processors, round(processors / busy))) if busy > 0 else processors
+    return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
 
 
 class RunnerFactory(Protocol):
