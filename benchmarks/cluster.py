@@ -4,8 +4,8 @@ A campaign on a unit that fails and needs `sim = 1` is carried out on this machi
 loopback, of which one is killed at random moments. Once the client (`riot test`) is killed, once the scheduler; the
 same command goes on each time. Told is whether both campaigns have the same findings, and the same outcome of each
 trial; what was lost or is there twice; which trials only one of them asked for: the last ones, which look for slow
-growth, follow what memory the others took; and how often two units ran at once. Workers have folders for temporary files of
-their own, so that what riot does on one machine to share resources is no help.
+growth, follow what memory the others took; and how often two units ran at once. Workers have folders for temporary
+files of their own, so that what riot does on one machine to share resources is no help.
 """
 
 from __future__ import annotations
