@@ -1,4 +1,4 @@
-"""One trial of a unit: a fresh segment, a fresh process, a log played to it, and a verdict (RIOT II-A)."""
+"""One trial of a unit: an empty segment, a fresh process, a log played to it, and a verdict (RIOT II-A)."""
 
 from __future__ import annotations
 
