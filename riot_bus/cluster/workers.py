@@ -46,6 +46,9 @@ _SCHEDULER_S = 10.0
 _WORKERS_S = 60.0
 """How long there may be no worker, such as while killed ones are started again."""
 _ENDS_WITHIN_S = 20.0  # not measured; a worker that does not answer ends its process after `remote._UNUSED_S`
+_FETCH_S = 5.0
+"""How long the answer of a worker may take to come, once it is known to be there: a few bytes, maybe over a network.
+If the worker dies just then, Dask waits for another one at the same address, for ever."""
 _HINT = "all trials that have ended are kept: run the same command again to go on"
 
 
@@ -232,7 +235,7 @@ class ClusterWorkers:
             return False
         future, state.begun = state.begun, None
         try:
-            found = msgpack.unpackb(future.result())
+            found = msgpack.unpackb(future.result(timeout=_FETCH_S))
             state.refused = str(found.get("refused") or found.get("error") or "")
         except Exception:  # it has died meanwhile, or the connection has: the next look will show
             del self._states[address]
@@ -295,7 +298,7 @@ class _ClusterWorker:
         from distributed import KilledWorker
 
         try:
-            self._found = msgpack.unpackb(future.result())
+            self._found = msgpack.unpackb(self._result(future))
         except KilledWorker:
             self._how = f"with its worker {self._address}"
         except Exception as error:  # nobody waits any more, or the scheduler is gone
@@ -306,6 +309,17 @@ class _ClusterWorker:
         else:
             self._how = self._found.get("died", self._how)
             self.leave()
+
+    def _result(self, future: Future[Any]) -> bytes:
+        """Return the result of a case, which may be large; not waited for any more once its worker has left."""
+        while True:
+            try:
+                data: bytes = future.result(timeout=_FETCH_S)
+            except TimeoutError:
+                if self._theirs.closed:
+                    raise
+            else:
+                return data
 
     def leave(self) -> None:
         """Tell the pool that this worker has ended, by closing the pipe; may be called on any thread."""

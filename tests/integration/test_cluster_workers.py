@@ -142,3 +142,24 @@ def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
         assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
     with pool_of(cluster, system, tmp_path / "trials") as pool:  # with another total of `sim`
         assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
+
+
+def test_an_answer_that_has_died_with_its_worker_is_not_waited_for(
+    cluster: DaskCluster, system: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("riot_bus.cluster.workers._FETCH_S", 0.5)
+    workers = ClusterWorkers(cluster.executor, open_system(system))
+    try:
+        assert wait_until(lambda: [workers._look(), any(each.begun for each in workers._states.values())][1], 60)
+        asked = [each.begun for each in workers._states.values() if each.begun]
+        assert wait_until(lambda: all(future.done() for future in asked), 60)
+        for nanny in cluster.nannies:
+            for process in psutil.Process(nanny.pid).children():
+                process.kill()
+        looked = threading.Thread(target=workers._look, daemon=True)  # at what the dead ones have answered
+        looked.start()
+        looked.join(30)
+        assert not looked.is_alive()
+        assert wait_until(lambda: [workers._look(), any(each.ready for each in workers._states.values())][1], 60)
+    finally:
+        workers.close()
