@@ -316,7 +316,7 @@ class _ClusterWorker:
             try:
                 data: bytes = future.result(timeout=_FETCH_S)
             except TimeoutError:
-                if self._theirs.closed:
+                if self._theirs.closed or future.status == "error":  # the case itself has raised it
                     raise
             else:
                 return data
