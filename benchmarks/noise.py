@@ -214,7 +214,7 @@ DRAWS = tuple(range(-5, 0)) + tuple(range(1, 6))
 
 
 def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds: int) -> Row:
-    tally, straight, slow = Tally(), [], 0.0
+    tally, straight, again, slow = Tally(), [], [], 0.0
     for seed in range(seeds):
         chance = random.Random(seed * 31 + n)
         names = [f"f{index}" for index in range(n)]
@@ -236,13 +236,19 @@ def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds:
             return [unit.answer(triggers(question)) for question in questions]
 
         begun, drawn = time.perf_counter(), 0
+        doing: list[str] = []
+
+        def tell(done: int, _total: int | None, what: str, doing: list[str] = doing) -> None:
+            doing += [what] * (done - len(doing))
+
         try:
             known = Noise.after(*unit.confirmed(), nominal_total=4)
-            found = relevant_fields(fields, ask, seed=seed, noise=known)
+            found = relevant_fields(fields, ask, seed=seed, noise=known, progress=tell)
             right: bool | None = {one.name for one in found.fields} == set(wanted)
             right = right if found.complete else None
             drawn = found.straight + PASSING_STRAIGHT
             straight.append(drawn)
+            again.append(doing.count("asking a draw again"))
         except InconclusiveError:
             right = None
         slow += time.perf_counter() - begun
@@ -250,12 +256,13 @@ def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds:
     shown = tally.row()
     shown["search"] = shown.pop("trials")
     name = f"{n}/{relevant}" + (f" {kind}" if kind else "")
-    draws = f"{statistics.median(straight):.0f}" if straight else "-"
+    draws, repeats = (f"{statistics.median(one):.0f}" if one else "-" for one in (straight, again))
     return {
         "fields/relevant": name,
         "p": p,
         "eps": eps,
         **shown,
+        "of these, draws asked again": repeats,
         "further draws": draws,
         "s each": f"{slow / seeds:.2f}",
     }

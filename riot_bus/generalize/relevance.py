@@ -35,8 +35,12 @@ BUDGET = 1000
 _FAILS = 0.98
 """Prior that the failing log fails: it was minimised."""
 
-_SURE = 0.98
-"""Confidence that ends one search."""
+_SURE = 0.95
+"""Confidence that ends one search. More of it costs reliable units trials; with 0.9, flaky ones find wrong fields."""
+
+_EARLY = 15
+"""Draws in a row after which certificates are confirmed for the first time: rates of failure are better known by then,
+and a wrong field that is dropped makes only so many draws needless."""
 
 _DOUBTED = 0.02
 """Probability that one side of a certificate is wrong, above which it is asked again."""
@@ -168,6 +172,14 @@ def relevant_fields(
     return Relevance(tuple(search.found.values()), bound, search.straight, trials.spent, complete, trials.noise)
 
 
+def _still(unchanged: int) -> float:
+    """Return the probability that one more draw changes nothing, after so many in a row without effect.
+
+    Before the first one, it is as likely as not that no field is left; if one is, all shares of draws are as likely.
+    """
+    return (unchanged + 1) * (unchanged + 3) / (unchanged + 2) ** 2
+
+
 class _Search:
     """The state of one run of `relevant_fields`."""
 
@@ -208,6 +220,8 @@ class _Search:
             (answer,) = self.trials.ask([healed], "replacing injected values by nominal ones")
             if self._flip(self.failing, healed, failing=True, answer=answer, unchanged=0.5) is None:
                 self.failing = healed
+                # Their exceptional values have no effect, so they are no likelier than other fields any more.
+                self.prior = {name: field.prior for name, field in self.fields.items()}
                 return
 
     def resample(self, straight: int, *, failing: bool) -> None:
@@ -219,16 +233,16 @@ class _Search:
             drawn = [self._draw(base) for base in bases]
             answers = self.trials.ask(drawn, doing)
             for base, end, answer in zip(bases, drawn, answers, strict=False):
-                if failing and base is not self.failing:
+                shown = self._shows(base, end, answer=answer, failing=failing, prior=_still(unchanged))
+                # What is left of a draw, once the fields that it shows are held, is one without effect.
+                unchanged, taken = (1 if shown else unchanged + 1), taken + shown
+                if failing and (
+                    base is not self.failing or (unchanged >= min(_EARLY, straight) and self.drop_unconfirmed())
+                ):
                     unchanged = 0
+                self.straight = unchanged if failing else self.straight
+                if shown or not unchanged:
                     break
-                if not self._shows(base, end, answer=answer, failing=failing, prior=(unchanged + 1) / (unchanged + 2)):
-                    unchanged += 1
-                    self.straight = unchanged if failing else self.straight
-                    continue
-                unchanged, taken = 0, taken + 1
-                self.straight = 0 if failing else self.straight
-                break
             if not failing and taken >= ALTERNATIVE_CAUSES:
                 return
 
@@ -275,6 +289,11 @@ class _Search:
         if not changed:
             return None
         changed.sort(key=lambda name: -self.prior[name])
+        told = [(len(changed), answer)]
+        # A draw counts as one without effect only once it has failed; it is asked again while a miss is likelier.
+        while failing and not answer and self.trials.noise.triggers(0, len(told), prior=unchanged) > 0.5:
+            (answer,) = self.trials.ask([end], "asking a draw again")
+            told.append((len(changed), answer))
 
         def at(length: int) -> dict[str, Scalar]:
             return {**start, **{name: end[name] for name in changed[:length]}}
@@ -283,7 +302,7 @@ class _Search:
         total = sum(masses) or float(len(masses))
         masses = [max(mass, _LEAST * total / len(masses)) for mass in masses]
         masses = [_START * total, *masses, total * unchanged / (1 - unchanged)]
-        doing, told = f"bisecting {len(changed)} fields", [(len(changed), answer)]
+        doing = f"bisecting {len(changed)} fields"
         length = self.trials.flip(masses, at, rises=not failing, sure=_SURE, doing=doing, told=told)
         if length == 0:
             self._disown(start, failing=failing)

@@ -150,6 +150,21 @@ def test_unreliable_failures_take_more_trials_and_come_out_right(p: float, eps: 
     assert sorted(trials)[4] <= most
 
 
+def test_a_draw_counts_as_one_without_effect_only_once_it_has_failed() -> None:
+    chance, failed = random.Random(4), set()
+
+    def ask(questions: Sequence[Values]) -> list[bool]:
+        answers = [question["x"] == -1 and chance.random() < 0.6 for question in questions]
+        failed.update(tuple(one.values()) for one, answer in zip(questions, answers, strict=True) if answer)
+        return answers
+
+    fields = with_others(FieldSpace("x", -1, 4, (1, 2)))
+    result = relevant_fields(fields, ask, seed=0, noise=Noise.after(6, 10, nominal_total=4))
+    assert [field.name for field in result.fields] == ["x"]
+    assert result.straight == 60
+    assert len(failed) >= 60
+
+
 def test_spent_trials_leave_what_was_found() -> None:
     fields = with_others(FieldSpace("x", -1, 4, (1, 2)), FieldSpace("mode", 3, None, (4, 5)))
     ask = Recorder(lambda q: q["x"] == -1 and q["mode"] == 3)
@@ -159,7 +174,7 @@ def test_spent_trials_leave_what_was_found() -> None:
     assert result.trials == len(ask.asked) == 30
     assert 0 < result.straight < 30
     assert result.bound == pytest.approx(min(1.0, math.log(20) / result.straight))
-    nothing = relevant_fields(fields, ask, seed=0, noise=Noise.after(4, 4), budget=2)
+    nothing = relevant_fields(fields, ask, seed=0, noise=Noise.after(4, 4), budget=1)
     assert (nothing.fields, nothing.bound, nothing.straight) == ((), 1.0, 0)
 
 
