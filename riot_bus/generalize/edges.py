@@ -15,10 +15,10 @@ from itertools import combinations
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.numbers import between, simplest
 from riot_bus.generalize.oracle import same_scalar
-from riot_bus.generalize.sampling import Assignment, Variable, fit
+from riot_bus.generalize.sampling import Assignment, Variable, fit, integer_range
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Flip", "edges_of", "linear_features", "middle_of"]
+__all__ = ["Flip", "edges_of", "farther_base", "linear_features", "middle_of"]
 
 NARROW = 1e-3
 """Sufficient width of an edge, relative to its distance from nominal: coefficients have few digits."""
@@ -71,17 +71,40 @@ def edges_of(
             bad = [value for value, fails in beyond if fails]
             if not bad:
                 continue
-            failing = min(bad, key=lambda value: abs(value - start))
-            fine = [value for value, fails in beyond if not fails and abs(value - start) < abs(failing - start)]
-            found.append(Flip(variable.name, start, max(fine, key=lambda v: abs(v - start), default=start), failing))
+            # Not by distances from nominal: those of 1e-9 and 1e-300 from 10 are equal.
+            failing = min(bad, key=lambda value: value * side)
+            fine = [value for value, fails in beyond if not fails and value * side < failing * side]
+            found.append(Flip(variable.name, start, max(fine, key=lambda value: value * side, default=start), failing))
     return found
 
 
 def middle_of(edge: Flip, type_: str) -> Scalar | None:
-    """Return a value between the two values of an edge; None when there is none."""
+    """Return a value between the two values of an edge, which halves what is not known; None when there is none."""
     low, high = sorted((edge.passing, edge.failing))
-    middle = between(low, high)
+    near, far = edge.distances
+    distance = (near + far) / 2 if abs(far) <= 2 * abs(near) else math.copysign(math.sqrt(near * far), far)
+    middle: int | float | None = None
+    if math.isfinite(distance):
+        middle = edge.nominal + (distance if isinstance(edge.nominal, float) else round(distance))
+    if middle is None or not low < middle < high:
+        middle = between(low, high)
     return None if middle is None else fit(middle, type_)
+
+
+def farther_base(edges: Sequence[Flip], base: Assignment, types: Mapping[str, str]) -> Assignment | None:
+    """Return a case that lies so far from the edges of integers that these give coefficients; None if all do.
+
+    Integers 479 and 480 are 1 in 30 apart for a nominal 450, but 1 in 480 for 0.
+    """
+    moved = dict(base)
+    for edge in edges:
+        near, far = (abs(value) for value in edge.distances)
+        limits = integer_range(types[edge.name])
+        if limits is not None and edge.narrow and far - near > NARROW * far:
+            side = 1 if edge.failing > edge.nominal else -1
+            value = int(edge.failing) - side * math.ceil(1 / NARROW)
+            moved[edge.name] = min(max(value, limits[0]), limits[1])
+    return None if all(same_scalar(moved[name], base[name]) for name in moved) else moved
 
 
 def linear_features(edges: Sequence[Flip]) -> list[Feature]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from riot_bus.generalize.beam import Learnt, learn, learn_guarded
-from riot_bus.generalize.edges import edges_of, linear_features, middle_of
+from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
 from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
 from riot_bus.generalize.refine import inversions, narrowed, probe_threshold, widen
@@ -396,19 +396,33 @@ class _Search:
         if self.sought or not _doubtful(best) or self.spent < LINES_AFTER * self.budget:
             return False
         self.sought = True
-        types = {variable.name: variable.type for variable in self.variables}
         base = self.anchors[1]
-        while True:
-            edges = edges_of(self.variables, base, self.table.assignments, self.table.failed)
-            if len({edge.name for edge in edges}) < 2:
-                return False
-            wide = [(edge.name, middle_of(edge, types[edge.name])) for edge in edges if not edge.narrow]
-            if not self.ask([{**base, name: value} for name, value in wide if value is not None], "threshold"):
-                break
+        edges = self._edges(base)
+        farther = farther_base(edges, base, {variable.name: variable.type for variable in self.variables})
+        if farther is not None and not any(one.failed for one in self.ask([farther], "threshold")):
+            edges = self._edges(farther)
         found = [feature for feature in linear_features(edges) if feature not in self.table.features]
         for feature in found:
             self.table.include(feature)
         return bool(found)
+
+    def _edges(self, base: Assignment) -> list[Flip]:
+        """Return where the outcome flips if one number leaves a passing case, each narrow enough for coefficients."""
+        types = {variable.name: variable.type for variable in self.variables}
+        ends = [
+            {**base, name: end(numbers)}
+            for name, values in self.sampler.known.items()
+            if (numbers := [one for one in values if isinstance(one, int | float) and math.isfinite(one)])
+            for end in (min, max)
+        ]
+        self.ask(ends, "threshold")
+        while True:
+            edges = edges_of(self.variables, base, self.table.assignments, self.table.failed)
+            if len({edge.name for edge in edges}) < 2:
+                return []
+            wide = [(edge.name, middle_of(edge, types[edge.name])) for edge in edges if not edge.narrow]
+            if not self.ask([{**base, name: value} for name, value in wide if value is not None], "threshold"):
+                return edges
 
     def casts(self, best: Learnt) -> bool:
         """Look once for casts to smaller integers, when no rule of few terms explains what was seen; say if any."""

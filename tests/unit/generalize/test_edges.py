@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import pytest
 
-from riot_bus.generalize.edges import Flip, edges_of, linear_features, middle_of
+from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.sampling import Assignment, Variable
 
@@ -52,3 +52,42 @@ def test_wide_edges_and_chance_ratios_tell_nothing() -> None:
     assert linear_features([Flip("x", 0, 100, 900), Flip("y", 0, 3, 4)]) == []
     odd = linear_features([Flip("x", 0.0, 1234567.0, 1234567.1), Flip("y", 0.0, 1.0, 1.0000001)])
     assert all(isinstance(feature, Feature) and len(str(max(feature.constant))) < 8 for feature in odd)  # type: ignore[arg-type]
+
+
+def test_the_smallest_failing_value_counts_where_floats_cannot_tell_distances() -> None:
+    """From 9.5, 1e-300 and 5e-324 are equally far."""
+    nominal: Assignment = {"x": 3.0, "z": 9.5}
+    variables = [Variable(name, "float64", 1e6) for name in nominal]
+    rows: list[Assignment] = [nominal, {**nominal, "z": 5e-324}, {**nominal, "z": 4.0}, {**nominal, "z": -7.0}]
+    for _ in range(12):
+        (edge,) = edges_of(variables, nominal, rows, [2 * float(row["z"]) < float(row["x"]) for row in rows])
+        rows.append({**nominal, "z": middle_of(edge, "float64")})
+    assert edge.narrow
+    assert (edge.failing, edge.passing) == (pytest.approx(1.5, abs=0.01), pytest.approx(1.5, abs=0.01))
+
+
+def test_the_middle_of_an_edge_halves_its_distance_from_nominal() -> None:
+    assert middle_of(Flip("x", 0.0, 6.0, 8.0), "float64") == 7.0
+    assert middle_of(Flip("x", 10.0, 11.0, 10010.0), "float64") == 110.0
+    assert middle_of(Flip("x", 10, 9, -9990), "int32") == -90
+    assert middle_of(Flip("x", 0, 6, 7), "int32") is None
+    assert middle_of(Flip("x", 0.0, 1.0, 1e308), "float64") == pytest.approx(1e154)
+    assert 1e300 < middle_of(Flip("x", 0.0, 1e300, 1.7e308), "float64") < 1.7e308  # type: ignore[operator]
+
+
+def test_a_case_farther_from_the_edges_of_integers_gives_their_coefficients() -> None:
+    def fails(row: Assignment) -> bool:
+        return 640 * int(row["y"]) + int(row["x"]) >= 307200
+
+    types = dict.fromkeys("xyz", "int32")
+    near: Assignment = {"x": 7, "y": 450, "z": 11}
+    edges = narrowed(near, fails)
+    assert "640 * y + x" not in {feature.text() for feature in linear_features(edges)}
+    farther = farther_base(edges, near, types)
+    assert farther == {"x": 7, "y": -520, "z": 11}
+    edges = narrowed(farther, fails)
+    assert "640 * y + x" in {feature.text() for feature in linear_features(edges)}
+    assert farther_base(edges, farther, types) is None
+    unsigned = farther_base(narrowed(near, fails), near, dict.fromkeys("xyz", "uint32"))
+    assert unsigned == {"x": 7, "y": 0, "z": 11}
+    assert farther_base([Flip("y", 0, 479, 480)], {"y": 0}, {"y": "uint32"}) is None
