@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -25,11 +26,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rule_shapes import SHAPES, Shape, canonical, held_out, near_limits, variables_of
 
+from riot_bus.generalize import rules
 from riot_bus.generalize.features import features_of
 from riot_bus.generalize.minimize import minimize
+from riot_bus.generalize.oracle import assignment_key
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
 from riot_bus.generalize.rules import Variable, learn_rule
 from riot_bus.generalize.sampling import columns_of, interesting, scalars_of
+from riot_bus.generalize.table import Table
+from riot_bus.generalize.validation import near_limits as near_limit_cases
 from riot_bus.vocabulary.trial import Scalar
 
 Row = dict[str, Any]
@@ -291,6 +296,63 @@ def rules_table(seeds: int, budgets: Sequence[int], first: int, jobs: int, only:
     return rows
 
 
+# -- calibration ------------------------------------------------------------------------------------------------------
+
+
+def _claims(number: int) -> dict[str, bool | None]:
+    """Learn one rule with so few trials that it may be wrong; return which of its intervals miss the true rate.
+
+    The truth is that of 6,000 cases of the distribution that the rates are stated for.
+    """
+    chance = random.Random(f"calibration {number}")
+    shape = SHAPES[number % len(SHAPES)]
+    variables = variables_of(shape, number)
+    seen: list[tuple[Any, ...]] = []
+
+    def near(table: Table, learnt: Any, sampler: Any, *rest: Any) -> Any:
+        then = Table(table.variables)
+        then.assignments, then.rows = list(table.assignments), list(table.rows)
+        seen[:] = [(then, learnt, sampler)]
+        return near_limit_cases(table, learnt, sampler, *rest)
+
+    with patch.object(rules, "near_limits", near):
+        learned = learn_rule(
+            variables,
+            lambda questions: [bool(shape.fails(question)) for question in questions],
+            seed=number,
+            budget=chance.choice((15, 30, 60)),
+            validation=chance.choice((20, 30, 60)),
+        )
+    if not seen or not learned.checks:
+        return {}
+    table, learnt, sampler = seen[0]
+    cases = near_limit_cases(table, learnt, sampler, chance, 3000)
+    cases += [sampler.assignment(chance) for _ in range(len(cases) or 3000)]
+    asked = {assignment_key(sample.assignment) for sample in learned.samples}
+    cases = [case for case in cases if assignment_key(case) not in asked]
+    if not cases:
+        return {}
+    inside = learned.rule.predict(columns_of(variables, cases))
+    fails = np.array([bool(shape.fails(case)) for case in cases])
+    found: dict[str, bool | None] = {"some mistakes": bool((inside != fails).any())}
+    for name, claim, among in (("precision", learned.precision, inside), ("recall", learned.recall, fails)):
+        rate = float((inside & fails).sum() / among.sum()) if among.any() else None
+        found[name] = None if rate is None or claim.rate is None else not claim.low <= rate <= claim.high
+    return found
+
+
+def calibration_table(cases: int, jobs: int) -> list[Row]:
+    """How often the true precision and recall of a rule lie outside of the stated intervals."""
+    run = ProcessPoolExecutor(jobs).map if jobs > 1 else map
+    found = list(run(_claims, range(cases)))
+    rows = []
+    for name in ("precision", "recall", "some mistakes"):
+        told = [one[name] for one in found if one.get(name) is not None]
+        rows.append({"claim": name, "claimed wrong at most": "5.0%" if name != "some mistakes" else "-"})
+        rows[-1] |= {"wrong": f"{statistics.mean(map(bool, told)):.1%}", "claims": str(len(told))}
+    return rows
+
+
 def show(title: str, rows: list[Row]) -> None:
     print(f"\n## {title}\n")
     heads = list(rows[0])
@@ -305,10 +367,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1000, help="of the rules; the learner was tuned on 0..60")
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", choices=("minimize", "relevance", "rules"))
+    parser.add_argument("--only", choices=("minimize", "relevance", "rules", "calibration"))
     parser.add_argument("--budgets", type=int, nargs="+", default=[100, 200])
     parser.add_argument("--jobs", type=int, default=1, help="processes for the rules")
     parser.add_argument("--shapes", nargs="*", default=[], help="parts of the names of the rules to learn")
+    parser.add_argument("--cases", type=int, default=504, help="of the calibration")
     arguments = parser.parse_args()
     tables = {
         "minimize": lambda: minimize_table(arguments.seeds),
@@ -316,6 +379,7 @@ def main() -> None:
         "rules": lambda: rules_table(
             arguments.seeds, arguments.budgets, arguments.first_seed, arguments.jobs, arguments.shapes
         ),
+        "calibration": lambda: calibration_table(arguments.cases, arguments.jobs),
     }
     result = {name: make() for name, make in tables.items() if arguments.only in (None, name)}
     for name, rows in result.items():

@@ -194,6 +194,8 @@ class _Search:
                     if rest == kept:
                         return kept
                 kept = rest
+            if len(kept) == len(self.prior):  # there is nothing to add to what does not fail
+                self._check_whole()
             kept = self._search(kept)
 
     def _sure(self, kept: tuple[int, ...]) -> bool:

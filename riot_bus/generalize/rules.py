@@ -411,8 +411,8 @@ class _Search:
         types = {variable.name: variable.type for variable in self.variables}
         ends = [
             {**base, name: end(numbers)}
-            for name, values in self.sampler.known.items()
-            if (numbers := [one for one in values if isinstance(one, int | float) and math.isfinite(one)])
+            for name in types
+            if (numbers := [x for x in self.sampler.known[name] if isinstance(x, int | float) and math.isfinite(x)])
             for end in (min, max)
         ]
         self.ask(ends, "threshold")

@@ -93,8 +93,13 @@ class Noise:
         return self.weighted(factor)
 
     def likelihood(self, failed: int, passed: int) -> tuple[Array, Array]:
-        """Return the likelihoods of these counts if the input triggers the failure, and if not; shape (pairs,)."""
-        return self.p**failed * (1 - self.p) ** passed, self.eps**failed * (1 - self.eps) ** passed
+        """Return the likelihoods of these counts if the input triggers the failure, and if not; shape (pairs,).
+
+        Both are divided by the largest of them all, since those of a thousand trials are smaller than any float.
+        """
+        does, does_not = (_log_power(one, failed) + _log_power(1 - one, passed) for one in (self.p, self.eps))
+        largest = max(does.max(), does_not.max())
+        return np.exp(does - largest), np.exp(does_not - largest)
 
     def triggers(self, failed: int, passed: int, *, prior: float = 0.5) -> float:
         """Return the probability that an input triggers the failure, given further trials of it."""
@@ -167,6 +172,15 @@ class FlipSearch:
         left = np.cumsum(spread_after)[:-1] + np.cumsum(spread_before[::-1])[::-1][1:]
         told: Array = _entropy(fails, np.ones_like(fails)) - left
         return told
+
+
+def _log_power(base: Array, exponent: int) -> Array:
+    """Return log(base ** exponent); 0 to the power of 0 is 1."""
+    if not exponent:
+        return np.zeros_like(base)
+    with np.errstate(divide="ignore"):
+        logarithm: Array = exponent * np.log(base)
+    return logarithm
 
 
 def _entropy(part: Array, whole: Array) -> Array:

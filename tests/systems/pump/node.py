@@ -1,10 +1,11 @@
-"""The nodes of the pump: `node.py dial|filter|exit|silent ENDPOINT [SECONDS]`.
+"""The nodes of the pump: `node.py dial|filter|exit|silent|crash:PROBABILITY ENDPOINT [SECONDS]`.
 
 The dial publishes a level, the filter halves it, and the pump, which is the unit, answers each command with its state,
-until one is above 100: then it ends, or falls silent for ever.
+until one is above 100: then it ends, or falls silent for ever, or crashes with a probability.
 """
 
 import json
+import os
 import sys
 import threading
 import time
@@ -63,6 +64,11 @@ def pump():
 
     def answer(level):
         nonlocal broken
+        if ROLE.startswith("crash:") and level > HIGHEST:
+            # Not of `random`, whose state is the same in processes that were forked.
+            if int.from_bytes(os.urandom(4)) < float(ROLE.removeprefix("crash:")) * 2**32:
+                raise ValueError("above the highest level")
+            return {"flow": level}
         broken = broken or level > HIGHEST
         return {"flow": level} if not broken else None if ROLE == "exit" else {}
 

@@ -1,3 +1,4 @@
+import contextlib
 import random
 import statistics
 from collections.abc import Callable, Sequence
@@ -196,3 +197,16 @@ def test_what_is_probably_minimal_is_checked_first() -> None:
     assert minimize(4, needs(0, 2), likely=True, noise=CONFIRMED).kept == (0, 2)
     with pytest.raises(InconclusiveError):
         minimize(3, Recorder(lambda kept: False), likely=True)
+
+
+@pytest.mark.parametrize("seed", [1, 6, 17, 24])
+def test_a_whole_log_that_hardly_fails_any_more_is_inconclusive_or_minimal(seed: int) -> None:
+    """It is found to be harmless once rates are known, and there is nothing to add to it."""
+    chance = random.Random(seed)
+
+    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        return [len(question) == 2 and chance.random() < 0.15 for question in questions]
+
+    with contextlib.suppress(InconclusiveError):
+        found = minimize(2, ask, likely=True, noise=Noise.after(12, 20, nominal_total=4))
+        assert found.kept == (0, 1)

@@ -114,3 +114,12 @@ def test_the_spread_of_the_rate_shrinks_with_trials() -> None:
     assert spreads[0] < spreads[2] < spreads[1] < 0.2
     assert Noise.after(20, 20).missed(3) < 0.001
     assert 0.2 < Noise.after(3, 10).missed(3) < 0.6
+
+
+def test_thousands_of_trials_leave_a_posterior() -> None:
+    """Their likelihoods are smaller than any float."""
+    noise = Noise.after(600, 2000)
+    assert noise.rate == pytest.approx(0.3)
+    assert noise.triggers(600, 1400) == pytest.approx(1.0)
+    assert noise.triggers(20, 1980) == pytest.approx(0.0)
+    assert Noise.after(2000, 2000).triggers(1999, 0) == pytest.approx(1.0)
