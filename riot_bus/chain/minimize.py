@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from riot_bus.chain.absence import absent_messages, write_other_cause
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.questions import FreshCases, noise_of, observed_in, unit_case
+from riot_bus.chain.questions import FreshCases, noise_of, nominal_passes, observed_in, unit_case
 from riot_bus.chain.simplify import Simplification, spaced
 from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord, SimplifiedRecord
-from riot_bus.generalize.minimize import BUDGET, Minimal
+from riot_bus.generalize.minimize import BUDGET, CONFIDENCE, Minimal
 from riot_bus.generalize.minimize import minimize as search
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
@@ -32,9 +32,10 @@ _UNMODIFIED, _DOUBT = 0.1, 0.02
 """Prior probability that the kept messages fail unmodified, and the doubt below which that is decided."""
 _ALWAYS = 0.95
 """An estimated failure rate above this is taken to be 1."""
-_LEAST, _MOST, _SURE = 12, 40, 0.2
-"""Fewest and most trials to estimate a rate, and the uncertainty allowed, as a share of the rate. Later steps take an
-input for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of their answers wrong."""
+_LEAST, _NONE, _MOST, _SURE = 12, 40, 120, 0.15
+"""Fewest trials to estimate a rate, most if none fails, most, and the uncertainty allowed, as a share of the rate.
+Later steps take an input for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of their
+answers wrong. If it may be 0.1, each takes twice as many as at a known 0.3, which costs far more than these."""
 _APART = 1_000_000
 """Nanoseconds between messages of a log that is fed as fast as the unit takes it: its timestamps do not matter."""
 
@@ -80,8 +81,7 @@ class _Minimization:
         self.log = FailingLog.load(folder / "failure.mcap", registry=self.context.registry)
         self.cases = FreshCases(step.unit_runner(self.finding.unit))
         self.paced = self.context.file.unit[self.finding.unit].rate > 0
-        nominal = self.finding.nominal
-        self.nominal_passes = nominal is not None and nominal.count == 0
+        self.nominal_passes = nominal_passes(self.finding) > 0
         self.needs_cause = self.nominal_passes and bool(self.log.originals)
         self.ask = self._failing
         self.best: _Found | None = None
@@ -202,7 +202,8 @@ class _Minimization:
     def _rated(self, found: _Found) -> _Found:
         """Return the result with its failure rate in fresh trials, unless it always fails.
 
-        The trials of the search overestimate the rate: messages were kept because they failed.
+        The trials of the search overestimate the rate: messages were kept because they failed. At the true one, more
+        trials may be needed to tell that no message can be left out.
 
         Raises:
             InconclusiveError: None of the fresh trials failed.
@@ -212,11 +213,13 @@ class _Minimization:
             return found
         failed = total = 0
         noise = Noise.after()
-        while total < min(_MOST, self.budget - self.spent) and (total < _LEAST or noise.spread > _SURE * noise.rate):
+        while total < min(_MOST if failed else _NONE, self.budget - self.spent) and (
+            total < _LEAST or noise.spread > _SURE * noise.rate
+        ):
             answers = self._failing([found.log] * self.cases.parallelism)
             failed, total = failed + sum(answers), total + len(answers)
             self.spent += len(answers)
-            noise = Noise.after(failed, total)
+            noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
         if total >= _LEAST and not failed:
             raise InconclusiveError(
                 f"none of {total} fresh trials of what was kept, {counted(len(found.kept), 'message')}, failed: "
@@ -224,7 +227,16 @@ class _Minimization:
                 where=str(self.folder),
                 hint="try another --seed; what makes it come more often?",
             )
-        return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if failed else found
+        if not failed:
+            return found
+        rated = replace(found.minimal, failed=(failed, total), noise=noise)
+        if rated.one_minimal and rated.doubt(noise) > 1 - CONFIDENCE:
+            minimal = self._shrunk(found.log, within=replace(found, minimal=rated))
+            if len(minimal.kept) < len(found.kept):
+                kept = tuple(found.kept[place] for place in minimal.kept)
+                return self._rated(replace(found, kept=kept, log=found.log.keep(minimal.kept), minimal=minimal))
+            rated = replace(minimal, failed=(failed, total))
+        return replace(found, minimal=rated)
 
     def _without_modified(self, found: _Found) -> _Found:
         """Return the result with trials without its modified messages: their absence may have the same effect."""

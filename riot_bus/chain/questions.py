@@ -33,6 +33,7 @@ __all__ = [
     "draws_for",
     "json_value",
     "noise_of",
+    "nominal_passes",
     "observed_in",
     "unit_case",
 ]
@@ -83,13 +84,20 @@ def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> No
     """Return what is known about the rate of a failure, and its rate without the cause.
 
     Args:
-        finding: The finding of a campaign. Its case may have many causes of the failure, so it may fail more often.
+        finding: The finding of a campaign. With several modified messages, its case may have several causes, and so
+            fail more often than each of them: then its rate tells nothing.
         minimal: Results of trials of the minimal log, which then alone count for the rate.
     """
-    rate, nominal = finding.rate, finding.nominal
-    shown = minimal.failed if minimal and minimal.failed[1] else (rate.count, rate.total) if rate else ()
-    false = nominal.total if nominal is not None and nominal.count == 0 else 0
-    return Noise.after(*shown, nominal_total=false)
+    rate = finding.rate
+    alone = (rate.count, rate.total) if rate and finding.modified < 2 else ()
+    shown = minimal.failed if minimal and minimal.failed[1] else alone
+    return Noise.after(*shown, nominal_total=nominal_passes(finding))
+
+
+def nominal_passes(finding: FindingRecord) -> int:
+    """Return how many nominal trials passed, 0 if any failed as the finding does."""
+    nominal = finding.nominal
+    return nominal.total if nominal is not None and nominal.count == 0 else 0
 
 
 def unit_case(workspace: Workspace, finding: FindingRecord, messages: Sequence[Message]) -> TestCase:

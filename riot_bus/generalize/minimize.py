@@ -9,7 +9,7 @@ enough, and a message that was cut wrongly is found to be missing and searched f
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
@@ -74,6 +74,15 @@ class Minimal:
     failed: tuple[int, int]
     without: tuple[tuple[int, int], ...]
     noise: Noise
+
+    def doubt(self, noise: Noise) -> float:
+        """Return how likely it is at these rates that `kept` does not trigger the failure, or that not all is needed.
+
+        Parts that were never asked do not count.
+        """
+        counts = [(failed, total - failed) for failed, total in (self.failed, *self.without)]
+        doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]
+        return sum(doubts + [noise.triggers(*of, prior=_UNNEEDED) for of in counts[1:] if sum(of)])
 
     @property
     def needs_messages(self) -> bool:
@@ -288,11 +297,9 @@ class _Search:
 
     def _result(self, kept: tuple[int, ...], *, shown: bool) -> Minimal:
         parts = self._parts(kept)
-        counts = [self.trials.counts(kept), *map(self.trials.counts, parts)]
-        noise = self.trials.noise
-        doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]
-        asked = [of for part, of in zip(parts, counts[1:], strict=True) if self._may(part, ())]
-        doubts += [noise.triggers(*of, prior=_UNNEEDED) for of in asked]
-        of = [(failed, failed + passed) for failed, passed in counts]
-        shown = shown and sum(doubts) <= 1 - CONFIDENCE
-        return Minimal(kept, self.trials.spent, shown, CONFIDENCE if shown else 0.0, of[0], tuple(of[1:]), noise)
+        of = [(failed, failed + passed) for failed, passed in map(self.trials.counts, (kept, *parts))]
+        found = Minimal(kept, self.trials.spent, False, 0.0, of[0], tuple(of[1:]), self.trials.noise)  # noqa: FBT003
+        unasked = any(self._may(part, ()) and not total for part, (_, total) in zip(parts, of[1:], strict=True))
+        if not shown or unasked or found.doubt(found.noise) > 1 - CONFIDENCE:
+            return found
+        return replace(found, one_minimal=True, confidence=CONFIDENCE)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.minimize import minimize
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
 from riot_bus.findings.steps import find_step
+from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import (
@@ -213,8 +215,28 @@ def test_a_failure_that_comes_sometimes_gives_the_same_log(tmp_path: Path, rate:
     assert record.without[0][1] >= (3 if rate == 0.3 else 1)
     minimal = FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry)
     last = [case for case in one.machine.executed if case.messages == minimal.messages][-record.failed[1] :]
-    assert 12 <= record.failed[1] <= 40
+    assert 12 <= record.failed[1] <= 120
     assert [share(case) <= rate for case in last].count(True) == record.failed[0]  # by fresh trials, all in a row
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7, 12, 45, 48])
+def test_of_messages_that_crash_sometimes_one_is_kept_with_its_own_rate(tmp_path: Path, seed: int) -> None:
+    """The case of the campaign nearly always fails, as it has ten chances; each of them is one of 0.3."""
+    chance = random.Random(seed)
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        bad = [n for n, each in enumerate(messages) if hangs([each]) is not None and chance.random() < 0.3]
+        return bad[0] if bad else None
+
+    one = bench(tmp_path, fails=fails)
+    failing(one, *range(3, 53, 5))
+    always_seen = ProportionRecord(value=1.0, low=0.4, high=1.0, count=4, total=4)
+    FindingRecord.load(one.folder).model_copy(update={"rate": always_seen}).save(one.folder)
+    record = minimize(one.run(), one.folder)
+    assert len(record.kept) == 1
+    assert record.one_minimal
+    low, high = exact_interval(*record.failed, confidence=0.99)
+    assert low <= 0.3 <= high
 
 
 def test_what_fresh_trials_contradict_is_not_told(tmp_path: Path) -> None:
