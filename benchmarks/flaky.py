@@ -33,6 +33,7 @@ from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 
 PUMP = Path(__file__).resolve().parents[1] / "tests/systems/pump"
 RULE = "pump/command:level > 100"
+JOBS = 2  # the function is asked as many questions at once: several that are asked at once are more in all
 
 
 @dataclass
@@ -42,7 +43,7 @@ class Function:
     p: float
     violation: Violation
     chance: random.Random
-    parallelism: int = 2
+    parallelism: int = JOBS
 
     def unit(self, _unit: str, _log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> Function:
         """Return itself: a process that goes on is no other function."""
@@ -95,7 +96,8 @@ def run(folder: Path, p: float, seed: int) -> dict[str, object]:
     shutil.copytree(PUMP, folder, ignore=shutil.ignore_patterns("riot-out"))
     system = folder / "riot.toml"
     system.write_text(system.read_text().replace("FAULT", f"crash:{p}"))
-    command = [sys.executable, "-m", "riot_bus", "analyze", "--seed", str(seed), "--format", "json"]
+    command = [sys.executable, "-m", "riot_bus", "analyze", "--seed", str(seed), "--jobs", str(JOBS)]
+    command += ["--format", "json"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=1800, check=False)
     (folder / "narration.txt").write_text(done.stderr)
     row: dict[str, object] = {"p": p, "seed": seed}
@@ -133,14 +135,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="riot-flaky-") as base:
         for seed in range(options.first_seed, options.first_seed + options.seeds):
             for p in (options.p, 1.0):
-                rows.append(run(Path(base) / f"{p}-{seed}", p, seed))
+                try:
+                    rows.append(run(Path(base) / f"{p}-{seed}", p, seed))
+                except Exception as error:
+                    rows.append({"p": p, "seed": seed, "error": repr(error)})
                 print(rows[-1], flush=True)
     for p in (options.p, 1.0):
         ones = [row for row in rows if row["p"] == p and "error" not in row]
         told = {name: sum(bool(row[name]) for row in ones) for name in ("right", "rate_holds", "activated")}
         median = statistics.median([int(str(row["trials"])) for row in ones]) if ones else float("nan")
         print(f"p = {p}: of {options.seeds}: {told}; trials: median {median:.0f}")
-        for step in ("minimize", "relevance", "rules"):
+        for step in ("minimize", "relevance", "rules") if ones else ():
             sides = [statistics.median(row[who][step] for row in ones) for who in ("explained", "as function")]  # type: ignore[index]
             print(f"  {step}: median {sides[0]:.0f} trials of processes, {sides[1]:.0f} of the function")
     ratios = [

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 from riot_bus.chain.absence import absent_messages, write_other_cause
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.questions import FreshCases, noise_of, nominal_passes, observed_in, unit_case
+from riot_bus.chain.questions import (
+    FEWEST,
+    FreshCases,
+    measured_rate,
+    noise_of,
+    nominal_passes,
+    observed_in,
+    unit_case,
+)
 from riot_bus.chain.simplify import Simplification, spaced
 from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord, SimplifiedRecord
 from riot_bus.generalize.minimize import BUDGET, CONFIDENCE, Minimal
@@ -32,10 +40,6 @@ _UNMODIFIED, _DOUBT = 0.1, 0.02
 """Prior probability that the kept messages fail unmodified, and the doubt below which that is decided."""
 _ALWAYS = 0.95
 """An estimated failure rate above this is taken to be 1."""
-_LEAST, _NONE, _MOST, _SURE = 12, 40, 120, 0.15
-"""Fewest trials to estimate a rate, most if none fails, most, and the uncertainty allowed, as a share of the rate.
-Later steps take an input for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of their
-answers wrong. If it may be 0.1, each takes twice as many as at a known 0.3, which costs far more than these."""
 _APART = 1_000_000
 """Nanoseconds between messages of a log that is fed as fast as the unit takes it: its timestamps do not matter."""
 
@@ -145,7 +149,7 @@ class _Minimization:
             groups=[self.context.registry.topic(message.key) for message in log.messages],
             causes=modified if self.needs_cause and modified else None,
             likely=within is not None,
-            noise=noise_of(self.finding) if within is None else within.minimal.noise,
+            noise=self._known() if within is None else within.minimal.noise,
             budget=self.budget - self.spent,
             parallelism=self.cases.parallelism,
             progress=self.step.progress,
@@ -153,6 +157,12 @@ class _Minimization:
         )
         self.spent += minimal.trials
         return minimal
+
+    def _known(self) -> Noise:
+        """Return what is known of the rates of parts of the log: nothing if their whole has several possible causes."""
+        if len(self.log.originals) > 1:
+            return Noise.after(nominal_total=nominal_passes(self.finding))
+        return noise_of(self.finding)
 
     def _simplified(self, found: _Found) -> _Found:
         """Return the result with values as simple as possible, and without messages that are no longer needed."""
@@ -202,8 +212,8 @@ class _Minimization:
     def _rated(self, found: _Found) -> _Found:
         """Return the result with its failure rate in fresh trials, unless it always fails.
 
-        The trials of the search overestimate the rate: messages were kept because they failed. At the true one, more
-        trials may be needed to tell that no message can be left out.
+        The trials of the search overestimate the rate: messages were kept because they failed. If at the true one the
+        trials do not tell that every message is needed, it is searched for such that are not.
 
         Raises:
             InconclusiveError: None of the fresh trials failed.
@@ -211,16 +221,10 @@ class _Minimization:
         failed, total = found.minimal.failed
         if failed == total and found.minimal.noise.rate > _ALWAYS:
             return found
-        failed = total = 0
-        noise = Noise.after()
-        while total < min(_MOST if failed else _NONE, self.budget - self.spent) and (
-            total < _LEAST or noise.spread > _SURE * noise.rate
-        ):
-            answers = self._failing([found.log] * self.cases.parallelism)
-            failed, total = failed + sum(answers), total + len(answers)
-            self.spent += len(answers)
-            noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
-        if total >= _LEAST and not failed:
+        at_once = [found.log] * self.cases.parallelism
+        failed, total = measured_rate(lambda: self._failing(at_once), most=self.budget - self.spent)
+        self.spent += total
+        if total >= FEWEST and not failed:
             raise InconclusiveError(
                 f"none of {total} fresh trials of what was kept, {counted(len(found.kept), 'message')}, failed: "
                 "the failure comes so seldom that chance has led the search",
@@ -229,13 +233,19 @@ class _Minimization:
             )
         if not failed:
             return found
+        noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
         rated = replace(found.minimal, failed=(failed, total), noise=noise)
-        if rated.one_minimal and rated.doubt(noise) > 1 - CONFIDENCE:
-            minimal = self._shrunk(found.log, within=replace(found, minimal=rated))
-            if len(minimal.kept) < len(found.kept):
-                kept = tuple(found.kept[place] for place in minimal.kept)
-                return self._rated(replace(found, kept=kept, log=found.log.keep(minimal.kept), minimal=minimal))
-            rated = replace(minimal, failed=(failed, total))
+        if rated.one_minimal and rated.doubt > 1 - CONFIDENCE:
+            rated = replace(rated, one_minimal=False, confidence=0.0)
+            try:
+                minimal = self._shrunk(found.log, within=replace(found, minimal=rated))
+                if minimal.one_minimal and len(minimal.kept) < len(found.kept):
+                    kept = tuple(found.kept[place] for place in minimal.kept)
+                    return self._rated(replace(found, kept=kept, log=found.log.keep(minimal.kept), minimal=minimal))
+            except InconclusiveError:  # chance has led one of the searches, and it is not known which
+                return replace(found, minimal=rated)
+            if minimal.one_minimal:
+                rated = replace(minimal, failed=(failed, total))
         return replace(found, minimal=rated)
 
     def _without_modified(self, found: _Found) -> _Found:

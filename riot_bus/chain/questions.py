@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
-from riot_bus.findings.records import FindingRecord, MinimalRecord, Value
+from riot_bus.findings.records import CertificateRecord, FindingRecord, MinimalRecord, Value
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, same_scalar
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
@@ -18,7 +18,7 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Outcome, Runner, Scalar, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
@@ -27,11 +27,13 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 __all__ = [
+    "FEWEST",
     "FreshCases",
     "UnitQuestions",
     "dictionary_of",
     "draws_for",
     "json_value",
+    "measured_rate",
     "noise_of",
     "nominal_passes",
     "observed_in",
@@ -40,6 +42,12 @@ __all__ = [
 
 _OBSERVED = 8
 _DOUBT = 0.05
+FEWEST, _MOST_PASSED, _MOST, _SPREAD = 12, 40, 120, 0.15
+"""Fewest trials to measure a rate, most if none fails, most, and the uncertainty allowed, as a share of the rate.
+Inputs are taken for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of the answers
+wrong. If it may be 0.1, each takes twice as many as at a known 0.3, which costs far more than these."""
+_AFTER = 2000
+"""Number of first trials to skip, so that those by which earlier steps chose the minimal log do not count."""
 _MOST_TRIALS = 10_000
 """Far more than a rule needs at a failure rate of 0.2; each trial takes at least a tenth of a second."""
 
@@ -84,14 +92,38 @@ def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> No
     """Return what is known about the rate of a failure, and its rate without the cause.
 
     Args:
-        finding: The finding of a campaign. With several modified messages, its case may have several causes, and so
-            fail more often than each of them: then its rate tells nothing.
+        finding: The finding of a campaign. Its case may have many causes of the failure, so it may fail more often.
         minimal: Results of trials of the minimal log, which then alone count for the rate.
     """
-    rate = finding.rate
-    alone = (rate.count, rate.total) if rate and finding.modified < 2 else ()
-    shown = minimal.failed if minimal and minimal.failed[1] else alone
-    return Noise.after(*shown, nominal_total=nominal_passes(finding))
+    return Noise.after(*_counts(finding, minimal), nominal_total=nominal_passes(finding))
+
+
+def _counts(finding: FindingRecord, minimal: MinimalRecord | None) -> tuple[int, int]:
+    """Return the failed and all trials that tell the rate of a failure."""
+    if minimal and minimal.failed[1]:
+        return minimal.failed
+    return (finding.rate.count, finding.rate.total) if finding.rate else (0, 0)
+
+
+def measured_rate(
+    ask: Callable[[], Sequence[bool]], *, failed: int = 0, total: int = 0, most: int = _MOST
+) -> tuple[int, int]:
+    """Return the failed and all trials of a case that fails, once they tell its rate well enough.
+
+    Args:
+        ask: Carries out some fresh trials of it and returns which failed.
+        failed: Failed trials that are known.
+        total: All trials that are known.
+        most: Maximum number of further trials; fewer are made if none fails.
+    """
+    known, noise = total, Noise.after(failed, total)
+    while total - known < min(most, _MOST if failed else _MOST_PASSED) and (
+        total < FEWEST or noise.spread > _SPREAD * noise.rate
+    ):
+        answers = ask()
+        failed, total = failed + sum(answers), total + len(answers)
+        noise = Noise.after(failed, total)
+    return failed, total
 
 
 def nominal_passes(finding: FindingRecord) -> int:
@@ -161,6 +193,7 @@ class UnitQuestions:
         cases = FreshCases(self.runner)
         minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
         self.noise = noise_of(self.finding, minimal)
+        self._known = _counts(self.finding, minimal)
         self._trials: Trials[TestCase] = Trials(
             lambda asked: [self.failed(outcome) for outcome in cases.run(asked)],
             key=TestCase.digest,
@@ -168,6 +201,18 @@ class UnitQuestions:
             budget=_MOST_TRIALS,
             parallelism=self.runner.parallelism,
         )
+
+    def measure(self, certificates: Iterable[CertificateRecord]) -> None:
+        """Learn the failure rate from trials of certificates, too, and if any has passed, from as many as it takes."""
+        failed, total = self._known
+        for one in certificates:
+            failed, total = failed + one.confirmed_failing, total + one.repeats
+        if failed < total:
+            fresh = self.fresh(after=_AFTER)
+            same: list[dict[str, Setting]] = [{}] * self.runner.parallelism
+            failed, total = measured_rate(lambda: fresh(same), failed=failed, total=total)
+        self.noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
+        self._trials.noise = self.noise
 
     def within(self, fields: NamedFields) -> UnitQuestions:
         """Return the same questions over another log."""

@@ -36,7 +36,6 @@ _DOUBT, _REFUTED = 0.05, 0.002
 """Doubt that still confirms a side, and probability that drops it: low, so that bad luck does not refute the search."""
 _AFTER = 1000
 """Number of first trials to skip, so that those by which the minimal log was chosen do not count."""
-_INJECTED_PRIOR = 10.0  # injected fields usually matter; any other takes about log2(11) = 3.5 halvings to find
 
 QuestionT = TypeVar("QuestionT")
 
@@ -184,7 +183,6 @@ def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> 
             field.leaf.value,
             field.original,
             draws_for(field, questions.dictionary, observed[field.name]),
-            prior=1.0 if field.original is None else _INJECTED_PRIOR,
             observed=tuple({scalar_key(value): value for value in observed[field.name]}.values()),
         )
         for field in considered

@@ -77,7 +77,9 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         )
     teacher = _Teacher(step, budget, validation)
     passing = {one.name: one.certificate.passing for one in relevant.fields}
-    found = teacher.learn(UnitQuestions(step, folder), passing)
+    questions = UnitQuestions(step, folder)
+    questions.measure(one.certificate for one in relevant.fields)
+    found = teacher.learn(questions, passing)
     for _ in range(_CONTEXTS):
         more = teacher.learn_behind(found) if found.wrong else None
         if more is None or more.wrong >= found.wrong:

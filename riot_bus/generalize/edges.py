@@ -7,6 +7,7 @@ proportional to the variable's coefficient: two edges known to a part in a thous
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -92,12 +93,16 @@ def middle_of(edge: Flip, type_: str) -> Scalar | None:
 
 
 def farther_base(edges: Sequence[Flip], base: Assignment, types: Mapping[str, str]) -> Assignment | None:
-    """Return a case that lies so far from the edges of integers that these give coefficients; None if all do.
+    """Return a case that lies farther from edges of integers that are too near for coefficients; None if there is none.
 
-    Integers 479 and 480 are 1 in 30 apart for a nominal 450, but 1 in 480 for 0.
+    Integers 479 and 480 are 1 in 30 apart for a nominal 450, but 1 in 480 for 0. With edges on both sides, to leave
+    one is to near the other.
     """
     moved = dict(base)
+    sides = Counter(edge.name for edge in edges)
     for edge in edges:
+        if sides[edge.name] > 1:
+            continue
         near, far = (abs(value) for value in edge.distances)
         limits = integer_range(types[edge.name])
         if limits is not None and edge.narrow and far - near > NARROW * far:

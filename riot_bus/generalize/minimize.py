@@ -75,11 +75,13 @@ class Minimal:
     without: tuple[tuple[int, int], ...]
     noise: Noise
 
-    def doubt(self, noise: Noise) -> float:
-        """Return how likely it is at these rates that `kept` does not trigger the failure, or that not all is needed.
+    @property
+    def doubt(self) -> float:
+        """How likely it is that `kept` does not trigger the failure, or that not all of it is needed.
 
         Parts that were never asked do not count.
         """
+        noise = self.noise
         counts = [(failed, total - failed) for failed, total in (self.failed, *self.without)]
         doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]
         return sum(doubts + [noise.triggers(*of, prior=_UNNEEDED) for of in counts[1:] if sum(of)])
@@ -300,6 +302,6 @@ class _Search:
         of = [(failed, failed + passed) for failed, passed in map(self.trials.counts, (kept, *parts))]
         found = Minimal(kept, self.trials.spent, False, 0.0, of[0], tuple(of[1:]), self.trials.noise)  # noqa: FBT003
         unasked = any(self._may(part, ()) and not total for part, (_, total) in zip(parts, of[1:], strict=True))
-        if not shown or unasked or found.doubt(found.noise) > 1 - CONFIDENCE:
+        if not shown or unasked or found.doubt > 1 - CONFIDENCE:
             return found
         return replace(found, one_minimal=True, confidence=CONFIDENCE)

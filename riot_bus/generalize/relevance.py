@@ -51,9 +51,6 @@ _START = 0.01
 _UNCONFIRMED = 0.2
 """Prior that a certificate does not hold: more doubt than searches leave, since at first they know little of rates."""
 
-_LEAST = 1e-3
-"""Prior of all fields without weight together."""
-
 ALTERNATIVE_CAUSES = 8
 """Maximum number of fields included because they break a passing trial (a unit may crash on any field)."""
 
@@ -63,15 +60,13 @@ class FieldSpace:
     """One field and the values it may take.
 
     `failing` is its value in the failing log, `nominal` the one before the injection (None when not injected), `draws`
-    are replacements (dictionary and observed values), `prior` is its weight for being relevant among fields of its
-    kind, `observed` are its values in nominal logs.
+    are replacements (dictionary and observed values), `observed` are its values in nominal logs.
     """
 
     name: str
     failing: Scalar
     nominal: Scalar | None
     draws: tuple[Scalar, ...]
-    prior: float = 1.0
     observed: tuple[Scalar, ...] = ()
 
     def usual(self, value: Scalar) -> bool:
@@ -161,11 +156,10 @@ def relevant_fields(
         search.check()
         search.heal()
         search.resample(straight, failing=True)
-        while search.drop_unconfirmed():
-            search.resample(straight, failing=True)
         if search.found:
             search.resample(passing_straight, failing=False)
-            search.drop_unconfirmed()
+        while search.drop_unconfirmed() or (straight and search.unsettled):
+            search.resample(straight, failing=True)
     except BudgetSpentError:
         complete = False
     bound = min(1.0, math.log(1 / DOUBT) / search.straight) if search.straight else 1.0
@@ -194,7 +188,7 @@ class _Search:
         self.failing: dict[str, Scalar] = {field.name: field.failing for field in fields}
         injected = sum(field.nominal is not None for field in fields)
         boost = max(1.0, (len(fields) - injected) / injected) if injected else 1.0
-        self.prior = {field.name: field.prior * (boost if field.nominal is not None else 1.0) for field in fields}
+        self.prior = {field.name: boost if field.nominal is not None else 1.0 for field in fields}
         self.decks: dict[str, list[Scalar]] = {field.name: [] for field in fields}
 
     def check(self) -> None:
@@ -218,10 +212,12 @@ class _Search:
             if assignment_key(healed) == assignment_key(self.failing):
                 return
             (answer,) = self.trials.ask([healed], "replacing injected values by nominal ones")
-            if self._flip(self.failing, healed, failing=True, answer=answer, unchanged=0.5) is None:
-                self.failing = healed
-                # Their exceptional values have no effect, so they are no likelier than other fields any more.
-                self.prior = {name: field.prior for name, field in self.fields.items()}
+            before = self.failing
+            if self._flip(before, healed, failing=True, answer=answer, unchanged=0.5) is None:
+                if self.failing is before:  # else what led to it was wrong, and it has been healed anew
+                    self.failing = healed
+                    # Their exceptional values have no effect, so they are no likelier than other fields any more.
+                    self.prior = dict.fromkeys(self.fields, 1.0)
                 return
 
     def resample(self, straight: int, *, failing: bool) -> None:
@@ -240,22 +236,28 @@ class _Search:
                     base is not self.failing or (unchanged >= min(_EARLY, straight) and self.drop_unconfirmed())
                 ):
                     unchanged = 0
-                self.straight = unchanged if failing else self.straight
+                if failing:
+                    self.straight = unchanged
                 if shown or not unchanged:
                     break
             if not failing and taken >= ALTERNATIVE_CAUSES:
                 return
 
-    def drop_unconfirmed(self) -> list[str]:
-        """Ask again for certificates in doubt at the rates known by now; drop and return those that do not hold."""
-        dropped = []
+    @property
+    def unsettled(self) -> bool:
+        """Whether other fields are left of which nothing is known, since those that were held have changed."""
+        return not self.straight and len(self.found) < len(self.fields)
+
+    def drop_unconfirmed(self) -> bool:
+        """Ask again for certificates in doubt at the rates known by now; say whether any was dropped."""
+        dropped = False
         for name, field in list(self.found.items()):
             sides, doing = (field.certificate.failing, field.certificate.passing), "confirming certificates"
             for side, prior in zip(sides, (1 - _UNCONFIRMED, _UNCONFIRMED), strict=True):
                 (chance,) = self.trials.triggers([side], prior=prior, doubt=_DOUBTED, doing=doing)
                 if (chance > 0.5) is not (prior > 0.5):
                     del self.found[name]
-                    dropped.append(name)
+                    dropped, self.straight = True, 0
                     break
         return dropped
 
@@ -290,17 +292,18 @@ class _Search:
             return None
         changed.sort(key=lambda name: -self.prior[name])
         told = [(len(changed), answer)]
-        # A draw counts as one without effect only once it has failed; it is asked again while a miss is likelier.
+        # A draw has no effect once it has failed: while that is likelier than a change, it is asked again.
         while failing and not answer and self.trials.noise.triggers(0, len(told), prior=unchanged) > 0.5:
-            (answer,) = self.trials.ask([end], "asking a draw again")
-            told.append((len(changed), answer))
+            copies = [end] * max(1, round(1 / self.trials.noise.rate))
+            answers = self.trials.ask(copies, "asking a draw again")
+            told += [(len(changed), one) for one in answers]
+            answer = any(answers)
 
         def at(length: int) -> dict[str, Scalar]:
             return {**start, **{name: end[name] for name in changed[:length]}}
 
-        masses = [max(self.prior[name], 0.0) for name in changed]
-        total = sum(masses) or float(len(masses))
-        masses = [max(mass, _LEAST * total / len(masses)) for mass in masses]
+        masses = [self.prior[name] for name in changed]
+        total = sum(masses)
         masses = [_START * total, *masses, total * unchanged / (1 - unchanged)]
         doing = f"bisecting {len(changed)} fields"
         length = self.trials.flip(masses, at, rises=not failing, sure=_SURE, doing=doing, told=told)
@@ -316,6 +319,7 @@ class _Search:
 
     def _disown(self, start: dict[str, Scalar], *, failing: bool) -> None:
         """Undo what led to a start with the wrong outcome: nominal values that do heal, or a certificate."""
+        self.straight = 0
         if failing:
             self.failing = {field.name: field.failing for field in self.fields.values()}
             self.heal()

@@ -391,7 +391,8 @@ class _Search:
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
 
-        Edges are narrowed in the nominal case whose variables fail alone most often.
+        Edges are narrowed in the nominal case whose variables fail alone most often, and in one farther from those of
+        integers.
         """
         if self.sought or not _doubtful(best) or self.spent < LINES_AFTER * self.budget:
             return False
@@ -399,19 +400,23 @@ class _Search:
         base = self.anchors[1]
         edges = self._edges(base)
         farther = farther_base(edges, base, {variable.name: variable.type for variable in self.variables})
-        if farther is not None and not any(one.failed for one in self.ask([farther], "threshold")):
-            edges = self._edges(farther)
-        found = [feature for feature in linear_features(edges) if feature not in self.table.features]
+        features = [*linear_features(edges), *linear_features(self._edges(farther) if farther else ())]
+        found = [feature for feature in dict.fromkeys(features) if feature not in self.table.features]
         for feature in found:
             self.table.include(feature)
         return bool(found)
 
     def _edges(self, base: Assignment) -> list[Flip]:
-        """Return where the outcome flips if one number leaves a passing case, each narrow enough for coefficients."""
+        """Return where the outcome flips if one number leaves a case, as narrow as trials allow; none if it fails."""
+        self.ask([base], "threshold")
+        known = zip(self.table.assignments, self.table.failed, strict=True)
+        if not any(not failed and assignment_key(one) == assignment_key(base) for one, failed in known):
+            return []
         types = {variable.name: variable.type for variable in self.variables}
         ends = [
             {**base, name: end(numbers)}
             for name in types
+            if types[name] != "bool"
             if (numbers := [x for x in self.sampler.known[name] if isinstance(x, int | float) and math.isfinite(x)])
             for end in (min, max)
         ]

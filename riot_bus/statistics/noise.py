@@ -56,9 +56,9 @@ class Noise:
         pairs = [(rate, false, chance * prior) for rate, chance in rates for false, prior in _FALSE]
         p, eps, weight = (np.array(column) for column in zip(*pairs, strict=True))
         blank = cls(p, eps, weight)
-        does, _ = blank.likelihood(failed, total - failed)
-        _, does_not = blank.likelihood(nominal_failed, nominal_total - nominal_failed)
-        return blank.weighted(does * does_not)
+        logarithm = _log_likelihood(p, failed, total - failed)
+        logarithm += _log_likelihood(eps, nominal_failed, nominal_total - nominal_failed)
+        return blank.weighted(np.exp(logarithm - logarithm.max()))
 
     @property
     def rate(self) -> float:
@@ -97,7 +97,7 @@ class Noise:
 
         Both are divided by the largest of them all, since those of a thousand trials are smaller than any float.
         """
-        does, does_not = (_log_power(one, failed) + _log_power(1 - one, passed) for one in (self.p, self.eps))
+        does, does_not = (_log_likelihood(one, failed, passed) for one in (self.p, self.eps))
         largest = max(does.max(), does_not.max())
         return np.exp(does - largest), np.exp(does_not - largest)
 
@@ -174,12 +174,13 @@ class FlipSearch:
         return told
 
 
-def _log_power(base: Array, exponent: int) -> Array:
-    """Return log(base ** exponent); 0 to the power of 0 is 1."""
-    if not exponent:
-        return np.zeros_like(base)
+def _log_likelihood(rate: Array, failed: int, passed: int) -> Array:
+    """Return log(rate ** failed * (1 - rate) ** passed), where 0 to the power of 0 is 1."""
+    logarithm = np.zeros_like(rate)
     with np.errstate(divide="ignore"):
-        logarithm: Array = exponent * np.log(base)
+        for base, exponent in ((rate, failed), (1 - rate, passed)):
+            if exponent:
+                logarithm += exponent * np.log(base)
     return logarithm
 
 

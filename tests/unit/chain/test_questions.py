@@ -6,9 +6,9 @@ import pytest
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.questions import FreshCases, UnitQuestions, json_value, noise_of
-from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, ProportionRecord
 from riot_bus.vocabulary.errors import InconclusiveError
-from tests.unit.chain.machine import MODE, SPEED, bench, rated, sometimes, write_minimal
+from tests.unit.chain.machine import MODE, SPEED, bench, rated, sometimes, write_fields, write_minimal
 
 
 def test_values_of_bytes_are_hex() -> None:
@@ -37,6 +37,21 @@ def test_what_fails_sometimes_is_decided_by_as_many_trials_as_it_takes(tmp_path:
     assert 3 * len(asked) < len(one.machine.executed) < 12 * len(asked)
     cases = [questions.case(value) for value in wrong]
     assert sum(questions.decide(cases, doubt=0.002)) == sum(value[SPEED] < 1 for value in wrong)
+
+
+@pytest.mark.parametrize(("confirmed", "rate"), [(3, 1.0), (1, 0.3)])
+def test_a_rate_is_measured_if_certificates_do_not_always_fail(tmp_path: Path, confirmed: int, rate: float) -> None:
+    """By chance, both trials of the minimal log have failed."""
+    one = bench(tmp_path, wrong=sometimes(rate))
+    write_minimal(one)
+    MinimalRecord.load(one.folder).model_copy(update={"failed": (2, 2)}).save(one.folder)
+    write_fields(one, SPEED)
+    questions = UnitQuestions(one.run(), one.folder)
+    assert questions.noise.rate > 0.95
+    certificates = [field.certificate for field in FieldsRecord.load(one.folder).fields]
+    questions.measure([each.model_copy(update={"confirmed_failing": confirmed}) for each in certificates])
+    assert questions.noise.rate == pytest.approx(rate, abs=0.1)
+    assert len(one.machine.executed) == 0 if rate == 1 else 20 < len(one.machine.executed) <= 120
 
 
 def test_what_comes_too_seldom_is_inconclusive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

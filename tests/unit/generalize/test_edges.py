@@ -91,3 +91,5 @@ def test_a_case_farther_from_the_edges_of_integers_gives_their_coefficients() ->
     unsigned = farther_base(narrowed(near, fails), near, dict.fromkeys("xyz", "uint32"))
     assert unsigned == {"x": 7, "y": 0, "z": 11}
     assert farther_base([Flip("y", 0, 479, 480)], {"y": 0}, {"y": "uint32"}) is None
+    both = [Flip("y", 450, 479, 480), Flip("y", 450, -480, -481)]  # 520 below one edge is beyond the other
+    assert farther_base(both, {"y": 450}, {"y": "int32"}) is None

@@ -122,4 +122,5 @@ def test_thousands_of_trials_leave_a_posterior() -> None:
     assert noise.rate == pytest.approx(0.3)
     assert noise.triggers(600, 1400) == pytest.approx(1.0)
     assert noise.triggers(20, 1980) == pytest.approx(0.0)
+    assert Noise.after(20, 20_000).rate == pytest.approx(0.1)  # the smallest one of the grid
     assert Noise.after(2000, 2000).triggers(1999, 0) == pytest.approx(1.0)
