@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from statistics import pstdev
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from riot_bus.chain.arrays import with_arrays
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
@@ -19,7 +17,7 @@ from riot_bus.chain.relevance import considered_fields, field_spaces
 from riot_bus.findings.records import AlternativeRecord, FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.relevance import relevant_fields
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.rules import Estimate, LearnedRule, Sample, Variable, learn_rule
+from riot_bus.generalize.rules import Estimate, LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import TYPES, columns_of, row_of, scalars_of
 from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.types.latest import in_words
@@ -39,10 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["rules"]
 
 _NOMINAL = 200
-_ROUNDS = 4
-_ODD, _FEW, _SURE = 20, 3, 0.002
-"""Number of samples to repeat that the rule gets wrong, of others on which it depends, and the accepted probability
-that their answers are wrong."""
 _NEAR = 6
 """Number of failing trials, and of passing ones, that are repeated behind each part of the nominal log."""
 _SELDOM, _FEWER = 0.6, 0.5
@@ -56,7 +50,7 @@ _OTHERS = 64
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
     """Learn the rule.
 
-    Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong are decided by more.
+    Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong, or depends on, by more.
 
     Args:
         step: The running step.
@@ -69,6 +63,12 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         InconclusiveError: No field is relevant, so there is nothing to make a rule from.
     """
     relevant = FieldsRecord.load(folder)
+    if not relevant.fields and relevant.unconfirmed:
+        raise InconclusiveError(
+            f"fresh trials did not confirm that {', '.join(relevant.unconfirmed)} is relevant, and no other field is",
+            where=str(folder),
+            hint="the failure may come more seldom than it seemed; `riot analyze --seed N --out FOLDER` begins anew",
+        )
     if not relevant.fields:
         raise InconclusiveError(
             "no field of the minimal log is relevant, so there is no rule over fields",
@@ -135,7 +135,7 @@ class _Teacher:
         self._registry = step.workspace.context.registry
 
     def learn(self, questions: UnitQuestions, passing: Mapping[str, Value], *, context: int = 0) -> _Found:
-        """Learn the rule over some fields; samples that it gets wrong are asked again."""
+        """Learn the rule over some fields."""
         named = [field for field in questions.fields.fields.values() if field.name in passing]
         named.sort(key=lambda field: -field.position)  # people say how a message differs from what came before it
         observed = questions.nominal(named, at_most=_NOMINAL)
@@ -161,22 +161,17 @@ class _Teacher:
         ]
         scale = _scale(variables, observed)
         share = _FEWER if questions.noise.rate < _SELDOM else 1.0
-        for _ in range(_ROUNDS):
-            learned = learn_rule(
-                variables,
-                questions.ask,
-                expecting=questions.ask,
-                seed=self.step.workspace.seed,
-                budget=self.budget,
-                validation=round(self.validation * share),
-                parallelism=questions.runner.parallelism,
-                context=varied,
-                progress=self.step.progress,
-            )
-            doubtful = _doubtful(learned, variables, scale)
-            again = questions.decide([questions.case(one.assignment) for one in doubtful], doubt=_SURE)
-            if again == [one.failed for one in doubtful]:
-                break
+        learned = learn_rule(
+            variables,
+            questions.ask,
+            expecting=questions.ask,
+            seed=self.step.workspace.seed,
+            budget=self.budget,
+            validation=round(self.validation * share),
+            parallelism=questions.runner.parallelism,
+            context=varied,
+            progress=self.step.progress,
+        )
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
         asked, predicted = near_the_limit(learned, variables, scale, count=round(_NEAR * share))
@@ -232,31 +227,6 @@ class _Teacher:
         if len(passing) == known:
             return None
         return self.learn(questions, passing, context=found.context + len(context))
-
-
-def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float]) -> list[Sample]:
-    """Return the samples on which a rule depends so much that one wrong answer would change it.
-
-    They are those that it gets wrong, failing ones that alone support a term, passing ones that alone support a
-    literal, and passing ones next to its limit.
-    """
-    samples, rule = [one for one in learned.samples if one.phase != "context"], learned.rule
-    columns = columns_of(variables, [one.assignment for one in samples])
-    failed = np.array([one.failed for one in samples])
-    predicted = rule.predict(columns)
-    chosen = list(np.flatnonzero(predicted != failed)[:_ODD])
-    held = np.array([Rule((term,)).predict(columns) for term in rule.terms]).reshape(len(rule.terms), len(samples))
-    for term in held:
-        alone = np.flatnonzero(term & failed & (held.sum(axis=0) == 1))
-        chosen += list(alone) if len(alone) <= _FEW else []
-    passing = np.flatnonzero(~failed & ~predicted)
-    for literals in rule.terms:
-        for place in range(len(literals)):
-            rest = Rule((literals[:place] + literals[place + 1 :],)).predict(columns)
-            kept_out = np.flatnonzero(rest & ~failed & ~predicted)
-            chosen += list(kept_out) if len(kept_out) <= _FEW else []
-    near = np.argsort(rule.distance(columns, scale)[passing], kind="stable")[:_FEW]
-    return [samples[n] for n in dict.fromkeys([*chosen, *passing[near]])]
 
 
 def _typed(value: Value, like: Scalar) -> Scalar:

@@ -20,11 +20,38 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["inversions", "narrowed", "probe_threshold", "widen", "without"]
+__all__ = ["decisive", "inversions", "narrowed", "probe_threshold", "widen", "without"]
 
 Number = int | float
 
+_FEW = 3
+"""Largest number of samples on which a limit, a term or a literal may rest alone."""
+
 LONGEST_TEXT = 1 << 16  # both sides of a limit of 16 bits can be tried; longer texts make trials slow
+
+
+def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[int]:
+    """Return the samples that a rule gets right, and on which it depends so much that one wrong answer would change it.
+
+    They are failing ones that alone support a term, passing ones that alone support a literal, and passing ones next to
+    its limit.
+
+    Args:
+        rule: The rule.
+        columns: One array per variable; shape (samples,).
+        failed: Whether each sample failed; shape (samples,).
+    """
+    predicted = rule.predict(columns)
+    passing = ~failed & ~predicted
+    held = [Rule((term,)).predict(columns) for term in rule.terms]
+    alone = [term & failed & (np.sum(held, axis=0) == 1) for term in held]
+    for literals in rule.terms:
+        rests = (Rule((literals[:place] + literals[place + 1 :],)) for place in range(len(literals)))
+        alone += [rest.predict(columns) & passing for rest in rests]
+    chosen = [n for one in alone if one.sum() <= _FEW for n in np.flatnonzero(one).tolist()]
+    rows = np.flatnonzero(passing)
+    near = rows[np.argsort(rule.distance(columns, {})[rows], kind="stable")[:_FEW]]
+    return list(dict.fromkeys([*chosen, *near.tolist()]))
 
 
 def widen(table: Table, learnt: Learnt) -> Learnt:

@@ -18,7 +18,7 @@ from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
 from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
-from riot_bus.generalize.refine import inversions, narrowed, probe_threshold, widen
+from riot_bus.generalize.refine import decisive, inversions, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
@@ -165,6 +165,8 @@ def learn_rule(
         checked: list[Sample] = []
         for left in reversed(range(VALIDATIONS)):
             search.refine()
+            while search.settle():
+                search.refine()
             checked = search.validate(validation, context)
             if checked and search.revise(search.best):
                 checked = search.samples[-len(checked) :]
@@ -279,14 +281,26 @@ class _Search:
 
     def revise(self, learnt: Learnt) -> bool:
         """Ask again what a rule gets wrong, if answers may be wrong; return whether any answer has changed."""
-        if self._expecting is None or not learnt.terms or self.revisions >= MOST_REVISIONS:
+        if not learnt.terms:
+            return False
+        said = learnt.rule.predict(columns_of(self.variables, [one.assignment for one in self.samples])).tolist()
+        return self._change([n for n, one in enumerate(self.samples) if one.failed != said[n]][:REVISED])
+
+    def settle(self) -> bool:
+        """Ask again what the rule depends on, if answers may be wrong; return whether any answer has changed."""
+        rows = [n for n, one in enumerate(self.samples) if one.phase != "context"]
+        columns = columns_of(self.variables, [self.samples[n].assignment for n in rows])
+        failed = np.array([self.samples[n].failed for n in rows], dtype=bool)
+        return bool(self.rule.terms) and self._change([rows[n] for n in decisive(self.rule, columns, failed)])
+
+    def _change(self, numbers: Sequence[int]) -> bool:
+        """Ask for samples as if the opposite of their answers were likely; return whether any answer has changed."""
+        if self._expecting is None or self.revisions >= MOST_REVISIONS:
             return False
         self.revisions += 1
-        said = learnt.rule.predict(columns_of(self.variables, [one.assignment for one in self.samples])).tolist()
-        wrong = [n for n, one in enumerate(self.samples) if one.failed != said[n]][:REVISED]
-        guesses = [1 - DOUBT if said[n] else DOUBT for n in wrong]
-        answers = self._expecting([self.samples[n].assignment for n in wrong], guesses) if wrong else ()
-        changed = [n for n, answer in zip(wrong, answers, strict=True) if bool(answer) != self.samples[n].failed]
+        guesses = [DOUBT if self.samples[n].failed else 1 - DOUBT for n in numbers]
+        answers = self._expecting([self.samples[n].assignment for n in numbers], guesses) if numbers else ()
+        changed = [n for n, answer in zip(numbers, answers, strict=True) if bool(answer) != self.samples[n].failed]
         rows = [n for n, one in enumerate(self.samples) if one.phase != "context"]
         for n in changed:
             self.samples[n] = replace(self.samples[n], failed=not self.samples[n].failed)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from riot_bus.chain.rules import _spread, _typed, rules
-from riot_bus.findings.records import ProportionRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
@@ -102,6 +102,16 @@ def test_without_a_relevant_field_there_is_no_rule(tmp_path: Path) -> None:
     with pytest.raises(InconclusiveError, match="no field of the minimal log is relevant"):
         rules(one.run(), one.folder)
     assert one.machine.executed == []
+
+
+def test_a_field_that_was_not_confirmed_is_named(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    write_fields(one)
+    record = FieldsRecord.load(one.folder).model_copy(update={"unconfirmed": (SPEED,)})
+    record.save(one.folder)
+    with pytest.raises(InconclusiveError, match=f"did not confirm that {SPEED} is relevant"):
+        rules(one.run(), one.folder)
 
 
 def test_the_step_before_is_needed(tmp_path: Path) -> None:

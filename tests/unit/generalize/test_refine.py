@@ -11,7 +11,7 @@ import pytest
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
-from riot_bus.generalize.refine import probe_threshold, widen
+from riot_bus.generalize.refine import decisive, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import learn_from
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of
@@ -224,3 +224,14 @@ def test_a_rule_says_of_the_samples_what_the_learner_counted(seed: int) -> None:
     found, _, _ = learn_from(table)
     said = found.rule.predict(columns_of(table.variables, rows))
     assert int((said != np.array(table.failed)).sum()) == found.mistakes
+
+
+def test_a_rule_depends_on_what_alone_supports_it_and_on_what_lies_next_to_its_limit() -> None:
+    high, mode = Literal(Feature("raw", ("x",)), ">", 100.0), Literal(Feature("raw", ("mode",)), "==", 2)
+    low = Literal(Feature("raw", ("x",)), "<", -5.0)
+    values = [(120.0, 2), (130.0, 2), (140.0, 2), (150.0, 2), (160.0, 1), (90.0, 2), (50.0, 2), (-9.0, 2), (0.0, 2)]
+    values += [(10.0, 2)]
+    columns = {"x": np.array([x for x, _ in values]), "mode": np.array([number for _, number in values])}
+    failed = np.array([True, True, True, True, False, False, False, True, False, False])
+    # Of the failing ones, -9 alone has its term; 160 alone shows that the mode matters; 0, 90 and 160 are nearest.
+    assert sorted(decisive(Rule(((high, mode), (low,))), columns, failed)) == [4, 5, 7, 8]
