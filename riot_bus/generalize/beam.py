@@ -270,7 +270,8 @@ def _terms(
     found: dict[tuple[int, ...], tuple[float, _Term]] = {}
     for _ in range(MOST_LITERALS):
         rows = np.array([term.mask for term in frontier], dtype=np.float32)
-        hits, misses = rows[:, want] @ wanted, rows[:, avoid] @ avoided
+        with np.errstate(invalid="ignore"):  # products of 0 and 1, but BLAS may set the flag for lanes it does not use
+            hits, misses = rows[:, want] @ wanted, rows[:, avoid] @ avoided
         costs = np.array([term.bits for term in frontier], dtype=np.float32)[:, None] + bits[None, :]
         value = weight * hits - np.float32(ERROR_BITS) * misses - costs
         promise = hits * (np.log2((hits + np.float32(0.1)) / (hits + misses + np.float32(0.2))) - base)
