@@ -193,18 +193,20 @@ def probe_threshold(
     tight = (low > 0 and high < 16 * low) or (high < 0 and low > 16 * high) or low <= 0 <= high
     if tight and turn % 3 != 2:
         targets = _around(candidate, low, high) + targets
-    options = [one for one in _solutions(table, learnt, place, targets, chance) if not known(one)]
-    if not options:
-        return None
-    columns = columns_of(table.variables, options)
-    values = candidate.feature.values(columns)
-    assert values is not None  # only numbers have thresholds
-    free = without(learnt, place).predict(columns)
-    reached = [
-        (value, option)
-        for value, option, ok in zip(values.tolist(), options, free, strict=True)
-        if ok and low < value < high
-    ]
+    solutions = _solutions(table, learnt, place, targets, chance)
+
+    def within(some: Sequence[Assignment]) -> list[tuple[Number, Assignment]]:
+        """Return those that this literal decides, with its value between the limits."""
+        options = [one for one in some if not known(one)]
+        if not options:
+            return []
+        columns = columns_of(table.variables, options)
+        values = candidate.feature.values(columns)
+        assert values is not None  # only numbers have thresholds
+        free = zip(values.tolist(), options, without(learnt, place).predict(columns), strict=True)
+        return [(value, option) for value, option, ok in free if ok and low < value < high]
+
+    reached = within(solutions) or within(_repaired(table, learnt, place, solutions))
     for target in targets:
         exact = [option for value, option in reached if value == target]
         if exact:
@@ -255,6 +257,23 @@ def _solutions(
         return options
     taken = others.predict(columns_of(table.variables, options))
     return [option for option, other in zip(options, taken, strict=True) if not other]
+
+
+def _repaired(table: Table, learnt: Learnt, place: tuple[int, int], options: Sequence[Assignment]) -> list[Assignment]:
+    """Return options with other variables changed so that the rest of the term holds: y + h may wrap for each y."""
+    own = learnt.terms[place[0]][place[1]].feature.args
+    rest = [one for index, one in enumerate(learnt.terms[place[0]]) if index != place[1]]
+    found: list[Assignment] = []
+    for option in options:
+        row = row_of(table.variables, option)
+        for other in rest:
+            if not isinstance(other.inside, int | float) or isinstance(other.inside, bool):
+                continue
+            for change in inversions(other.feature, row, other.inside):
+                kept = all(change.get(name, row[name]) == row[name] for name in own)
+                moved = changed(table.variables, option, change) if kept else None
+                found += [] if moved is None else [moved]
+    return found
 
 
 def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.Random) -> list[Assignment]:

@@ -235,3 +235,20 @@ def test_a_rule_depends_on_what_alone_supports_it_and_on_what_lies_next_to_its_l
     failed = np.array([True, True, True, True, False, False, False, True, False, False])
     # Of the failing ones, -9 alone has its term; 160 alone shows that the mode matters; 0, 90 and 160 are nearest.
     assert sorted(decisive(Rule(((high, mode), (low,))), columns, failed)) == [4, 5, 7, 8]
+
+
+def test_a_threshold_is_tried_with_other_variables_such_as_the_rest_of_its_term_needs() -> None:
+    """Each y needs an h of its own for y + h to wrap around."""
+    y, total = Feature("raw", ("y",)), Feature("wrap32", ("y", "h"))
+
+    def fails(row: Assignment) -> bool:
+        return int(row["y"]) > 480 and (int(row["y"]) + int(row["h"])) % 2**32 <= 480  # type: ignore[arg-type]
+
+    rows: list[Assignment] = [{"y": 2**32 - 1, "h": 240}, {"y": 100, "h": 240}, {"y": 2**32 - 200, "h": 100}]
+    table = Table([Variable(name, "uint32", 240) for name in ("y", "h")])
+    table.add(rows, [fails(row) for row in rows])
+    rule = Learnt(((threshold(y, ">", 100, 2**32 - 1), threshold(total, "<", 2**32 - 100, 239)),), 0.0, 0)
+    probe = probe_threshold(table, rule, (0, 0), random.Random(0), turn=0)
+    assert probe is not None
+    assert 100 < int(probe["y"]) < 2**32 - 1  # type: ignore[arg-type]
+    assert (int(probe["y"]) + int(probe["h"])) % 2**32 <= 480  # type: ignore[arg-type]
