@@ -243,8 +243,8 @@ class _Minimization:
                 where=str(self.folder),
                 hint="try another --seed; what makes it come more often?",
             )
-        if not failed:
-            return found
+        if not failed:  # the budget is spent: too few trials to say that it does not fail, or that it does
+            return replace(found, minimal=replace(found.minimal, one_minimal=False, confidence=0.0)) if total else found
         noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
         rated = replace(found.minimal, failed=(failed, total), noise=noise)
         if rated.one_minimal and rated.doubt > 1 - CONFIDENCE:
