@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from copy import copy
 from dataclasses import replace
@@ -116,13 +117,15 @@ def measured_rate(
         total: All trials that are known.
         most: Maximum number of further trials; fewer are made if none fails.
     """
-    known, noise = total, Noise.after(failed, total)
-    while total - known < min(most, _MOST if failed else _MOST_PASSED) and (
-        total < FEWEST or noise.spread > _SPREAD * noise.rate
-    ):
+    known, enough = total, None
+    while total - known < min(most, _MOST if failed else _MOST_PASSED):
+        if failed and total >= FEWEST:
+            # To look again after each trial would stop at low rates too often, and the interval would be too narrow.
+            enough = enough or math.ceil((1 - Noise.after(failed, total).rate) / _SPREAD**2)
+            if failed >= enough:
+                break
         answers = ask()
         failed, total = failed + sum(answers), total + len(answers)
-        noise = Noise.after(failed, total)
     return failed, total
 
 

@@ -47,6 +47,8 @@ MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, whose comparisons hold periodically."""
 GUESSED = ("explore",)
 """Phases whose answers the rule may predict: not those where rules disagree or at limits, nor those that judge it."""
+_EXPLORED = 2
+"""Explorations for each time that the rule is learnt: with one variable changed, and with all."""
 FAILS = 0.98
 """Prior that the failing values fail: the log was minimised with them."""
 REVISED = 8
@@ -243,6 +245,7 @@ class _Search:
         self.rule = Rule(())
         self.share = 0.0
         self.guesses = self.wrong_guesses = self.revisions = 0
+        self.owed, self.turn = 0, False
         self.sought = self.cast = False
         self.turns: dict[object, int] = {}
         self.mirrored: set[object] = set()
@@ -253,28 +256,38 @@ class _Search:
 
     def ask(self, questions: Sequence[Assignment], phase: str) -> list[Sample]:
         """Ask what was not asked yet (within the budget, validation aside) and learn the outcomes."""
-        fresh = {assignment_key(q): q for q in questions if not self._known(q)}
+        return self.ask_at_once({phase: questions})
+
+    def ask_at_once(self, questions: Mapping[str, Sequence[Assignment]]) -> list[Sample]:
+        """Ask questions of several phases, which then share batches; see `ask`."""
+        fresh: dict[Hashable, tuple[Assignment, str]] = {}
+        for phase, ones in questions.items():
+            for one in ones:
+                if not self._known(one):
+                    fresh.setdefault(assignment_key(one), (one, phase))
         new = list(fresh.values())
-        if phase not in ("validate", "context", "decide"):
+        if not questions.keys() & {"validate", "context", "decide"}:
             new = new[: max(0, self.budget - self.spent)]
             self.spent += len(new)
         asked: list[Sample] = []
-        at_once = (1 if phase in GUESSED else WAVES) * self.parallelism  # what was wrong changes further guesses
+        guessed = not questions.keys().isdisjoint(GUESSED)
+        at_once = (1 if guessed else WAVES) * self.parallelism  # what was wrong changes further guesses
         for first in range(0, len(new), at_once):
             batch = new[first : first + at_once]
-            guesses = self._guesses(batch, phase)
-            answers = self._expecting(batch, guesses) if self._expecting else self._plain(batch)
+            guesses = self._guesses(batch)
+            assignments = [one for one, _ in batch]
+            answers = self._expecting(assignments, guesses) if self._expecting else self._plain(assignments)
             if len(answers) != len(batch):
                 raise InconclusiveError(f"{len(batch)} trials were asked for, but {len(answers)} outcomes came back")
-            asked += [Sample(q, bool(answer), phase) for q, answer in zip(batch, answers, strict=True)]
-            if self.rule.terms and phase in GUESSED:
-                self.guesses += len(batch)
-                pairs = zip(guesses, asked[-len(batch) :], strict=True)
-                self.wrong_guesses += sum((guess > 0.5) != one.failed for guess, one in pairs)
-            self._asked.update(map(assignment_key, batch))
-            self._told(len(self._asked), phase)
+            for (one, phase), guess, answer in zip(batch, guesses, answers, strict=True):
+                asked.append(Sample(one, bool(answer), phase))
+                if self.rule.terms and phase in GUESSED:
+                    self.guesses += 1
+                    self.wrong_guesses += (guess > 0.5) != asked[-1].failed
+            self._asked.update(map(assignment_key, assignments))
+            self._told(len(self._asked), batch[-1][1])
         self.samples += asked
-        if phase == "context":
+        if "context" in questions:
             return asked
         self.table.add([sample.assignment for sample in asked], [sample.failed for sample in asked])
         return asked
@@ -308,15 +321,16 @@ class _Search:
                 self.table.failed[rows.index(n)] = self.samples[n].failed
         return bool(changed)
 
-    def _guesses(self, questions: Sequence[Assignment], phase: str) -> list[float]:
+    def _guesses(self, questions: Sequence[tuple[Assignment, str]]) -> list[float]:
         """Return how likely questions are to fail, by the rule and by how often it has been right before."""
         if not self._asked:
             return [FAILS]
-        if phase not in GUESSED or not self.rule.terms:
+        if not self.rule.terms:
             return [0.5] * len(questions)
         doubt = min(0.5, max(DOUBT, (self.wrong_guesses + 1) / (self.guesses + 2)))
-        said = self.rule.predict(columns_of(self.variables, questions)).tolist()
-        return [1 - doubt if fails else doubt for fails in said]
+        said = self.rule.predict(columns_of(self.variables, [one for one, _ in questions])).tolist()
+        chances = [1 - doubt if fails else doubt for fails in said]
+        return [chance if phase in GUESSED else 0.5 for chance, (_, phase) in zip(chances, questions, strict=True)]
 
     def _known(self, question: Assignment) -> bool:
         return assignment_key(question) in self._asked
@@ -397,10 +411,21 @@ class _Search:
             settled = settled and calm <= 2
             if not settled:
                 narrow = self.random.sample(narrow, min(1, len(narrow)))
-            self.ask(questions, "committee")
-            self.ask([*narrow, *(self._mirrored(best) if settled else ())], "threshold")
+            asked = {"committee": questions, "threshold": [*narrow, *(self._mirrored(best) if settled else ())]}
             if not settled or not questions or not narrow:
-                self.ask([self._alone(self.random.choice(self.anchors)), self._explore()], "explore")
+                self.owed += _EXPLORED
+            self.ask_at_once({**asked, "explore": self._explorations(sum(map(len, asked.values())))})
+
+    def _explorations(self, beside: int) -> list[Assignment]:
+        """Return as many explorations as fill the rounds of trials at once; those that are left are asked later."""
+        rounds = max(1, (beside + self.owed) // self.parallelism)
+        count = max(0, rounds * self.parallelism - beside)
+        self.owed = max(0, self.owed - count)
+        explorations = []
+        for _ in range(count):
+            self.turn = not self.turn
+            explorations.append(self._alone(self.random.choice(self.anchors)) if self.turn else self._explore())
+        return explorations
 
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.

@@ -10,6 +10,7 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.minimize import minimize
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
 from riot_bus.findings.steps import find_step
+from riot_bus.generalize.minimize import BUDGET
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.message import Message
@@ -243,18 +244,20 @@ def test_what_fresh_trials_contradict_is_not_told(tmp_path: Path) -> None:
     """The drive hangs whenever it should as long as messages are searched for, and never again."""
     seen = ProportionRecord(value=0.3, low=0.0, high=1.0, count=3, total=10)
 
-    def minimized(folder: Path, most: int) -> int:
-        folder.mkdir()
-        one = bench(folder)
+    def minimized(name: str, most: int, budget: int = BUDGET) -> tuple[int, MinimalRecord]:
+        (tmp_path / name).mkdir()
+        one = bench(tmp_path / name)
         one.machine.wrong = lambda case: hangs(case.messages) is not None and len(one.machine.executed) >= most
         failing(one, 41)
         FindingRecord.load(one.folder).model_copy(update={"rate": seen}).save(one.folder)
-        record = minimize(one.run(), one.folder)
-        return len(one.machine.executed) - record.failed[1]
+        record = minimize(one.run(), one.folder, budget=budget)
+        return len(one.machine.executed) - record.failed[1], record
 
-    searched = minimized(tmp_path / "first", 10_000)
+    searched, _ = minimized("reliable", 10_000)
     with pytest.raises(InconclusiveError, match=r"none of \d+ fresh trials of what was kept, 1 message, failed"):
-        minimized(tmp_path / "second", searched)
+        minimized("once", searched)
+    _, record = minimized("few", searched, budget=searched + 5)  # too few to say that it does not fail
+    assert (record.kept, record.one_minimal, record.confidence) == ((41,), False, 0.0)
 
 
 def needs_two(messages: Sequence[Message]) -> int | None:

@@ -144,6 +144,19 @@ def test_values_stay_in_their_types_and_no_question_is_repeated() -> None:
     assert len(set(keys)) == len(keys)
 
 
+@pytest.mark.parametrize("parallelism", [2, 3, 4])
+def test_questions_that_are_asked_at_once_fill_the_slots(parallelism: int) -> None:
+    sizes: list[int] = []
+
+    def ask(asked: Sequence[Values]) -> list[bool]:
+        sizes.append(len(asked))
+        return [isinstance(one["x"], float) and one["x"] > 100 for one in asked]
+
+    x = Variable("x", "float64", 150.0, (3.0,), (1.0, 2.0, 3.0), (0.0, -1.0, 1e6, math.nan))
+    learn_rule([x], ask, seed=1, budget=140, parallelism=parallelism)
+    assert sum(math.ceil(size / parallelism) for size in sizes) <= 1.2 * sum(sizes) / parallelism
+
+
 def test_equal_seeds_ask_equal_questions() -> None:
     def fails(v: Values) -> bool:
         return bool(v["i"] < 0)
