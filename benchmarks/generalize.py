@@ -1,7 +1,8 @@
 """Trials that generalisation takes on synthetic systems: minimise, relevance, rules.
 
 Run `python benchmarks/generalize.py [--seeds N] [--json FILE]`. The cost is the number of trials, beside a baseline
-written here: ddmin, one field at a time, and a decision tree on dictionary samples.
+written here: ddmin, one field at a time, a decision tree on dictionary samples, product sets (`--only peers`: the last
+two alone).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from product_sets import product_sets
 from rule_shapes import SHAPES, Shape, canonical, held_out, near_limits, variables_of
 
 from riot_bus.generalize import rules
@@ -192,12 +194,17 @@ def balanced(predicted: Any, truth: Any) -> float:
     return sum(rates) / len(rates)
 
 
+def known_values(variables: list[Variable]) -> dict[str, Sequence[Any]]:
+    """Dictionary and nominal values of each variable."""
+    return {v.name: [v.failing, *v.nominal] if "[" in v.type else interesting(v) for v in variables}
+
+
 def tree_accuracy(shape: Shape, variables: list[Variable], seed: int, budget: int, held: Any, truth: Any) -> float:
     """Decision tree on derived features of samples from dictionary and nominal values."""
     from sklearn.tree import DecisionTreeClassifier
 
     chance = random.Random(seed)
-    known = {v.name: [v.failing, *v.nominal] if "[" in v.type else interesting(v) for v in variables}
+    known = known_values(variables)
     samples = [{name: chance.choice(values) for name, values in known.items()} for _ in range(budget)]
     features = features_of({v.name: v.type for v in scalars_of(variables)})
     values = sorted({str(s[v.name]) for v in variables if v.type == "string" for s in samples})
@@ -217,6 +224,13 @@ def tree_accuracy(shape: Shape, variables: list[Variable], seed: int, budget: in
     return balanced(tree.predict(matrix(held)), truth)
 
 
+def product_accuracy(shape: Shape, variables: list[Variable], seed: int, budget: int, held: Any, truth: Any) -> float:
+    """Product sets, from the failing values on."""
+    failing = {variable.name: variable.failing for variable in variables}
+    said = product_sets(failing, known_values(variables), lambda case: bool(shape.fails(case)), budget, seed)
+    return balanced(np.array([said(case) for case in held]), truth)
+
+
 @dataclass(frozen=True)
 class _Run:
     """What came of one rule that was learnt."""
@@ -228,16 +242,31 @@ class _Run:
     exact: bool
     written: bool
     claimed: float | None
-    tree: float | None
+    peers: dict[str, float]
+
+
+PEERS = {"tree": tree_accuracy, "products": product_accuracy}
+
+
+def _held_out(shape: Shape, variables: list[Variable], chance: random.Random) -> tuple[list[Any], Any]:
+    held = [held_out(shape, variables, chance) for _ in range(1000)]
+    return held, np.array([shape.fails(sample) for sample in held])
+
+
+def _peers(work: tuple[int, int, int]) -> dict[str, float]:
+    number, seed, budget = work
+    shape = SHAPES[number]
+    variables = variables_of(shape, seed)
+    held, truth = _held_out(shape, variables, random.Random(seed + 10_000))
+    return {name: accuracy(shape, variables, seed, budget, held, truth) for name, accuracy in PEERS.items()}
 
 
 def _learn(work: tuple[int, int, int, bool]) -> _Run:
-    number, seed, budget, tree = work
+    number, seed, budget, peers = work
     shape = SHAPES[number]
     variables = variables_of(shape, seed)
     chance = random.Random(seed + 10_000)
-    held = [held_out(shape, variables, chance) for _ in range(1000)]
-    truth = np.array([shape.fails(sample) for sample in held])
+    held, _ = _held_out(shape, variables, chance)
     learned = learn_rule(
         variables,
         lambda questions: [bool(shape.fails(question)) for question in questions],
@@ -264,7 +293,7 @@ def _learn(work: tuple[int, int, int, bool]) -> _Run:
         exact=right([*held, *more, *asked]) == 1 and not right(near) < 1,
         written=canonical(learned.rule.text()) in {canonical(text) for text in shape.texts},
         claimed=learned.balanced_accuracy if learned.checks else None,
-        tree=tree_accuracy(shape, variables, seed, budget, held, truth) if tree else None,
+        peers=_peers((number, seed, budget)) if peers else {},
     )
 
 
@@ -285,7 +314,7 @@ def rules_table(seeds: int, budgets: Sequence[int], first: int, jobs: int, only:
             row[f"text {budget}"] = f"{statistics.mean(one.written for one in runs):.0%}"
             row[f"trials {budget}"] = spread([one.trials for one in runs])
             if last:
-                row["tree"] = f"{statistics.mean(one.tree for one in runs if one.tree is not None):.3f}"
+                row |= _mean([one.peers for one in runs])
                 wrong = [one.text for one in runs if not one.written]
                 row["a text"] = (wrong or [runs[0].text])[0][:200]
         rows.append(row)
@@ -293,6 +322,21 @@ def rules_table(seeds: int, budgets: Sequence[int], first: int, jobs: int, only:
     last = f"{max(budgets)}"
     enough = sum(float(row[f"accuracy {last}"]) >= 0.99 for row in rows)
     print(f"{enough} of {len(rows)} shapes have an accuracy of at least 0.99 at {last} trials", file=sys.stderr)
+    return rows
+
+
+def _mean(found: Sequence[dict[str, float]]) -> Row:
+    return {name: f"{statistics.mean(one[name] for one in found):.3f}" for name in PEERS}
+
+
+def peers_table(seeds: int, budget: int, first: int, jobs: int) -> list[Row]:
+    """Balanced accuracy of a decision tree and of product sets on held-out cases."""
+    run = ProcessPoolExecutor(jobs).map if jobs > 1 else map
+    rows = []
+    for number, shape in enumerate(SHAPES):
+        rows.append(
+            {"rule": shape.name} | _mean(list(run(_peers, [(number, first + one, budget) for one in range(seeds)])))
+        )
     return rows
 
 
@@ -367,7 +411,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1000, help="of the rules; the learner was tuned on 0..60")
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", choices=("minimize", "relevance", "rules", "calibration"))
+    parser.add_argument("--only", choices=("minimize", "relevance", "rules", "peers", "calibration"))
     parser.add_argument("--budgets", type=int, nargs="+", default=[100, 200])
     parser.add_argument("--jobs", type=int, default=1, help="processes for the rules")
     parser.add_argument("--shapes", nargs="*", default=[], help="parts of the names of the rules to learn")
@@ -379,9 +423,14 @@ def main() -> None:
         "rules": lambda: rules_table(
             arguments.seeds, arguments.budgets, arguments.first_seed, arguments.jobs, arguments.shapes
         ),
+        "peers": lambda: peers_table(arguments.seeds, max(arguments.budgets), arguments.first_seed, arguments.jobs),
         "calibration": lambda: calibration_table(arguments.cases, arguments.jobs),
     }
-    result = {name: make() for name, make in tables.items() if arguments.only in (None, name)}
+    result = {
+        name: make()
+        for name, make in tables.items()
+        if arguments.only == name or (arguments.only is None and name != "peers")
+    }
     for name, rows in result.items():
         show(f"{name} (trials: median/90th percentile, two pre-checks apart)" if name == "minimize" else name, rows)
     if arguments.json:
