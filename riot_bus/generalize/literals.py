@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from riot_bus.generalize.expressions import Applied, text
 from riot_bus.generalize.features import FLAGS, Array, Feature, numeric
-from riot_bus.generalize.margins import boundary_distance
+from riot_bus.generalize.margins import WRAPS, arc_distance, boundary_distance
 from riot_bus.generalize.numbers import number_text
 from riot_bus.vocabulary.elements import Quantity, quantity_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["FAR", "OPERATORS", "Literal"]
+__all__ = ["FAR", "OPERATORS", "Literal", "arc_distances"]
 
 FAR = 1e18
 """Distance of values that have none (NaN, other types), and the upper bound of all distances."""
@@ -155,6 +155,30 @@ class Literal:
         far = np.clip(np.nan_to_num(far, nan=FAR, posinf=FAR, neginf=FAR), 0.0, FAR)
         far = np.maximum(far, NEAR)
         return np.asarray(np.where(inside, -far, far))
+
+
+def arc_distances(term: Sequence[Literal], columns: Mapping[str, Array], scale: Mapping[str, float]) -> Iterator[Array]:
+    """Yield distances to each range that a term demands of a feature that wraps around; far below 0 within it.
+
+    A point near the jump is near to one of the two limits alone, but not to the range between them.
+
+    Args:
+        term: Literals that all have to hold.
+        columns: One array of equal length per variable.
+        scale: Nominal spread of each variable.
+    """
+    for lower in term:
+        values = lower.feature.values(columns) if WRAPS.match(lower.feature.kind) else None
+        for upper in term:
+            if values is None or (lower.operator[0], upper.operator[0]) != (">", "<") or upper.feature != lower.feature:
+                continue
+            low, high = lower.value, upper.value
+            assert isinstance(low, int | float)
+            assert isinstance(high, int | float)
+            if low <= high:
+                units = [_unit(scale.get(name, 1.0)) for name in lower.feature.args]
+                far = np.clip(arc_distance(lower.feature, values, units, low, high), NEAR, FAR)
+                yield np.where(lower.holds(columns) & upper.holds(columns), -FAR, np.nan_to_num(far, nan=FAR))
 
 
 def _opposite(feature: Feature) -> str:

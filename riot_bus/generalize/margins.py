@@ -10,7 +10,7 @@ import numpy as np
 
 from riot_bus.generalize.features import Array, Feature
 
-__all__ = ["WRAPS", "boundary_distance"]
+__all__ = ["WRAPS", "arc_distance", "boundary_distance"]
 
 WRAPS = re.compile("(wrap|signed|cast)(sub|mul)?(?=[0-9])")
 """Beginning of the kinds of features that wrap around; the number of bits follows."""
@@ -52,10 +52,29 @@ def boundary_distance(
             )
         if WRAPS.match(kind):
             # The numbers lie on a circle: the jump is a boundary, too.
-            size = 2.0 ** int(WRAPS.sub("", kind))
+            size = _circle(feature)
             above = np.mod(values.astype(np.float64) + (0.0 if kind.startswith("wrap") else size / 2), size)
             return np.asarray(np.minimum(gap, np.minimum(above + 1, size - above)) / max(units))
         return np.asarray(gap / max(units))
+
+
+def arc_distance(feature: Feature, values: Array, units: Sequence[float], low: float, high: float) -> Array:
+    """Return the distance of points outside an arc of a circle to its nearer end: the jump is no way into it.
+
+    Args:
+        feature: A feature that wraps around.
+        values: The feature itself.
+        units: Nominal spread of each argument.
+        low: The lower end of the arc.
+        high: Its upper end, at least `low`.
+    """
+    place, size = values.astype(np.float64), _circle(feature)
+    return np.asarray(np.minimum(np.mod(low - place, size), np.mod(place - high, size)) / max(units))
+
+
+def _circle(feature: Feature) -> float:
+    """Return how many values a feature has that wraps around."""
+    return 2.0 ** int(WRAPS.sub("", feature.kind))
 
 
 def _product(u: Array, v: Array, value: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from riot_bus.generalize import rule_json
 from riot_bus.generalize.features import Array
-from riot_bus.generalize.literals import FAR, Literal
+from riot_bus.generalize.literals import FAR, Literal, arc_distances
 
 __all__ = ["Rule"]
 
@@ -70,6 +70,8 @@ class Rule:
             worst = np.full(_shape(columns), -FAR)
             for literal in term:
                 worst = np.maximum(worst, literal.distance(columns, scale))
+            for far in arc_distances(term, columns, scale):
+                worst = np.maximum(worst, far)
             result = np.minimum(result, worst)
         return result
 

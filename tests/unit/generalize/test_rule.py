@@ -165,3 +165,16 @@ def test_missing_columns_are_named() -> None:
 def test_a_rule_without_columns_has_no_rows() -> None:
     assert Rule(()).predict({}).shape == (0,)
     assert Rule(((),)).predict({}).shape == (0,)
+
+
+@pytest.mark.parametrize(("kind", "first"), [("wrap8", 0), ("signed8", -128)])
+@pytest.mark.parametrize(("low", "high"), [(60, 61), (0, 30), (0, 255), (200, 255)])
+def test_the_way_to_a_range_of_what_wraps_does_not_lead_to_the_jump(kind: str, first: int, low: int, high: int) -> None:
+    places, ends = np.arange(first, first + 256), (first + low, first + high)
+    total = Feature(kind, ("x", "y"))
+    rule = Rule(((Literal(total, ">=", ends[0]), Literal(total, "<=", ends[1])),))
+    distance = rule.distance({"x": places - 7, "y": np.full(256, 7)}, {})
+    steps = [min(min((place - end) % 256, (end - place) % 256) for end in ends) for place in places.tolist()]
+    within = (ends[0] <= places) & (places <= ends[1])
+    assert ((distance <= 0) == within).all()
+    assert distance[~within].tolist() == [step for step, inside in zip(steps, within, strict=True) if not inside]
