@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus.types.serve import part_of
 from riot_bus_ros2.announcing import EXPRESSIONS, announcement_of
+from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_recorded
 from riot_bus_ros2.files import load_files
-from riot_bus_ros2.keys import key_expression, name_of_expression, parse_data_key
+from riot_bus_ros2.keys import is_topic, key_expression, name_of_expression, parse_data_key
 from riot_bus_ros2.live import ask_nodes, services_of
 from riot_bus_ros2.offering import clock_of, offer_of, server_tokens
+from riot_bus_ros2.parameters import ParameterClient
 from riot_bus_ros2.serving import SPACES, action_parts, call_type
 from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
 from riot_bus_ros2.store import TypeStore, require_rosbags
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from riot_bus.types.capabilities import Announcement, Ask, Offer, RecordedTopic, SimClock, Stamp
+    from riot_bus.types.port import SegmentAccess
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Ros2Adapter"]
 
@@ -148,6 +154,28 @@ class Ros2Adapter:
         """Return the tokens of a node and its service server, as rmw_zenoh announces them."""
         found = parse_data_key(key)
         return () if found is None or "/srv/" not in found.type_name else server_tokens(found, zid, entity)
+
+    def has_parameters(self, node: str) -> bool:
+        """Return whether a text is the full name of a node, such as `/planner`."""
+        return is_topic(node)
+
+    def set_parameters(
+        self,
+        node: str,
+        values: Mapping[str, Scalar],
+        ports: Sequence[SegmentAccess],
+        *,
+        timeout: float,
+        alive: Callable[[], bool],
+    ) -> Mapping[str, str]:
+        """Set parameters of a node by its service; see `riot_bus_ros2.parameters`."""
+        client = ParameterClient(
+            self.store, tokens=self.tokens, announcement=self.announcement, attachment=self._request_attachment
+        )
+        return client.set(node, values, ports, timeout=timeout, alive=alive)
+
+    def _request_attachment(self) -> bytes:
+        return build_attachment(Attachment(1, time.time_ns(), os.urandom(16)))
 
     def stamp(self, attachment: bytes) -> Stamp | None:
         """Return the content of an attachment of rmw_zenoh."""

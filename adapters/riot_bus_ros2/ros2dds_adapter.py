@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,7 +15,7 @@ from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
 from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, ros_type_of
 from riot_bus_ros2.qos import RosQos, parse_offered
-from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken
+from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, RequestId, build_request_id
 from riot_bus_ros2.stamping import profiles_of
 
 if TYPE_CHECKING:
@@ -118,6 +119,9 @@ class Ros2DdsAdapter(Ros2Adapter):
         """Return how to publish `/clock`."""
         offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(reliable=False, depth=1), self.store.type_hash(CLOCK_TYPE))
         return SimClock(CLOCK_TOPIC, offer, clock_payload)
+
+    def _request_attachment(self) -> bytes:
+        return build_request_id(RequestId(os.urandom(8), (1).to_bytes(8, "little")))
 
     def stamp(self, attachment: bytes) -> Stamp | None:
         """Return None: bridges attach nothing to messages."""

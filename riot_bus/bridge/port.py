@@ -316,7 +316,15 @@ class SegmentPort:
         pin(self._session, key)
         return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
 
-    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
+    def ask(
+        self,
+        key: str,
+        payload: bytes,
+        attachment: bytes,
+        done: Callable[[bytes | None], None],
+        *,
+        complete: bool = True,
+    ) -> Asked:
         """Send a query to the servers of a key.
 
         Args:
@@ -325,6 +333,7 @@ class SegmentPort:
             attachment: Attachment of the query.
             done: Called once, on a Zenoh thread: with the first answer as soon as it arrives, or with None when it is
                 certain that there is none. Not called after `close`, unless the call has already begun.
+            complete: Whether to ask complete servers alone, as clients of rmw_zenoh do; else the nearest one.
 
         Returns:
             The pending query, which `close` cancels.
@@ -341,7 +350,7 @@ class SegmentPort:
         self._session.get(
             key,
             handler,
-            target=zenoh.QueryTarget.ALL_COMPLETE,
+            target=zenoh.QueryTarget.ALL_COMPLETE if complete else zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
             payload=payload,
             attachment=attachment,

@@ -72,6 +72,7 @@ _FEWEST = 8
 _ABSENT = "no message of its topic came in these runs"
 _UNCHANGED = "no message that came in these runs could be changed in it"
 _RARE = "messages of its topic came in too few of these runs"
+_REFUSED = "its node refused nearly all values that were tried"
 _STILL = "inner fields had far fewer values than in nominal runs where each external field had one value in a run"
 
 Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
@@ -191,7 +192,8 @@ class DrivenRuns:
             least: Number of runs with messages that is enough.
         """
         if one.parameter:
-            return ""
+            refused = sum(one.path in outcome.statistics.get("refused", {}) for outcome in outcomes)
+            return _REFUSED if refused and len(outcomes) - refused < least else ""
         came = sum(_times(outcome, one) > 0 for outcome in outcomes)
         if one.name not in self.changed:
             return _UNCHANGED if came else _ABSENT

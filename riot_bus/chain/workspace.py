@@ -20,6 +20,7 @@ from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
@@ -40,12 +41,13 @@ _ATTEMPTS = 3  # fewer failures are only warned of; three of three mean a broken
 
 @dataclass(slots=True)
 class StepRun:
-    """One running step: its workspace, its runners and its figures."""
+    """One running step: its workspace, its runners, its figures, and the parameters that nodes have refused."""
 
     workspace: Workspace
     name: str
     started: float = field(default_factory=time.monotonic)
     runners: list[StoredRunner] = field(default_factory=list)
+    refused: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def trials(self) -> int:
@@ -63,12 +65,16 @@ class StepRun:
 
     def told(self, outcome: Outcome) -> None:
         """Report the outcome of a trial."""
+        for name, why in dict(outcome.statistics.get("refused", {})).items():
+            self.refused.setdefault(name, []).append(why)
         first = outcome.violations[0] if outcome.violations else None
         signature, detail = (first.signature, first.detail) if first else (None, outcome.detail)
         self.workspace.tell(TrialFinished(self.name, outcome.verdict.value, signature, detail, outcome.seconds))
 
     def end(self, text: str, *, folder: Path | None = None, record: Artefact | None = None) -> None:
-        """Report the result of the step, and what it has written."""
+        """Report the result of the step, what running nodes have refused, and what it has written."""
+        for name, why in self.refused.items():
+            text += f"; param:{name} was refused in {counted(len(why), 'run')} (last: {why[-1]})"
         dump = None if record is None else record.model_dump(mode="json")
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))

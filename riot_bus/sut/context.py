@@ -15,7 +15,7 @@ from riot_bus.sut.hangs import Hangs
 from riot_bus.sut.sources import source_files
 from riot_bus.sut.system import PARAMETER, SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -120,11 +120,15 @@ def open_system(path: Path) -> Context:
         files.append(source)
     for program in file.programs:
         for parameter in (each for text in file.texts_of(program) for each in PARAMETER.findall(text)):
-            if parameter not in file.external.parameters:  # only in files: riot.toml itself was checked when read
-                hint = did_you_mean(parameter, file.external.parameters)
+            if why := file.external.why_not_in_commands(parameter):  # only in files: riot.toml was checked when read
                 where = f"{file.path}: {', '.join(program.files)}"
-                raise ConfigError(f"'{{param:{parameter}}}' is not described", where=where, hint=hint)
+                raise ConfigError(why[0], where=where, hint=why[1])
     registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
+    for name, parameter in file.external.in_nodes.items():
+        if registry.parameter_adapter(str(parameter.node)) is None:
+            hint = "a node of ROS 2 is written like /planner, a component of MAVLink like 1/1 (system/component)"
+            where = f"{file.path}: external.parameters.{name}"
+            raise ConfigError(f"no adapter knows parameters of {parameter.node!r}", where=where, hint=hint)
     return Context(file, registry, (*(monitor() for monitor in LIVENESS), *file.invariants))
 
 

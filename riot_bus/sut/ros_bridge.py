@@ -13,7 +13,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others, wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from riot_bus.sut.launcher import ComponentProcess, Launcher
@@ -73,7 +73,9 @@ def domain_environment(domain: int, folder: Path) -> dict[str, str]:
     }
 
 
-def start_bridge(launcher: Launcher, name: str, *, endpoint: str, domain: int, folder: Path) -> ComponentProcess:
+def start_bridge(
+    launcher: Launcher, name: str, *, endpoint: str, domain: int, folder: Path, parameters: Iterable[str] = ()
+) -> ComponentProcess:
     """Start a bridge that joins a ROS domain to a segment.
 
     Args:
@@ -82,8 +84,14 @@ def start_bridge(launcher: Launcher, name: str, *, endpoint: str, domain: int, f
         endpoint: Endpoint of the segment.
         domain: Number of the domain.
         folder: Folder for its output.
+        parameters: Nodes whose parameters are set from the segment.
     """
-    options = [f"--domain={domain}", f"--endpoint={endpoint}", "--format=json"]
+    options = [
+        *(f"--parameters={node}" for node in parameters),
+        f"--domain={domain}",
+        f"--endpoint={endpoint}",
+        "--format=json",
+    ]
     command = [*riot_command(), "bridge", "ros2", *options]
     return launcher.start(name, command, env=environment_of_others(), cwd=folder, directory=folder)
 

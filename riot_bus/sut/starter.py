@@ -150,8 +150,14 @@ class ComponentStarter:
         bridge = self._bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
             number, called = self._domain(name), f"{name}.bridge"
+            nodes = {str(each.node) for each in self._file.external.in_nodes.values()}
             self._bridges[name] = start_bridge(
-                self._launcher, called, endpoint=endpoint, domain=number, folder=self._directory
+                self._launcher,
+                called,
+                endpoint=endpoint,
+                domain=number,
+                folder=self._directory,
+                parameters=sorted(node for node in nodes if node.startswith("/")),
             )
         around: dict[str, Any] = {"env": env, "cwd": cwd}
         self._checks[name] = _ReadyCheck(filled.ready.command, plain, cwd)

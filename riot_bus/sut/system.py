@@ -312,14 +312,22 @@ class Component(_Table):
 
 
 class Parameter(_Table):
-    """`[external.parameters]`: what {param:NAME} in commands stands for, and what else the outside may choose."""
+    """`[external.parameters]`: what {param:NAME} in commands stands for, and what else the outside may choose.
+
+    With `node`, it is set in that running node of ROS 2 or component of MAVLink instead, before the inputs of each run;
+    `name` is what it is called there.
+    """
 
     nominal: bool | int | float | str
     range: tuple[float, float] | None = None
     values: tuple[bool | int | float | str, ...] = ()
+    node: Annotated[str, Field(min_length=1)] | None = None
+    name: Annotated[str, Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _is_told(self) -> Self:
+        if self.name is not None and self.node is None:
+            raise MistakeError("`name` is what a node calls it", hint='add node = "/NODE", or leave `name` out')
         if isinstance(self.nominal, bool) and not self.values and self.range is None:
             object.__setattr__(self, "values", (False, True))
         if (self.range is None) == (not self.values):
@@ -343,6 +351,29 @@ class External(_Table):
     parameters: dict[str, Parameter] = {}
     exclude: tuple[str, ...] = ()
     timing: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _are_different(self) -> Self:
+        taken: dict[tuple[str | None, str], str] = {}
+        for key, one in self.in_nodes.items():
+            if (other := taken.setdefault((one.node, one.name or key), key)) != key:
+                raise MistakeError(
+                    f"parameters {other!r} and {key!r} are the same one of {one.node!r}", place=["parameters", key]
+                )
+        return self
+
+    @property
+    def in_nodes(self) -> dict[str, Parameter]:
+        """The parameters that running nodes take."""
+        return {key: one for key, one in self.parameters.items() if one.node is not None}
+
+    def why_not_in_commands(self, parameter: str) -> tuple[str, str] | None:
+        """Return why {param:NAME} stands for nothing in a command, and a hint; None if it does."""
+        if parameter not in self.parameters:
+            return f"'{{param:{parameter}}}' is not described", did_you_mean(parameter, self.parameters) or ""
+        if (node := self.parameters[parameter].node) is not None:
+            return f"'{{param:{parameter}}}' is set in {node!r} while it runs", "use one without `node` in commands"
+        return None
 
 
 class Settle(_Table):
@@ -451,8 +482,8 @@ class SystemFile(_Table):
         for key, texts in {**by_key, "setup": component.setup, "teardown": component.teardown}.items():
             for text in texts:
                 for parameter in PARAMETER.findall(text):
-                    if parameter not in self.external.parameters:
-                        raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
+                    if why := self.external.why_not_in_commands(parameter):
+                        raise ValueError(f"{place}.{key}|{why[0]}|{why[1]}")
                 if found := _misspelt(text):
                     raise ValueError(f"{place}.{key}|{found[0]}|{found[1]}")
 
@@ -601,6 +632,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "system": System,
         "components": Component,
         "external": External,
+        "parameters": Parameter,
         "unit": Unit,
         "settle": Settle,
         "reset": Reset,

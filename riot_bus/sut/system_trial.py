@@ -20,6 +20,7 @@ from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.kept_system import KeptSystem
 from riot_bus.sut.live_system import LiveSystem
+from riot_bus.sut.node_parameters import set_parameters
 from riot_bus.sut.persistent import end_kept
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
@@ -106,7 +107,8 @@ class SystemTrial:
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
 
     The outcome's statistics contain the number of messages that each injection changed (`delivered`), and their sum
-    (`modified`), and how many seconds a thread of the system waited for a processor (`held_up`).
+    (`modified`), how many seconds a thread of the system waited for a processor (`held_up`), and the parameters whose
+    value a running node has refused, each with the reason (`refused`).
     """
 
     pace: RunPace
@@ -143,7 +145,7 @@ class SystemTrial:
     def _kept_components(self, case: TestCase, place: TrialPlace) -> LiveSystem | KeptSystem | None:
         """Return components that are kept between runs or that use virtual time; None if neither applies."""
         file = place.context.file
-        system, parameters = file.system, _parameters(case)
+        system, parameters = file.system, _at_start(case, file)
         goes_on = not (self.unit or self.record or self.evidence)
         virtual = system.clock is not None and bool(case.messages)
         in_time = not virtual and system.reset is not None and goes_on and KeptSystem.can_carry(file, case)
@@ -204,7 +206,7 @@ class SystemTrial:
                         intercept=context.topics(*sorted(injected)),
                         pipeline=Pipeline([injector, tap], registry=registry),
                         stall=_STALL,
-                        parameters=_parameters(case),
+                        parameters=_at_start(case, file),
                         imports=place.imports,
                         attach=[*inside, *outside],
                         network=place.network,
@@ -252,6 +254,7 @@ class SystemTrial:
                 for name in inside:
                     stage.start(name, seed=case.seed, pace=self.pace)
                 stage.wait_ready(inside)
+            refused = set_parameters(stage, inside, _parameters(case))
             if probe:
                 probe.begin()
             unplayed, begun = False, (stage.activity(inside), stage.others.activity())
@@ -296,7 +299,7 @@ class SystemTrial:
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
             seconds=time.monotonic() - started,
-            detail="; ".join(judged.broken),
+            detail="; ".join([*judged.broken, *(f"param:{name}: {why}" for name, why in refused.items())]),
             observed=self._observed([*external, *inner], begin, registry) if self.observe else {},
             log=log,
             statistics={
@@ -304,6 +307,7 @@ class SystemTrial:
                 "unseen": judged.unseen,
                 "held_up": round(held_up, 2),
                 **({"baseless": judged.baseless} if judged.baseless else {}),
+                **({"refused": refused} if refused else {}),
                 **({} if case.messages else {"delivered": tap.delivered(), "modified": sum(tap.delivered())}),
                 **(probe.statistics if probe else {}),
             },
@@ -460,12 +464,17 @@ def _inside(file: SystemFile) -> list[str]:
 
 
 def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:
-    """Return the parameters of commands that a case sets."""
+    """Return the parameters that a case sets."""
     return {
         str(each.field): each.value
         for each in case.injections
         if each.topic == PARAMETERS and isinstance(each.value, bool | int | float | str | bytes)
     }
+
+
+def _at_start(case: TestCase, file: SystemFile) -> dict[str, bool | int | float | str | bytes]:
+    """Return the parameters of commands that a case sets, without those that running nodes take."""
+    return {name: value for name, value in _parameters(case).items() if name not in file.external.in_nodes}
 
 
 def _restless(names: Sequence[str], stage: TrialSetup) -> EnvironmentFaultError:

@@ -36,6 +36,7 @@ from riot_bus.types.capabilities import (
     ReadsMetadata,
     ReadsTypesFromKeys,
     RecordedTopic,
+    SetsParameters,
     Stamp,
     TakesFiles,
 )
@@ -62,6 +63,7 @@ _OF_ADAPTERS = (
     AnnouncesServers,
     ReadsMetadata,
     PublishesAs,
+    SetsParameters,
     ConvertsFiles,
     ListensToLinks,
 )

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.types.fields import FieldType
     from riot_bus.types.model import MessageType, Schema
     from riot_bus.types.payloads import Gathered, Payloads
+    from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
@@ -48,6 +49,7 @@ __all__ = [
     "ReadsTypesFromKeys",
     "RecordedTopic",
     "Role",
+    "SetsParameters",
     "SimClock",
     "Stamp",
     "StandIn",
@@ -205,6 +207,42 @@ class AnnouncesServers(Protocol):
             key: Key of the service.
             zid: Id of the Zenoh session that serves it.
             entity: Number of the server in the session, from 1.
+        """
+        ...
+
+
+@runtime_checkable
+class SetsParameters(Protocol):
+    """Sets parameters of running participants, such as nodes of ROS 2."""
+
+    def has_parameters(self, node: str) -> bool:
+        """Return whether a text names a participant of this kind, such as `/planner`."""
+        ...
+
+    def set_parameters(
+        self,
+        node: str,
+        values: Mapping[str, Scalar],
+        ports: Sequence[SegmentAccess],
+        *,
+        timeout: float,
+        alive: Callable[[], bool],
+    ) -> Mapping[str, str]:
+        """Set parameters of a participant, and wait until it says what it has done.
+
+        Args:
+            node: Name of the participant.
+            values: Values by name; a float stays a float, though it is a whole number.
+            ports: The segments on one of which it is.
+            timeout: Seconds within which it has to answer.
+            alive: Function that returns whether the system still runs; if not, waiting ends.
+
+        Returns:
+            The parameters that it has refused, each with the reason; empty if the system has ended.
+
+        Raises:
+            ConfigError: A value is of a type that the parameter cannot have.
+            EnvironmentFaultError: It has not answered in time.
         """
         ...
 

@@ -101,5 +101,13 @@ class SegmentAccess(Protocol):
     def serve(self, key: str, take: Callable[[PortQuery], None]) -> Closeable:
         """Answer the requests of others."""
 
-    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Closeable:
+    def ask(
+        self,
+        key: str,
+        payload: bytes,
+        attachment: bytes,
+        done: Callable[[bytes | None], None],
+        *,
+        complete: bool = True,
+    ) -> Closeable:
         """Send a request to the servers of a key; closing the result cancels it."""

@@ -16,6 +16,7 @@ from riot_bus.types.capabilities import (
     PublishesAs,
     ReadsMetadata,
     ReadsTypesFromKeys,
+    SetsParameters,
     TakesFiles,
 )
 from riot_bus.types.codecs import Codecs
@@ -221,6 +222,11 @@ class TypeRegistry:
     def publishing_adapters(self) -> list[PublishesAs]:
         """Return the adapters that know how topics are published."""
         return list(self._publishing)
+
+    def parameter_adapter(self, node: str) -> SetsParameters | None:
+        """Return the adapter that sets parameters of a running participant, None if none knows such a name."""
+        found = (each for each in self._adapters if isinstance(each, SetsParameters))
+        return next((each for each in found if each.has_parameters(node)), None)
 
     def metadata_adapters(self) -> list[ReadsMetadata]:
         """Return the adapters that read metadata of messages and publishers."""

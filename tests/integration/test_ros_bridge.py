@@ -11,11 +11,21 @@ import pytest
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.local import Pool
 from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.system import RunPace
+from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.injection import PARAMETERS, Injection
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import TestCase, Verdict
 from riot_bus.zenoh.session import wait_until
+from riot_bus_ros2.attachment import Attachment, build_attachment
+from riot_bus_ros2.keys import DataKey, build_data_key
+from riot_bus_ros2.store import TypeStore
 from tests.integration.existing_suite import ros_test
 from tests.ros2_env import ros2_environment, ros2_interpreter
+from tests.ros2_messages import encode
 
 pytestmark = pytest.mark.integration
 
@@ -80,6 +90,69 @@ def test_without_rclpy_it_says_what_is_missing(tmp_path: Path) -> None:
     code, _, said = ros_test(tmp_path, "--dds", command=["true"], RIOT_ROS_PYTHON="no-such-python")
     assert code == 4
     assert said[0].startswith("--dds: no bridge to DDS: ")
+
+
+PLANNER = """
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from std_msgs.msg import Float64
+
+rclpy.init()
+node = rclpy.create_node("planner")
+node.declare_parameter("gain", 5.0)
+publisher = node.create_publisher(Float64, "/out", 10)
+
+
+def gain():
+    return node.get_parameter("gain").value
+
+
+def check(parameters):
+    wrong = [each.name for each in parameters if each.value > 10]
+    return SetParametersResult(successful=not wrong, reason="at most 10" if wrong else "")
+
+
+node.add_on_set_parameters_callback(check)
+node.create_subscription(Float64, "/in", lambda message: publisher.publish(Float64(data=gain() * message.data)), 10)
+rclpy.spin(node)
+"""
+PLANNERS = """
+[system]
+name = "gains"
+adapters = ["ros2"]
+reset = { command = ["true"] }
+
+[external]
+topics = ["/in"]
+parameters = { gain = { nominal = 2.0, range = [-9, 20], node = "/planner" } }
+
+[components.planner]
+command = ["sh", "-c", "exec $RIOT_ROS_PYTHON planner.py"]
+dds = true
+inputs = ["/in"]
+outputs = ["/out"]
+ready = { timeout = 90 }
+"""
+
+
+def test_parameters_of_a_node_are_set_before_each_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
+    (tmp_path / "planner.py").write_text(PLANNER)
+    (tmp_path / "riot.toml").write_text(PLANNERS)
+    key = build_data_key(DataKey(0, "/in", "std_msgs/msg/Float64", TypeStore().type_hash("std_msgs/msg/Float64")))
+    payload = encode("std_msgs/msg/Float64", {"data": 1.0})
+    log = tuple(
+        Message(10**18 + n * 10**8, key, payload, attachment=build_attachment(Attachment(n, 10**18, bytes(16))))
+        for n in range(1, 8)
+    )
+    gains = [None, 3.0, 11.0, -1, None]
+    cases = [TestCase(log, () if each is None else (Injection(PARAMETERS, "gain", each),)) for each in gains]
+    with Pool(tmp_path / "riot.toml", 1, keep=tmp_path / "trials") as pool:
+        outcomes = [pool.execute(SystemTrial(RunPace(duration=1.0), ("/out:data",)), case) for case in cases]
+    assert [one.verdict for one in outcomes] == [Verdict.PASS] * 5, [one.detail for one in outcomes]
+    assert [set(one.observed["/out:data"].values) for one in outcomes] == [{2.0}, {3.0}, {2.0}, {-1.0}, {2.0}]
+    refused = {"gain": "/planner refused 11.0: at most 10"}
+    assert [one.statistics.get("refused", {}) for one in outcomes] == [{}, {}, refused, {}, {}]
 
 
 CHARGER = Path(__file__).resolve().parents[1] / "systems" / "charger" / "riot.toml"

@@ -47,6 +47,10 @@ def ros2(
             help="Bridge only these services or actions; repeatable. [default: all but those that every node has]",
         ),
     ] = None,
+    parameters: Annotated[
+        Names,
+        typer.Option(metavar="NODE", help="Let parameters of these nodes be set from the other side, too; repeatable."),
+    ] = None,
     exclude: Annotated[
         Names, typer.Option(metavar="NAME", help="Leave out these topics, services and actions; repeatable.")
     ] = None,
@@ -86,6 +90,7 @@ def ros2(
         zenoh_domain=zenoh_domain,
         topics=topics,
         services=services,
+        parameters=parameters or (),
         exclude=exclude or (),
         depth=depth,
         latched=latched,

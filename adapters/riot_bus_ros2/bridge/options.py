@@ -43,6 +43,7 @@ class Ros2BridgeOptions:
         zenoh_domain: First chunk of the keys on the segment; the same for bridges that should reach each other.
         topics: Topics to bridge, as names with `*` (one chunk) and `**` (any); None for the default choice.
         services: Services to bridge, in the same form.
+        parameters: Nodes whose parameters can be set from the other side, in the same form.
         exclude: Topics and services that are not bridged.
         depth: Number of messages that the bridge's endpoints keep for slow peers. DDS does not tell what others keep.
         latched: Number of messages that are kept for late joiners of latched topics.
@@ -54,6 +55,7 @@ class Ros2BridgeOptions:
     zenoh_domain: int = 0
     topics: Sequence[str] | None = None
     services: Sequence[str] | None = None
+    parameters: Sequence[str] = ()
     exclude: Sequence[str] = ()
     depth: int = 1000
     latched: int = 100
@@ -70,7 +72,8 @@ class Ros2BridgeOptions:
         for where, number in (("--depth", self.depth), ("--latched", self.latched)):
             if not 0 < number <= _MOST_KEPT:
                 raise ConfigError(f"cannot keep {number} messages", where=where, hint=f"1 to {_MOST_KEPT}")
-        for where, names in (("--topics", self.topics), ("--services", self.services), ("--exclude", self.exclude)):
+        named = {"--topics": self.topics, "--services": self.services, "--exclude": self.exclude}
+        for where, names in {**named, "--parameters": self.parameters}.items():
             for name in names or ():
                 if not name.startswith("/"):
                     raise ConfigError(f"{name!r} is no full ROS name", where=where, hint=f"write it like /{name}")
@@ -87,6 +90,7 @@ class Names:
 
     def __init__(self, options: Ros2BridgeOptions) -> None:
         self._topics, self._services, self._exclude = options.topics, options.services, options.exclude
+        self._parameters = [f"{node}/set_parameters" for node in options.parameters]
         self._known: dict[tuple[str, bool], bool] = {}
 
     def topic(self, name: str) -> bool:
@@ -114,6 +118,8 @@ class Names:
         if action is not None:  # an action is bridged as a whole
             lists = [each for each in (self._topics, self._services) if each is not None]
             return not lists or any(_any_matches(each, names) for each in lists)
+        if service and _any_matches(self._parameters, names):
+            return True
         wanted = self._services if service else self._topics
         if wanted is not None:
             return _any_matches(wanted, names)

@@ -13,7 +13,7 @@ from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
-from tests.unit.chain.machine import HANG, MODE, SPEED, Bench, bench, commands, said
+from tests.unit.chain.machine import HANG, MODE, SPEED, SYSTEM, Bench, bench, commands, said
 
 
 def outcome(**values: tuple[object, ...]) -> Outcome:
@@ -73,6 +73,17 @@ def test_each_field_has_its_own_signal_in_each_run(tmp_path: Path) -> None:
     assert len(signals) == len({signal.seed for signal in signals}) == 9
     assert {signal.hold for signal in signals} == {5}
     assert all(run.inputs.keys() == {"panel:knob", "panel:lever", "panel:heat"} for run in system.runs(found))
+
+
+def test_a_parameter_that_its_node_refuses_has_not_been_driven(tmp_path: Path) -> None:
+    gain = "[external.parameters]\ngain = { nominal = 1, range = [0, 9] }\n[external.ranges]"
+    one = bench(tmp_path, SYSTEM.replace("[external.ranges]", gain))
+    runner = one.machine.system(RunPace(duration=3), observe=(SPEED,))
+    system = DrivenRuns(one.run(), runner, (), (SPEED,), {})
+    (field,) = (each for each in external_fields(one.workspace) if each.parameter)
+    taken, refused = outcome(), replace(outcome(), statistics={"refused": {"gain": "/n refused 3: no"}})
+    assert system.why_undriven(field, [taken] * 3 + [refused], least=3) == ""
+    assert "its node refused nearly all values" in system.why_undriven(field, [taken] * 2 + [refused], least=3)
 
 
 def fresh_only(readings: Sequence[Message]) -> list[Message]:

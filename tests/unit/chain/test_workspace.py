@@ -6,11 +6,11 @@ import pytest
 
 from riot_bus.chain import workspace as room
 from riot_bus.chain.workspace import Workspace, open_finding, system_of
-from riot_bus.events import StepFinished, StepStarted, TrialFinished
+from riot_bus.events import Listeners, StepFinished, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
 from riot_bus.sut.runners import LocalRunners
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from tests.unit.chain.machine import COUNT, SYSTEM, always, bench, command, write_finding
 
 
@@ -68,6 +68,20 @@ def test_a_named_log_has_to_be_there(tmp_path: Path) -> None:
     one = bench(tmp_path, SYSTEM.replace('name = "machine"', 'name = "machine"\nnominal = "gone.mcap"'))
     with pytest.raises(ConfigError, match=r"the nominal log 'gone\.mcap' is not there"):
         one.workspace.nominal_log()
+
+
+def test_what_running_nodes_refuse_is_told_with_the_step(tmp_path: Path) -> None:
+    told: list[object] = []
+    one = bench(tmp_path)
+    one.workspace.tell = Listeners([told.append])
+    with one.workspace.step("activate") as step:
+        for value in (11.0, 12.0):
+            step.told(Outcome(Verdict.PASS, statistics={"refused": {"gain": f"/planner refused {value}: at most 10"}}))
+        step.told(Outcome(Verdict.PASS))
+        step.end("nothing was found")
+    (ended,) = (each for each in told if isinstance(each, StepFinished))
+    why = "param:gain was refused in 2 runs (last: /planner refused 12.0: at most 10)"
+    assert ended.text == f"nothing was found; {why}"
 
 
 def test_runners_are_given_back_in_the_end(tmp_path: Path) -> None:

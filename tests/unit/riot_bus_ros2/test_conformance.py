@@ -14,6 +14,7 @@ from riot_bus.types.capabilities import (
     PublishesAs,
     ReadsMetadata,
     ReadsTypesFromKeys,
+    SetsParameters,
 )
 from riot_bus.types.model import TopicName
 from tests.bags import STRING_KEY
@@ -43,6 +44,7 @@ class TestRos2(AdapterConformance):
         AnnouncesServers,
         ReadsMetadata,
         PublishesAs,
+        SetsParameters,
     )
     foreign = ("", "a/b", "mavlink_raw/gcs/255/190/HEARTBEAT")
     tokens = (

@@ -106,6 +106,25 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1.0 }", 10, ("range = [LEAST, MOST]",)),
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1, range = [3, 2] }", 10, ("no range of 1",)),
         ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("none of the values",)),
+        ("[unit.one]", '[external.parameters]\ng = { nominal = true, name = "h" }', 10, ("add node", "`name` is what")),
+        (
+            "[unit.one]",
+            '[external.parameters]\ng = { nominal = true, nod = "/h" }',
+            9,
+            ("'nod'", "did you mean 'node'"),
+        ),
+        (
+            "[unit.one]",
+            '[external.parameters]\ng = { nominal = true, node = "n" }\nh = { nominal = true, node = "n", name = "g" }',
+            11,
+            ("'g' and 'h' are the same one of 'n'",),
+        ),
+        (
+            "[unit.one]",
+            '[unit.one]\ncwd = "{param:g}"\n[external.parameters]\ng = { nominal = true, node = "/n" }',
+            10,
+            ("'{param:g}' is set in '/n' while it runs", "without `node`"),
+        ),
         ("[unit.one]", '[external.values]\n"a:b" = []', 10, ("at least 1",)),
         ('segment = "a"', "external = true\n[system.clock]\nstep = 0.1", 8, ("have a time of their own",)),
         ("[unit.one]", "[system.clock]\n[system.trial_run]\nduration = 5\nspeed = 2", 12, ("as fast as they can",)),
@@ -203,6 +222,19 @@ def test_files_with_placeholders_are_there_and_describe_their_parameters(tmp_pat
     assert set(before) == {"riot.toml", "b", "c/a.json5"}
     (tmp_path / "b").write_text("other")
     assert {name for name, digest in open_system(path).parts().items() if digest != before[name]} == {"b"}
+
+
+@pytest.mark.parametrize(("node", "known"), [("/planner", True), ("/robot1/planner", True), ("planner", False)])
+def test_running_components_are_known_to_an_adapter(tmp_path: Path, node: str, known: bool) -> None:
+    text = GOOD + f'[external.parameters]\ngain = {{ nominal = true, node = "{node}" }}\n'
+    path = write(tmp_path, text)
+    if known:
+        assert open_system(path).file.external.parameters["gain"].node == node
+    else:
+        with pytest.raises(ConfigError, match="no adapter knows parameters of 'planner'") as caught:
+            open_system(path)
+        assert "external.parameters.gain" in str(caught.value)
+        assert "/planner" in str(caught.value.hint)
 
 
 def test_braces_of_programs_are_left_alone(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
 
 TOPICS = ["/odom", "/camera/left/image", "/camera/info", "/_hidden/x", "/rosout", "/parameter_events", "/tf_static"]
-SERVICES = ["/switch", "/robot/switch", "/robot/get_parameters", "/robot/set_parameters_atomically", "/_secret"]
+SERVICES = ["/switch", "/robot/switch", "/robot/get_parameters", "/robot/set_parameters", "/_secret"]
 ACTION_TOPICS = ["/dock/_action/feedback", "/dock/_action/status"]
 ACTION_SERVICES = ["/dock/_action/send_goal", "/dock/_action/cancel_goal", "/dock/_action/get_result"]
 
@@ -42,6 +42,9 @@ def test_by_default_everything_but_what_is_hidden_or_of_every_node():
             ["/robot/switch"],
         ),
         ({"topics": ["/odom"], "exclude": ["/odom"]}, [], ["/switch", "/robot/switch"]),
+        ({"topics": [], "parameters": ["/rob*"]}, [], ["/switch", "/robot/switch"]),
+        ({"topics": [], "parameters": ["/robot"]}, [], ["/switch", "/robot/switch", "/robot/set_parameters"]),
+        ({"topics": ["/dock"], "services": [], "parameters": ["/*"]}, ACTION_TOPICS, [SERVICES[3], *ACTION_SERVICES]),
     ],
 )
 def test_names_may_be_chosen(options, topics, services):
@@ -59,6 +62,7 @@ def test_names_may_be_chosen(options, topics, services):
         ({"topics": ["odom"]}, "--topics"),
         ({"services": ["switch"]}, "--services"),
         ({"exclude": ["**"]}, "--exclude"),
+        ({"parameters": ["robot"]}, "--parameters"),
         ({"setup": Path("/no/such/setup.bash")}, "--setup"),
     ],
 )
