@@ -15,19 +15,24 @@ from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
 from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
 from riot_bus_mavlink.message_type import PREFIX, MavlinkType
+from riot_bus_mavlink.parameters import ParameterClient
 from riot_bus_mavlink.schema_text import ENCODING, parse_schema
 from riot_bus_mavlink.signing import Signer, read_key
 from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import MessageTable
 
 __all__ = ["MavlinkAdapter"]
 
 _OPTIONS = ("dialect", "key_file", "template")
+_COMPONENT = re.compile(r"([1-9][0-9]{0,2})/([1-9][0-9]{0,2})", re.ASCII)
+_MOST = 255  # largest id of a system or component
 _SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
@@ -133,6 +138,28 @@ class MavlinkAdapter:
         if not checksum_fits(frame, extra) if extra is not None else self.topic(message.key) is None:
             return None
         return tlog_record(message.time, message.payload)
+
+    def has_parameters(self, node: str) -> bool:
+        """Return whether a text names a component, such as `1/1`: the ids of its system and its own."""
+        match = _COMPONENT.fullmatch(node)
+        return (
+            match is not None
+            and max(map(int, match.groups())) <= _MOST
+            and self.dialect.message("PARAM_SET") is not None
+        )
+
+    def set_parameters(
+        self,
+        node: str,
+        values: Mapping[str, Scalar],
+        ports: Sequence[SegmentAccess],
+        *,
+        timeout: float,
+        alive: Callable[[], bool],
+    ) -> Mapping[str, str]:
+        """Set parameters of a component by PARAM_SET; see `riot_bus_mavlink.parameters`."""
+        client = ParameterClient(self.dialect, self.template)
+        return client.set(node, values, ports, timeout=timeout, alive=alive)
 
     def listen(
         self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]

@@ -1,4 +1,4 @@
-"""Parameters of nodes that run: set before each run, in the way of rmw_zenoh and of zenoh-bridge-ros2dds."""
+"""Parameters of what runs: set before each run as rmw_zenoh, zenoh-bridge-ros2dds and MAVLink do."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from riot_bus_mavlink.frame import pack_frame
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
@@ -138,3 +139,91 @@ def test_a_nominal_value_that_is_refused_and_a_node_that_is_not_there_are_told(t
     assert outcome.verdict is Verdict.ERROR
     assert "node '/planer' has not announced its service 'set_parameters' within 5 s" in outcome.detail
     assert "'/planner'" in outcome.detail
+
+
+VEHICLE = """
+import struct, sys
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common
+
+FLOAT, INTEGER = common.MAV_PARAM_TYPE_REAL32, common.MAV_PARAM_TYPE_INT32
+autopilot, values = int(sys.argv[2]), {"GAIN": 5.0, "LEVEL": 5}
+link = mavutil.mavlink_connection(sys.argv[1], source_system=1, source_component=1)
+cast = autopilot == common.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+
+def tell(name):
+    value = values[name]
+    if name == "LEVEL" and not cast:
+        (value,) = struct.unpack("<f", struct.pack("<i", value))
+    link.mav.param_value_send(name.encode(), value, INTEGER if name == "LEVEL" else FLOAT, 2, 0)
+
+
+while True:
+    message = link.recv_match(blocking=True, timeout=0.1)
+    if message is None:
+        link.mav.heartbeat_send(common.MAV_TYPE_QUADROTOR, autopilot, 0, 0, common.MAV_STATE_ACTIVE)
+    elif message.get_type() == "PARAM_REQUEST_READ" and message.param_id in values:
+        tell(message.param_id)
+    elif message.get_type() == "PARAM_SET" and message.param_id in values:
+        value = message.param_value
+        if message.param_id == "LEVEL":
+            value = int(value) if cast else struct.unpack("<i", struct.pack("<f", value))[0]
+        values[message.param_id] = value if value <= 10 else values[message.param_id]
+        tell(message.param_id)
+    elif message.get_type() == "SYSTEM_TIME":
+        link.mav.debug_vect_send(b"both", 0, values["GAIN"], values["LEVEL"], 0)
+"""
+FLIGHT = """
+[system]
+name = "flight"
+adapters = ["mavlink"]
+reset = { command = ["true"] }
+
+[external]
+topics = ["mavlink_raw/gcs/255/190/SYSTEM_TIME"]
+
+[external.parameters]
+GAIN = { nominal = 2.0, range = [-9, 20], node = "1/1" }
+level = { nominal = 3, range = [-9, 300], node = "1/1", name = "LEVEL" }
+
+[components.vehicle]
+command = [
+    "{python}", "-m", "riot_bus", "bridge", "mavlink", "--endpoint={endpoint}", "--link=/air=udpin:127.0.0.1:0", "--",
+    "{python}", "vehicle.py", "udpout:127.0.0.1:{port}", "AUTOPILOT",
+]
+inputs = ["mavlink_raw/gcs/255/190/SYSTEM_TIME"]
+outputs = ["mavlink_raw/air/1/1/DEBUG_VECT"]
+ready = { timeout = 60 }
+"""
+
+
+@pytest.mark.parametrize("autopilot", [3, 12], ids=["integers become floats", "integers keep their bytes"])
+def test_parameters_of_a_vehicle(tmp_path: Path, autopilot: int) -> None:
+    pytest.importorskip("pymavlink")
+    (tmp_path / "vehicle.py").write_text(VEHICLE)
+    (tmp_path / "riot.toml").write_text(FLIGHT.replace("AUTOPILOT", str(autopilot)))
+    frame = {"system": 255, "component": 190, "version": 2}
+    log = tuple(
+        Message(
+            10**18 + n * 10**8,
+            "mavlink_raw/gcs/255/190/SYSTEM_TIME",
+            pack_frame(2, bytes(12), 137, sequence=n, **frame),
+        )
+        for n in range(8)
+    )
+    chosen: list[dict[str, float]] = [{}, {"GAIN": 3.5, "level": -4}, {"GAIN": 11.0, "level": 200}, {"level": 7}, {}]
+    cases = [TestCase(log, tuple(Injection(PARAMETERS, *each) for each in values.items())) for values in chosen]
+    names = tuple(f"mavlink_raw/air/1/1/DEBUG_VECT:{field}" for field in "xy")
+    with Pool(tmp_path / "riot.toml", 1, keep=tmp_path / "trials") as pool:
+        outcomes = [pool.execute(SystemTrial(RunPace(duration=1.0), names), case) for case in cases]
+    assert [one.verdict for one in outcomes] == [Verdict.PASS] * 5, [one.detail for one in outcomes]
+    found = [tuple(set(one.observed[name].values) for name in names) for one in outcomes]
+    assert found == [({2.0}, {3.0}), ({3.5}, {-4.0}), ({2.0}, {3.0}), ({2.0}, {7.0}), ({2.0}, {3.0})]
+    assert [one.statistics.get("refused", {}) for one in outcomes] == [
+        {},
+        {},
+        {"GAIN": "1/1 refused 11.0: it answers 3.5", "level": "1/1 refused 200: it answers -4"},
+        {},
+        {},
+    ]
