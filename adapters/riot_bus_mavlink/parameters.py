@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
 
-__all__ = ["ParameterClient", "ParameterKind", "packed", "unpacked"]
+__all__ = ["ComponentParameters", "ParameterKind", "packed", "unpacked"]
 
 ItemT = TypeVar("ItemT")
 
@@ -103,7 +103,7 @@ def unpacked(data: bytes, kind: ParameterKind) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-class ParameterClient:
+class ComponentParameters:
     """Sets parameters of components.
 
     Args:

@@ -17,7 +17,7 @@ from riot_bus_ros2.files import load_files
 from riot_bus_ros2.keys import is_topic, key_expression, name_of_expression, parse_data_key
 from riot_bus_ros2.live import ask_nodes, services_of
 from riot_bus_ros2.offering import clock_of, offer_of, server_tokens
-from riot_bus_ros2.parameters import ParameterClient
+from riot_bus_ros2.parameters import NodeParameters
 from riot_bus_ros2.serving import SPACES, action_parts, call_type
 from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
@@ -169,7 +169,7 @@ class Ros2Adapter:
         alive: Callable[[], bool],
     ) -> Mapping[str, str]:
         """Set parameters of a node by its service; see `riot_bus_ros2.parameters`."""
-        client = ParameterClient(
+        client = NodeParameters(
             self.store, tokens=self.tokens, announcement=self.announcement, attachment=self._request_attachment
         )
         return client.set(node, values, ports, timeout=timeout, alive=alive)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
 
-__all__ = ["ParameterClient", "refused_by", "request_of"]
+__all__ = ["NodeParameters", "refused_by", "request_of"]
 
 ItemT = TypeVar("ItemT")
 
@@ -73,7 +73,7 @@ def refused_by(reply: bytes, names: Sequence[str], store: TypeStore) -> dict[str
     return {name: str(one.reason) or "it gives no reason" for name, one in told if not one.successful}
 
 
-class ParameterClient:
+class NodeParameters:
     """Sets parameters of nodes.
 
     Args:
