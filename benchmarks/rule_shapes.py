@@ -315,6 +315,20 @@ SHAPES = (
         ("mode in (2, 5, 7)",),
     ),
     Shape(
+        "enum of powers of two",
+        lambda v: v["gear"] not in (0, 1, 2, 4, 8),
+        (("gear", "int64", -5, (0, 1, 2, 4), 0), ("rpm", "float64", 2.0, 0.0, 10.0)),
+        ("gear not in (0, 1, 2, 4, 8)",),
+        lambda chance: {"gear": chance.randrange(-2, 20), "rpm": chance.uniform(0, 10)},
+    ),
+    Shape(
+        "enum with a gap",
+        lambda v: v["state"] not in (0, 1, 2, 3, 5, 6) and v["on"],
+        (("state", "int32", 4, (0, 1, 2, 3), 0), ("on", "bool", True, (False, True), 0)),
+        ("on == True and state not in (0, 1, 2, 3, 5, 6)",),
+        lambda chance: {"state": chance.randrange(-2, 10), "on": chance.random() < 0.7},
+    ),
+    Shape(
         "booleans and a range",
         lambda v: v["armed"] and not v["homed"] and -90 <= v["z"] < -5,
         (

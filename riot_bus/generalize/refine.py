@@ -20,10 +20,12 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["decisive", "inversions", "narrowed", "probe_threshold", "widen", "without"]
+__all__ = ["around", "decisive", "inversions", "narrowed", "probe_threshold", "widen", "without"]
 
 Number = int | float
 
+_MOST_AROUND = 40
+"""Numbers tried around a set: enough for all up to twice a largest member of 18; of wider sets the nearest ones."""
 _FEW = 3
 """Largest number of samples on which a limit, a term or a literal may rest alone."""
 
@@ -52,6 +54,19 @@ def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[in
     rows = np.flatnonzero(passing)
     near = rows[np.argsort(rule.distance(columns, {})[rows], kind="stable")[:_FEW]]
     return list(dict.fromkeys([*chosen, *near.tolist()]))
+
+
+def around(members: Sequence[int]) -> list[int]:
+    """Return whole numbers that may belong to a set of some as well: beside each, between them, and up to twice them.
+
+    Enumerations are counted on, have gaps, or are powers of two.
+    """
+    least, most = min(members), max(members)
+    beside = {member + step for member in members for step in (-1, 1)}
+    double = {2 * member for member in members} | {2 * member + 1 for member in members}
+    between_ = range(least - 1, max(most, min(2 * most, most + _MOST_AROUND)) + 2)
+    found = dict.fromkeys([*sorted(beside), *sorted(double), *between_[: 2 * _MOST_AROUND]])
+    return [value for value in found if value not in members][:_MOST_AROUND]
 
 
 def widen(table: Table, learnt: Learnt) -> Learnt:

@@ -17,10 +17,20 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
+from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
-from riot_bus.generalize.refine import decisive, inversions, narrowed, probe_threshold, widen
+from riot_bus.generalize.refine import around, decisive, inversions, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
+from riot_bus.generalize.sampling import (
+    Assignment,
+    Sampler,
+    Variable,
+    changed,
+    columns_of,
+    fitted,
+    integer_range,
+    row_of,
+)
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.validation import Estimate, near_limits, scores
 from riot_bus.vocabulary.elements import Setting
@@ -47,6 +57,8 @@ MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, whose comparisons hold periodically."""
 GUESSED = ("explore",)
 """Phases whose answers the rule may predict: not those where rules disagree or at limits, nor those that judge it."""
+_SMALL = 16
+"""A limit of whole numbers up to this may be one of an enumeration, which goes on, or has gaps, beyond it."""
 _EXPLORED = 2
 """Explorations for each time that the rule is learnt: with one variable changed, and with all."""
 FAILS = 0.98
@@ -210,6 +222,14 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
     return min(widened, key=lambda one: one.bits), candidates, masks
 
 
+def _counted(literal: Literal) -> tuple[int, ...]:
+    """Return the whole numbers with which one variable is compared, if they may be those of an enumeration."""
+    told = literal.value if isinstance(literal.value, tuple) else (literal.value,)
+    members = tuple(one for one in told if isinstance(one, int) and not isinstance(one, bool))
+    small = isinstance(literal.value, tuple) or all(abs(one) <= _SMALL for one in members)
+    return members if literal.feature.kind == "raw" and len(members) == len(told) and small else ()
+
+
 def _doubtful(best: Learnt) -> bool:
     """Return whether a rule is longer than rules of one or two plain literals, or wrong."""
     return best.mistakes > 0 or best.bits > DOUBTFUL_BITS
@@ -249,6 +269,7 @@ class _Search:
         self.sought = self.cast = False
         self.turns: dict[object, int] = {}
         self.mirrored: set[object] = set()
+        self.completed: set[object] = set()
         self.anchors: list[dict[str, Setting]] = []
         self.decks: dict[object, list[dict[str, Setting]]] = {}
 
@@ -405,13 +426,15 @@ class _Search:
                 settled = False
                 continue
             narrow = self._thresholds(best)
-            calm = 0 if narrow or questions else calm + 1
+            members = self._members(best) if settled else []
+            calm = 0 if narrow or questions or members else calm + 1
             if calm > 2 and kept is None:
                 return
             settled = settled and calm <= 2
             if not settled:
                 narrow = self.random.sample(narrow, min(1, len(narrow)))
-            asked = {"committee": questions, "threshold": [*narrow, *(self._mirrored(best) if settled else ())]}
+            more = [*members, *self._mirrored(best)] if settled else []
+            asked = {"committee": questions, "threshold": [*narrow, *more]}
             if not settled or not questions or not narrow:
                 self.owed += _EXPLORED
             self.ask_at_once({**asked, "explore": self._explorations(sum(map(len, asked.values())))})
@@ -540,6 +563,27 @@ class _Search:
                 moved = changed(self.variables, base, {name: -value}) if isinstance(value, int | float) else None
                 if moved is not None and not self._known(moved):
                     found.append(moved)
+        return found
+
+    def _members(self, best: Learnt) -> list[Assignment]:
+        """Return trials with numbers around each set or small limit of an integer, once, where it alone decides."""
+        columns = columns_of(self.variables, self.table.assignments)
+        whole = {one.name for one in self.variables if integer_range(one.type) is not None}
+        found: list[Assignment] = []
+        for term in best.rule.terms:
+            for place, literal in enumerate(term):
+                members = _counted(literal)
+                if not whole.issuperset(literal.feature.args) or (literal.feature, members) in self.completed:
+                    continue
+                self.completed.add((literal.feature, members))
+                if not members:
+                    continue
+                rest = Rule((term[:place] + term[place + 1 :],)).predict(columns)
+                others = Rule(tuple(one for one in best.rule.terms if one is not term)).predict(columns)
+                rows = np.flatnonzero(rest & ~others).tolist()
+                base = self.table.assignments[self.random.choice(rows)] if rows else self.anchors[0]
+                moved = (changed(self.variables, base, {literal.feature.args[0]: value}) for value in around(members))
+                found += [one for one in moved if one is not None and not self._known(one)]
         return found
 
     def _pool(self) -> list[Assignment]:
