@@ -30,7 +30,7 @@ __all__ = ["Needed", "Part", "Structure", "parts_of", "search_structure"]
 _MORE_NS, _TIMES = 1_000_000_000, 10
 """A lengthened gap is at least a second longer, and at least ten times as long."""
 
-_TOGETHER = (("key", "missing key"), ("order",), ("gap",))
+_TOGETHER = (("key", "missing key", "no value"), ("order",), ("gap",))
 """Kinds that are changed at once; swapped neighbours with swapped keys would be the same again."""
 
 _Messages = list["Message"]
@@ -42,13 +42,14 @@ class Part:
     """One property of a log that is not a value, and how to change it.
 
     Attributes:
-        kind: `key` (it is there), `missing key`, `order` (of two neighbours), or `gap` (no longer than it is).
+        kind: `key` (it is there), `missing key`, `no value` (such as null or an empty list), `order` (of neighbours),
+            or `gap` (no longer than it is).
         name: Name of the keys, or of the first message.
         then: Name of the message after it; empty for keys.
         change: Function that changes it in a list of messages.
     """
 
-    kind: Literal["key", "missing key", "order", "gap"]
+    kind: Literal["key", "missing key", "no value", "order", "gap"]
     name: str
     then: str
     change: Callable[[_Messages], None]
@@ -166,7 +167,7 @@ def _keys(considered: Sequence[NamedField], known: Collection[str]) -> Iterator[
 
 
 def _missing(fields: NamedFields, names: Sequence[str]) -> Iterator[Part]:
-    """Yield, for each message that lacks keys of its original, the part that puts them back."""
+    """Yield, for each message that lacks values of its original, the part that puts them back."""
     for place, message in enumerate(fields.log.messages):
         before = fields.log.originals.get(message.sequence)
         kind: object = fields.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
@@ -181,7 +182,18 @@ def _missing(fields: NamedFields, names: Sequence[str]) -> Iterator[Part]:
         except PayloadError:
             continue
         if lacking:
-            yield Part("missing key", f"{names[place]}:{', '.join(lacking)}", "", partial(_put_back, place, payload))
+            there = any(_is_there(kind, message.payload, path) for path in lacking)
+            name = f"{names[place]}:{', '.join(lacking)}"
+            yield Part("no value" if there else "missing key", name, "", partial(_put_back, place, payload))
+
+
+def _is_there(kind: OmitsFields, payload: bytes, path: str) -> bool:
+    """Return whether a payload has a key, though it may hold no value."""
+    try:
+        kind.omit(payload, path)
+    except PayloadError:
+        return False
+    return True
 
 
 def _omit(place: int, kind: OmitsFields, path: str, messages: _Messages) -> None:

@@ -475,8 +475,8 @@ class StructureRecord(_Model):
     """A property of the minimal log, other than a value, that the failure needs: two logs that differ only in it.
 
     Attributes:
-        kind: `key` (it is there), `missing key`, `order` (one message is before the next), or `gap` (the next one comes
-            no later than it does).
+        kind: `key` (it is there), `missing key`, `no value` (null, or an empty list or map, where there was one),
+            `order` (one message is before the next), or `gap` (the next one comes no later than it does).
         name: Name of the key, or of the first message.
         then: The message that comes after it.
         failing_log: Log that fails.
@@ -485,7 +485,7 @@ class StructureRecord(_Model):
         passed: Passing ones, and all, of the fresh trials of the passing log.
     """
 
-    kind: Literal["key", "missing key", "order", "gap"]
+    kind: Literal["key", "missing key", "no value", "order", "gap"]
     name: str
     then: str = ""
     failing_log: str
@@ -497,6 +497,7 @@ class StructureRecord(_Model):
         return {
             "key": f"{self.name} is there",
             "missing key": f"{self.name} is missing",
+            "no value": f"{self.name} has no value (missing, null or empty)",
             "order": f"{self.name} comes before {self.then}",
             "gap": f"{self.then} comes soon after {self.name}",
         }[self.kind]

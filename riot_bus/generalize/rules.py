@@ -57,6 +57,8 @@ MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, whose comparisons hold periodically."""
 GUESSED = ("explore",)
 """Phases whose answers the rule may predict: not those where rules disagree or at limits, nor those that judge it."""
+_REPEATED = 3
+"""How often a case that a rule gets wrong counts in addition: three or four literals more are worth it."""
 _SMALL = 16
 """A limit of whole numbers up to this may be one of an enumeration, which goes on, or has gaps, beyond it."""
 _EXPLORED = 2
@@ -222,12 +224,25 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
     return min(widened, key=lambda one: one.bits), candidates, masks
 
 
+def consistent(table: Table, learnt: Learnt) -> Learnt | None:
+    """Return a rule that explains what another one gets wrong, and all else; None if none is found.
+
+    Seldom cases cost less than the literals that they need; each counts several times here.
+    """
+    failed = np.array(table.failed, dtype=bool)
+    columns = columns_of(table.variables, table.assignments)
+    again = np.flatnonzero(learnt.rule.predict(columns) != failed).repeat(_REPEATED)
+    candidates, masks = table.candidates()
+    found = widen(table, learn(candidates, np.hstack([masks, masks[:, again]]), np.append(failed, failed[again])))
+    return None if (found.rule.predict(columns) != failed).any() else replace(found, mistakes=0)
+
+
 def _counted(literal: Literal) -> tuple[int, ...]:
     """Return the whole numbers with which one variable is compared, if they may be those of an enumeration."""
     told = literal.value if isinstance(literal.value, tuple) else (literal.value,)
     members = tuple(one for one in told if isinstance(one, int) and not isinstance(one, bool))
     small = isinstance(literal.value, tuple) or all(abs(one) <= _SMALL for one in members)
-    return members if literal.feature.kind == "raw" and len(members) == len(told) and small else ()
+    return members if literal.feature.kind in ("raw", "abs") and len(members) == len(told) and small else ()
 
 
 def _doubtful(best: Learnt) -> bool:
@@ -417,6 +432,7 @@ class _Search:
             self.best = best
             self.rule = best.rule
             if self.spent >= self.budget:
+                self._without_mistakes()
                 return
             settled = best.shape == before
             before = best.shape
@@ -429,6 +445,7 @@ class _Search:
             members = self._members(best) if settled else []
             calm = 0 if narrow or questions or members else calm + 1
             if calm > 2 and kept is None:
+                self._without_mistakes()
                 return
             settled = settled and calm <= 2
             if not settled:
@@ -449,6 +466,15 @@ class _Search:
             self.turn = not self.turn
             explorations.append(self._alone(self.random.choice(self.anchors)) if self.turn else self._explore())
         return explorations
+
+    def _without_mistakes(self) -> None:
+        """Take the simplest rule without mistakes, if there is one: no further trials would show what was wrong."""
+        other = consistent(self.table, self.best) if self.best.mistakes else None
+        while other is not None:
+            self.best, self.rule = other, other.rule
+            if not self.ask(self._members(other), "threshold"):
+                return
+            other = consistent(self.table, other)
 
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
@@ -581,8 +607,10 @@ class _Search:
                 rest = Rule((term[:place] + term[place + 1 :],)).predict(columns)
                 others = Rule(tuple(one for one in best.rule.terms if one is not term)).predict(columns)
                 rows = np.flatnonzero(rest & ~others).tolist()
-                base = self.table.assignments[self.random.choice(rows)] if rows else self.anchors[0]
-                moved = (changed(self.variables, base, {literal.feature.args[0]: value}) for value in around(members))
+                name, base = literal.feature.args[0], self.table.assignments[self.random.choice(rows or [0])]
+                seen = set(columns[name][rows].tolist())
+                asked = [value for value in (*members, *around(members)) if value not in seen]
+                moved = (changed(self.variables, base, {name: value}) for value in asked)
                 found += [one for one in moved if one is not None and not self._known(one)]
         return found
 

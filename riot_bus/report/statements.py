@@ -14,7 +14,7 @@ from riot_bus.vocabulary.order import order_of
 __all__ = ["Statement", "not_tried", "other_fields", "statements"]
 
 _PARTS = {
-    "other keys": ("key", "missing key"),
+    "other keys": ("key", "missing key", "no value"),
     "other orders of neighbours": ("order",),
     "longer times between messages": ("gap",),
 }

@@ -62,6 +62,12 @@ def test_a_key_that_has_to_be_missing() -> None:
     assert needed(log, fails) == ["missing key cmd:y", "key cmd:x"]
 
 
+@pytest.mark.parametrize("empty", [None, [], {}])
+def test_a_key_that_has_no_value_is_not_called_missing(empty: object) -> None:
+    log = FailingLog((message(3, x=7, y=empty),), {3: message(3, x=7, y=5)})
+    assert needed(log, lambda messages: json.loads(messages[0].payload).get("y", 1) == empty) == ["no value cmd:y"]
+
+
 def test_the_order_of_two_messages() -> None:
     log = FailingLog((message(0, x=1), message(1, "mode", m=2), message(2, x=3)), {})
 
