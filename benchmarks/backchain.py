@@ -1,6 +1,6 @@
 """Figures of permeability, activation and the region map on synthetic systems.
 
-Usage: python benchmarks/backchain.py [--seeds N] [--json FILE]
+Usage: python benchmarks/backchain.py [--seeds N] [--only PART] [--scenarios NAME ...] [--json FILE]
 
 The systems are rebuilt from the descriptions in the literature of the project; their noise and effect sizes are ours.
 """
@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import ks_2samp
+from search_peers import BUDGETS, PEERS, Plain, runs_to_failure
 
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
@@ -155,41 +159,8 @@ def rover(
     return fields, evaluate
 
 
-def random_search(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> int | None:
-    rng = np.random.default_rng(seed)
-    encoding = Encoding(tuple(fields))
-    for number in range(1, 2001):
-        if evaluate([encoding.decode(rng.random(encoding.size))])[0].failed:
-            return number
-    return None
-
-
-def plain_cmaes(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> int | None:
-    from cmaes import CMA
-
-    encoding = Encoding(tuple(fields))
-    rng = np.random.default_rng(seed)
-    bounds = np.tile([0.0, 1.0], (encoding.size, 1))
-    start, runs = encoding.nominal, 0
-    while runs < 2000:
-        engine = CMA(mean=start, sigma=0.2, bounds=bounds, seed=int(rng.integers(2**31)))
-        for _ in range(25):
-            answers = []
-            for _ in range(engine.population_size):
-                vector = engine.ask()
-                evaluation = evaluate([encoding.decode(vector)])[0]
-                runs += 1
-                if evaluation.failed:
-                    return runs
-                answers.append((vector, 1e6 if evaluation.distance is None else evaluation.distance))
-            engine.tell(answers)
-            if engine.should_stop():
-                break
-        start = rng.random(encoding.size)
-    return None
-
-
 def portfolio(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> int | None:
+    """Search as `riot activate` does."""
     families = VariedInputs(fields, 3.0, [60] * len(fields)).families
     varied = {each.search.name for family in families for each in family}
 
@@ -201,16 +172,41 @@ def portfolio(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> i
     return result.runs if result.found is not None else None
 
 
-def activation(seeds: int) -> list[dict[str, Any]]:
+def activation(seeds: int, scenarios: Sequence[str] = tuple(SCENARIOS)) -> list[dict[str, Any]]:
+    """Count the runs to the first failure, of `riot activate` and of its peers on their own scale and on its own."""
+
+    def peer(
+        name: str, space: type[Encoding], fields: Sequence[SearchField], evaluate: Evaluate, seed: int
+    ) -> int | None:
+        budget = BUDGETS.get(name, BUDGET)
+        return runs_to_failure(PEERS[name], space(tuple(fields)), evaluate, seed=seed, budget=budget)
+
+    methods: dict[str, Callable[..., int | None]] = {"riot": portfolio}
+    for name in PEERS:
+        if name == "TPE" and find_spec("optuna") is None:
+            print("TPE is left out: optuna is not installed (extra study)")
+            continue
+        for scale, space in {"plain": Plain, "asinh": Encoding}.items():
+            if (name, scale) != ("dictionary", "asinh"):  # its values are no places on a scale
+                methods[f"{name}, {scale}"] = partial(peer, name, space)
     rows = []
-    for method in (portfolio, plain_cmaes, random_search):
-        for scenario, options in SCENARIOS.items():
-            runs = [method(*rover(seed=seed, **options), seed) for seed in range(seeds)]
-            numbers = np.asarray([np.inf if one is None else one for one in runs])
-            median, high = (float(np.sort(numbers)[int(np.ceil(share * seeds)) - 1]) for share in (0.5, 0.9))
-            row = {"method": method.__name__, "scenario": scenario, "solved": float(np.isfinite(numbers).mean())}
-            rows.append(row | {"median": median, "p90": high})
+    for method, search in methods.items():
+        row: dict[str, Any] = {"method": method, "budget": BUDGETS.get(method.split(",")[0], BUDGET)}
+        begin = time.perf_counter()
+        for scenario in scenarios:
+            options = SCENARIOS[scenario]
+            row[scenario] = [search(*rover(seed=seed, **options), seed) for seed in range(seeds)]
+        rows.append(row | {"seconds": time.perf_counter() - begin})
+        print(f"{method}: {rows[-1]['seconds']:.0f} s", flush=True)
     return rows
+
+
+def in_short(runs: Sequence[int | None]) -> str:
+    """Return median/90th percentile, - where it is beyond the budget, and the share solved unless it is all."""
+    ordered = sorted(math.inf if one is None else one for one in runs)
+    text = "/".join(f"{ordered[math.ceil(share * len(runs)) - 1]:g}" for share in (0.5, 0.9)).replace("inf", "-")
+    solved = sum(one is not None for one in runs) / len(runs)
+    return text if solved == 1 else f"{text} ({solved:.3g})"
 
 
 def region(seeds: int) -> list[dict[str, Any]]:
@@ -246,22 +242,32 @@ def table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def show(value: object) -> str:
+    if isinstance(value, list):
+        return in_short(value)
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--only", choices=["permeability", "activation", "region"])
+    parser.add_argument(
+        "--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), help="of activation"
+    )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    parts: dict[str, Callable[[int], list[dict[str, Any]]]] = {
+        "permeability": permeability,
+        "activation": partial(activation, scenarios=options.scenarios),
+        "region": region,
+    }
     figures = {}
-    for part in (permeability, activation, region):
-        figures[part.__name__] = part(options.seeds)
-        print(part.__name__)
-        table(figures[part.__name__])
+    for name in [options.only] if options.only else parts:
+        figures[name] = parts[name](options.seeds)
+        print(f"{name}, {options.seeds} seeds")
+        table(figures[name])
     if options.json:
-        text = json.dumps(figures, indent=1).replace("Infinity", "null")
-        options.json.write_text(text + "\n", encoding="utf-8")
+        options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
