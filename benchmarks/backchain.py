@@ -1,6 +1,6 @@
 """Figures of permeability, activation and the region map on synthetic systems.
 
-Usage: python benchmarks/backchain.py [--seeds N] [--only PART] [--scenarios NAME ...] [--json FILE]
+Usage: python benchmarks/backchain.py [--seeds N] [--only PART] [--scenarios NAME ...] [--mirror] [--json FILE]
 
 The systems are rebuilt from the descriptions in the literature of the project; their noise and effect sizes are ours.
 """
@@ -11,6 +11,7 @@ import argparse
 import json
 import math
 import time
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -159,6 +160,20 @@ def rover(
     return fields, evaluate
 
 
+def mirrored(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> tuple[list[SearchField], Evaluate]:
+    """Return the system with signs and order of its fields drawn, and nominal values moved by up to three spreads."""
+    rng = np.random.default_rng([seed, 11])
+    signs = {each.name: float(rng.choice([-1, 1])) for each in fields}
+    moved = [
+        replace(each, nominal=signs[each.name] * (each.nominal + rng.uniform(-3, 3) * each.spread)) for each in fields
+    ]
+
+    def seen(points: Sequence[Mapping[str, float]]) -> Sequence[Evaluation]:
+        return evaluate([{name: signs[name] * value for name, value in point.items()} for point in points])
+
+    return [moved[at] for at in rng.permutation(len(moved))], seen
+
+
 def portfolio(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> int | None:
     """Search as `riot activate` does."""
     families = VariedInputs(fields, 3.0, [60] * len(fields)).families
@@ -172,8 +187,12 @@ def portfolio(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> i
     return result.runs if result.found is not None else None
 
 
-def activation(seeds: int, scenarios: Sequence[str] = tuple(SCENARIOS)) -> list[dict[str, Any]]:
-    """Count the runs to the first failure, of `riot activate` and of its peers on their own scale and on its own."""
+def activation(seeds: int, scenarios: Sequence[str], *, mirror: bool) -> list[dict[str, Any]]:
+    """Count the runs to the first failure, of `riot activate` and of its peers on the plain scale and on riot's."""
+
+    def system(seed: int, options: Mapping[str, Any]) -> tuple[list[SearchField], Evaluate]:
+        found = rover(seed=seed, **options)
+        return mirrored(*found, seed) if mirror else found
 
     def peer(
         name: str, space: type[Encoding], fields: Sequence[SearchField], evaluate: Evaluate, seed: int
@@ -195,7 +214,7 @@ def activation(seeds: int, scenarios: Sequence[str] = tuple(SCENARIOS)) -> list[
         begin = time.perf_counter()
         for scenario in scenarios:
             options = SCENARIOS[scenario]
-            row[scenario] = [search(*rover(seed=seed, **options), seed) for seed in range(seeds)]
+            row[scenario] = [search(*system(seed, options), seed) for seed in range(seeds)]
         rows.append(row | {"seconds": time.perf_counter() - begin})
         print(f"{method}: {rows[-1]['seconds']:.0f} s", flush=True)
     return rows
@@ -252,13 +271,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--only", choices=["permeability", "activation", "region"])
     parser.add_argument(
-        "--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), help="of activation"
+        "--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), help="activation: only these"
+    )
+    parser.add_argument(
+        "--mirror", action="store_true", help="activation: each seed has a system of its own (see mirrored)"
     )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     parts: dict[str, Callable[[int], list[dict[str, Any]]]] = {
         "permeability": permeability,
-        "activation": partial(activation, scenarios=options.scenarios),
+        "activation": partial(activation, scenarios=options.scenarios, mirror=options.mirror),
         "region": region,
     }
     figures = {}
