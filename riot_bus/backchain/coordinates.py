@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["CoordinateSearch"]
 
-_REACHES = (0.2, 0.05, 0.35, 0.015)
+_REACHES = (0.2, 0.35, 0.07)
 """Steps, as shares of a field's encoded range; the next one only if no field comes nearer with the previous one."""
 _FEW = 4
 """Number of other values that are tried for a field with few values."""
-_NEARER = 0.98
+_NEARER = 0.95
 """A distance below this share of another one is progress, not noise."""
 _LINES, _STEPS, _ROUNDS = 4, 6, 4
 """Fields that are followed from one point, runs along each, and points from which the search starts."""
