@@ -594,7 +594,7 @@ class _Search:
     def _members(self, best: Learnt) -> list[Assignment]:
         """Return trials with numbers around each set or small limit of an integer, once, where it alone decides."""
         columns = columns_of(self.variables, self.table.assignments)
-        whole = {one.name for one in self.variables if integer_range(one.type) is not None}
+        whole = {one.name for one in self.variables if "[" not in one.type and integer_range(one.type) is not None}
         found: list[Assignment] = []
         for term in best.rule.terms:
             for place, literal in enumerate(term):
