@@ -11,7 +11,7 @@ import pytest
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
-from riot_bus.generalize.refine import decisive, probe_threshold, widen
+from riot_bus.generalize.refine import around, decisive, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import learn_from
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of
@@ -252,3 +252,14 @@ def test_a_threshold_is_tried_with_other_variables_such_as_the_rest_of_its_term_
     assert probe is not None
     assert 100 < int(probe["y"]) < 2**32 - 1  # type: ignore[arg-type]
     assert (int(probe["y"]) + int(probe["h"])) % 2**32 <= 480  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("members", "also"),
+    [((0, 1, 2, 4), {-1, 3, 5, 8}), ((1, 2, 4, 8), {0, 3, 16}), ((3,), {2, 4, 5, 6}), ((300, 4), {600, 8})],
+)
+def test_what_an_enumeration_may_go_on_with_is_tried(members: tuple[int, ...], also: set[int]) -> None:
+    found = around(members)
+    assert also <= set(found)
+    assert not set(found) & set(members)
+    assert len(found) == len(set(found)) <= 40

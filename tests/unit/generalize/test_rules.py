@@ -144,6 +144,31 @@ def test_values_stay_in_their_types_and_no_question_is_repeated() -> None:
     assert len(set(keys)) == len(keys)
 
 
+@pytest.mark.parametrize("known", [(0, 1, 2, 4, 8), (1, 2, 4, 8, 16, 32), (0, 1, 2, 3, 5, 6)])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_enumeration_is_completed(known: tuple[int, ...], seed: int) -> None:
+    """Nominal are its first four members; others are tried because they may belong to it."""
+    variables = [
+        Variable("gear", "int64", -5, (1,), known[:4], DICTIONARY),
+        Variable("rpm", "float64", 3.0, (), (1.0,)),
+    ]
+    learned = learn_rule(variables, Recorder(lambda v: v["gear"] not in known), seed=seed, budget=140, validation=20)
+    assert learned.rule.text() == f"gear not in {known}"
+
+
+def test_one_case_that_the_simplest_rule_misses_is_explained() -> None:
+    """Of the state 4 there is one case; two literals more cost as much as a mistake."""
+    variables = [
+        Variable("state", "int32", 4, (0,), (0, 1, 2, 3)),
+        Variable("on", "bool", True, (False,), (False, True)),
+    ]
+    known = (0, 1, 2, 3, 5, 6)
+    for seed in range(4):
+        learned = learn_rule(variables, Recorder(lambda v: v["on"] and v["state"] not in known), seed=seed, budget=200)
+        said = learned.rule.predict(columns_of(variables, [one.assignment for one in learned.samples]))
+        assert said.tolist() == [one.failed for one in learned.samples]
+
+
 @pytest.mark.parametrize("parallelism", [2, 3, 4])
 def test_questions_that_are_asked_at_once_fill_the_slots(parallelism: int) -> None:
     sizes: list[int] = []
