@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,10 +41,12 @@ _MOST_MESSAGES = 300_000
 _ROWS = 4096
 """Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
 
+_SAID = {True: "would fail", False: "would not fail", None: "not known whether it would fail"}
+
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A message at which a rule holds: its place in the log, when it was sent (ns), and the fields of the rule."""
+    """A message at which a rule holds: its place in the log, when it was sent (ns), and the rule's known fields."""
 
     place: int
     time: int
@@ -57,8 +58,9 @@ class Prediction:
     """The prediction of a rule for a log.
 
     Attributes:
-        judged: Number of messages at which all fields of the rule were known.
-        unknown: Number of messages of the last of the rule's topics at which a field was not known.
+        judged: Number of messages at which the known fields of the rule decided whether it holds. Those of other topics
+            than the last of the rule's count only if the rule holds or all fields are known.
+        unknown: Number of messages of the last of the rule's topics at which they did not.
         fails: Number of judged messages at which the rule holds.
         moments: The first of these messages.
         begin: When the first message of the log was sent (ns).
@@ -74,13 +76,16 @@ class Prediction:
     fails: int = 0
     moments: list[Moment] = field(default_factory=list)
 
+    @property
+    def would_fail(self) -> bool | None:
+        """Whether the unit would fail; None if that is not known, as the rule holds nowhere but may hold somewhere."""
+        return True if self.fails else None if self.unknown else False
+
     def lines(self) -> list[str]:
         """Return the prediction as lines of text."""
         of = f"{counted(self.judged, 'message')} of its topics"
-        first = (
-            f"{'would fail' if self.fails else 'would not fail'}: the rule {self.rule} holds at {self.fails} of {of}"
-        )
-        found = [first + (f"; {self.unknown} lack a field of it" if self.unknown else "")]
+        first = f"{_SAID[self.would_fail]}: the rule {self.rule} holds at {self.fails} of {of}"
+        found = [first + (f"; at {self.unknown} more it is not known" if self.unknown else "")]
         for one in self.moments[:_TOLD]:
             values = ", ".join(f"{in_words(name, self.topics)} = {value!r}" for name, value in one.values.items())
             found.append(f"  {(one.time - self.begin) / 1e9:.3f} s, message {one.place}: {values}")
@@ -93,7 +98,7 @@ class Prediction:
             for one in self.moments
         ]
         figures = {"judged": self.judged, "unknown": self.unknown, "fails": self.fails}
-        return {"rule": self.rule, **figures, "moments": moments}
+        return {"rule": self.rule, "would_fail": self.would_fail, **figures, "moments": moments}
 
 
 def predict_log(path: Path, folder: Path) -> Prediction:
@@ -105,17 +110,18 @@ def predict_log(path: Path, folder: Path) -> Prediction:
 
     Raises:
         ConfigError: There is no such log, or the finding has no rule.
-        InconclusiveError: The fields of the rule are never known together in the log.
+        InconclusiveError: The rule can be judged at no message of the log.
     """
     record = RuleRecord.load(folder)
     registry = open_system(Path(FindingRecord.load(folder).system_file)).registry
     with LogReader(path) as reader:
         learn_types(reader, registry)
         topics = record.topics or MinimalRecord.load(folder).topics
-        found = predict(Rule.from_json(record.rule), topics, bus_messages(reader, registry), registry=registry)
+        rule, messages = Rule.from_json(record.rule), bus_messages(reader, registry)
+        found = predict(rule, topics, messages, registry=registry, keeps=record.keeps)
     if not found.judged:
         raise InconclusiveError(
-            f"the fields of the rule {record.text} are never known together",
+            f"the known fields never decide whether the rule {record.text} holds",
             where=str(path),
             hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
         )
@@ -129,20 +135,41 @@ class Explained(NamedTuple):
         trials: Number of trials compared.
         wrong: Trials that the rule predicts wrongly: what was injected, and whether they failed.
         holds: If the failure occurs only sometimes: the failed and all trials in which the rule holds.
+        unknown: Number of other trials: the rule holds nowhere in them, but could not be judged at some messages.
+        keeps: Whether messages that lack a field were taken to leave its earlier value in force.
     """
 
     trials: int
     wrong: list[tuple[list[dict[str, Any]], bool]]
     holds: tuple[int, int]
+    unknown: int = 0
+    keeps: bool = False
+
+
+class _Tried(NamedTuple):
+    """An earlier trial: what was injected, whether it failed, and whether the rule says so.
+
+    Attributes:
+        said: What `Prediction.would_fail` says.
+        kept: The same if messages that lack a field leave its earlier value in force.
+    """
+
+    rows: list[dict[str, Any]]
+    failed: bool
+    said: bool | None
+    kept: bool | None
 
 
 def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, rate: float = 1.0) -> Explained:
     """Compare a rule with the trials that campaigns have run on the nominal log already; nothing is run.
 
     Trials that failed in another way do not count, since they do not show whether this failure would have occurred.
-    Nor do trials with this failure where the rule holds nowhere but some of its fields were unknown, such as before the
-    first message of a topic; nor passing ones where the rule holds, if the failure occurs only sometimes: `holds`
-    counts those.
+    Nor do trials, failing or passing, in which the rule holds nowhere but could not be judged everywhere, such as
+    before the first message of a topic: `unknown` counts those; nor passing ones where the rule holds, if the failure
+    occurs only sometimes: `holds` counts those.
+
+    A message that lacks a field leaves the earlier value in force if the trials show this: of those in which the rule
+    holds only with earlier values, more failed than passed.
 
     Args:
         record: The rule.
@@ -160,26 +187,45 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
         if outcome.verdict is Verdict.PASS or outcome.failed_as(signature)
     ]
     told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
-    wrong: list[tuple[list[dict[str, Any]], bool]] = []
-    count, holds = 0, Counter[bool]()
+    tried: list[_Tried] = []
     for rows, seed, failed in told:
         injections = [injection_of(row, "trials") for row in rows]
         messages, _ = inject_log(log, injections, registry=registry, seed=seed)
         found = predict(rule, record.topics, messages, registry=registry, at_most=1)
-        if found.fails and rate < _RELIABLE:
-            holds[failed] += 1
-        if (failed and not found.fails and found.unknown) or (found.fails and not failed and rate < _RELIABLE):
-            continue
-        count += 1
-        if bool(found.fails) != failed:
-            wrong.append((rows, failed))
-    return Explained(count, wrong, (holds[True], holds.total()))
+        kept = found
+        if found.unknown:
+            kept = predict(rule, record.topics, messages, registry=registry, at_most=1, keeps=True)
+        tried.append(_Tried(rows, failed, found.would_fail, kept.would_fail))
+    keeps = _shows_keeping(tried)
+    judged = [one._replace(said=one.kept) if keeps else one for one in tried]
+    unknown = sum(one.said is None for one in judged)
+    sometimes = rate < _RELIABLE
+    held = [one.failed for one in judged if one.said and sometimes]
+    counts = [one for one in judged if one.said is not None and not (one.said and not one.failed and sometimes)]
+    wrong = [(one.rows, one.failed) for one in counts if one.said != one.failed]
+    return Explained(len(counts), wrong, (sum(held), len(held)), unknown, keeps)
+
+
+def _shows_keeping(tried: Sequence[_Tried]) -> bool:
+    """Return whether the trials show that messages that lack a field leave its earlier value in force."""
+    gained = sum((one.kept is True) - (one.said is True) for one in tried if one.failed)
+    alarms = sum((one.kept is True) - (one.said is True) for one in tried if not one.failed)
+    return gained > max(0, alarms)
 
 
 def predict(
-    rule: Rule, topics: Sequence[str], messages: Iterable[Message], *, registry: TypeRegistry, at_most: int = 100
+    rule: Rule,
+    topics: Sequence[str],
+    messages: Iterable[Message],
+    *,
+    registry: TypeRegistry,
+    at_most: int = 100,
+    keeps: bool = False,
 ) -> Prediction:
     """Judge each message of a log by the latest messages of the rule's topics.
+
+    Where some fields are unknown, the rule holds if a term does whose fields are all known, and does not if each term
+    has a known comparison that does not. An order is known only at messages of its second topic.
 
     Args:
         rule: The rule.
@@ -187,22 +233,21 @@ def predict(
         messages: The log, in order; it may be larger than memory.
         registry: The registry of topics and types.
         at_most: Maximum number of moments to keep.
+        keeps: Whether a message that lacks a field leaves its earlier value in force.
 
     Raises:
         ConfigError: A variable of the rule is not a field.
     """
-    latest = LatestFields(rule.variables, topics, registry=registry)
+    latest = LatestFields(rule.variables, topics, registry=registry, keeps=keeps)
     found = Prediction(rule.renamed(lambda name: in_words(name, topics)).text(), topics)
-    rows: list[Moment] = []
+    rows: list[_Row] = []
     for place, message in enumerate(messages):
         found.begin = found.begin if place else message.time
         values = latest.take(message)
         if values is None:
             continue
-        if len(values) < len(rule.variables):
-            found.unknown += not topics or registry.topic(message.key) == topics[-1]
-            continue
-        rows.append(Moment(place, message.time, values))
+        last = not topics or registry.topic(message.key) == topics[-1]
+        rows.append(_Row(Moment(place, message.time, values), last))
         if len(rows) == _ROWS:
             _judge(rule, rows, found, at_most)
             rows.clear()
@@ -210,15 +255,35 @@ def predict(
     return found
 
 
-def _judge(rule: Rule, rows: Sequence[Moment], found: Prediction, at_most: int) -> None:
-    columns = {name: column_of([row.values[name] for row in rows]) for name in rule.variables}
-    failing: list[int] = []
+class _Row(NamedTuple):
+    """A message to be judged, and whether it is one of the last of the rule's topics."""
+
+    moment: Moment
+    last: bool
+
+
+def _judge(rule: Rule, rows: Sequence[_Row], found: Prediction, at_most: int) -> None:
+    groups: dict[tuple[str, ...], list[_Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row.moment.values), []).append(row)
+    failing = [moment for names, group in groups.items() for moment in _judge_alike(rule, names, group, found)]
+    failing.sort(key=lambda moment: moment.place)
+    found.moments += failing[: at_most - len(found.moments)]
+
+
+def _judge_alike(rule: Rule, names: Sequence[str], rows: Sequence[_Row], found: Prediction) -> list[Moment]:
+    """Count rows in which the same fields are known; return those at which the rule holds."""
+    columns = {name: column_of([row.moment.values[name] for row in rows]) for name in names}
+    sure, possible = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
     for numbers in alike(columns, len(rows)):
-        held = rule.predict({name: column[numbers] for name, column in columns.items()})
-        failing += numbers[held].tolist()
-    found.judged += len(rows)
-    found.fails += len(failing)
-    found.moments += [rows[number] for number in sorted(failing)][: at_most - len(found.moments)]
+        part = {name: column[numbers] for name, column in columns.items()}
+        sure[numbers], possible[numbers] = rule.judge(part, len(numbers))
+    last = np.array([row.last for row in rows])
+    told = last | (len(names) == len(rule.variables))
+    found.judged += int(np.count_nonzero(sure | (~possible & told)))
+    found.unknown += int(np.count_nonzero(possible & ~sure & last))
+    found.fails += int(np.count_nonzero(sure))
+    return [rows[number].moment for number in np.flatnonzero(sure).tolist()]
 
 
 def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[np.intp]]:

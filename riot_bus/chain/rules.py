@@ -91,10 +91,15 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
     record = _record(found)
     finding = found.questions.finding
-    trials, wrong, holds = explained(record, step, finding.unit, finding.signature, rate=found.questions.noise.rate)
-    missed = sum(failed for _, failed in wrong)
-    rate = _proportion(proportion(trials - len(wrong), trials))
-    return with_forms(record.model_copy(update={"in_campaign": rate, "missed": missed, "held": holds}), finding, folder)
+    campaign = explained(record, step, finding.unit, finding.signature, rate=found.questions.noise.rate)
+    figures = {
+        "in_campaign": _proportion(proportion(campaign.trials - len(campaign.wrong), campaign.trials)),
+        "missed": sum(failed for _, failed in campaign.wrong),
+        "held": campaign.holds,
+        "unjudged": campaign.unknown,
+        "keeps": campaign.keeps,
+    }
+    return with_forms(record.model_copy(update=figures), finding, folder)
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,7 @@ class ScanRule:
 
     Attributes:
         topics: Topic of each message of the log in which the rule's fields are named.
+        keeps: Whether a message that lacks a field leaves its earlier value in force.
         names: Names of the rule's fields.
         read: Topics that the rule reads.
         text: The rule as text.
@@ -71,7 +72,7 @@ class ScanRule:
     def __init__(self, source: Path) -> None:
         folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
         record = RuleRecord.load(folder)
-        self._rule, self._scale = Rule.from_json(record.rule), record.scale
+        self._rule, self._scale, self.keeps = Rule.from_json(record.rule), record.scale, record.keeps
         finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the parent if this is the region
         self._system = Path(FindingRecord.load(finding).system_file) if finding else None
         minimal = MinimalRecord.load(folder).topics if MinimalRecord.exists(folder) else ()
@@ -157,7 +158,8 @@ class Scanner:
 
     def _rows(self, reader: LogReader) -> Iterator[_Rows]:
         registry, topics = self._rule.registry(reader), self._rule.topics
-        if any(order_of(name) or quantity_of(place_of(name, topics).path) for name in self._rule.names):
+        by_message = any(order_of(name) or quantity_of(place_of(name, topics).path) for name in self._rule.names)
+        if self._rule.keeps or by_message:
             return self._rows_of_messages(reader, registry)
         places = {name: place_of(name, topics) for name in self._rule.names}
         selectors = {name: f"{place.topic}:{place.path}" for name, place in places.items()}
@@ -166,9 +168,9 @@ class Scanner:
         return _rows_of_columns(parts, places, selectors, last)
 
     def _rows_of_messages(self, reader: LogReader, registry: TypeRegistry) -> Iterator[_Rows]:
-        """Yield moments message by message, for what columns do not hold: orders, and quantities of arrays."""
+        """Yield moments message by message, for orders, quantities of arrays and kept values."""
         names, topics = self._rule.names, self._rule.topics
-        latest = LatestFields(names, topics, registry=registry)
+        latest = LatestFields(names, topics, registry=registry, keeps=self._rule.keeps)
         times: list[int] = []
         values: dict[str, list[Scalar]] = {name: [] for name in names}
         unknown = 0

@@ -45,7 +45,7 @@ class RuleWatch:
         self.judged = self.unknown = self.met = 0
         self.nearest: NearMiss | None = None
         self._rule, self._within = rule, within
-        self._latest = LatestFields(rule.names, rule.topics, registry=registry)
+        self._latest = LatestFields(rule.names, rule.topics, registry=registry, keeps=rule.keeps)
         self._limit = within
 
     def take(self, message: Message) -> NearMiss | None:

@@ -162,9 +162,10 @@ def predict(
     *,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if the rule cannot be judged."""
+    """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if that is not known."""
     from riot_bus.chain.prediction import predict_log
     from riot_bus.chain.workspace import open_finding
+    from riot_bus.vocabulary.errors import InconclusiveError
     from riot_bus.vocabulary.redaction import escape_control_chars
 
     found = predict_log(log, open_finding(finding)[0])
@@ -173,5 +174,7 @@ def predict(
     else:
         for line in found.lines():
             typer.echo(escape_control_chars(line))
-    if found.fails:
+    if found.would_fail is None:
+        raise typer.Exit(InconclusiveError.exit_code)
+    if found.would_fail:
         raise typer.Exit(1)

@@ -571,11 +571,16 @@ class RuleRecord(Artefact):
         topics: Topic of each message of the log in which its fields are named.
         context: Topics of the nominal messages before the minimal log that matter; that log is `context.mcap`.
         in_context: Share of the trials that start with nominal messages in which the rule is right.
-        in_campaign: Share of the campaign's trials in which the rule is right; those that failed in another way are
-            left out, and if the failure occurs only sometimes, also passing ones in which the rule holds.
+        in_campaign: Share of the campaign's trials in which the rule is right; those that failed in another way and
+            those of `unjudged` are left out, and if the failure occurs only sometimes, also passing ones in which the
+            rule holds.
         held: If the failure occurs only sometimes: failing ones, and all, of the campaign's trials in which the rule
             holds.
         missed: Number of the campaign's trials with this failure in which the rule holds nowhere.
+        unjudged: Number of the campaign's trials in which the rule holds nowhere, but a message lacks a field of it
+            that decides whether it does.
+        keeps: Whether a message that lacks a field leaves its earlier value in force, as trials of the campaign show;
+            otherwise the field is not known.
     """
 
     FILE = "rule.json"
@@ -594,6 +599,8 @@ class RuleRecord(Artefact):
     in_campaign: ProportionRecord | None = None
     missed: int = 0
     held: tuple[int, int] = (0, 0)
+    unjudged: int = 0
+    keeps: bool = False
     varied_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
     varied_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
     own_mistakes: int = Field(
@@ -650,6 +657,9 @@ class RuleRecord(Artefact):
             accuracy += f", of which {self.missed} failed though it does not hold" if self.missed else ""
             failed, held = self.held
             accuracy += f"; {failed} of {counted(held, 'trial')} in which it holds failed" if held else ""
+        if self.unjudged:
+            trials = "further trial" if self.in_campaign is not None and self.in_campaign.total else "trial"
+            accuracy += f"; {counted(self.unjudged, trials)} of the campaign could not be judged"
         if self.varied_mistakes:
             of = counted(self.varied_checks, "check")
             accuracy += f"; wrong in {self.varied_mistakes} of {of} with other values of all other fields"

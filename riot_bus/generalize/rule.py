@@ -47,11 +47,27 @@ class Rule:
         """
         result = np.zeros(_shape(columns), dtype=bool)
         for term in self.terms:
-            inside = np.ones(_shape(columns), dtype=bool)
-            for literal in term:
-                inside &= literal.holds(columns)
-            result |= inside
+            result |= _hold(term, columns, _shape(columns))
         return result
+
+    def judge(self, columns: Mapping[str, Array], rows: int) -> tuple[Array, Array]:
+        """Return for each row whether the failure is predicted whatever the variables without a column are, and if any.
+
+        The second is whether values of these variables are possible with which the failure is predicted; each literal
+        that reads one counts as open, even where two of them exclude each other.
+
+        Args:
+            columns: One array per known variable.
+            rows: Length of the columns.
+        """
+        sure, possible = np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool)
+        for term in self.terms:
+            known = [literal for literal in term if all(name in columns for name in literal.feature.args)]
+            inside = _hold(known, columns, (rows,))
+            possible |= inside
+            if len(known) == len(term):
+                sure |= inside
+        return sure, possible
 
     def distance(self, columns: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
         """Return how far each row is from the predicted failure: negative inside, never NaN, at most 1e18 in size.
@@ -102,6 +118,13 @@ class Rule:
             ConfigError: If it is not a rule of a known version.
         """
         return cls(rule_json.decode(source))
+
+
+def _hold(literals: Iterable[Literal], columns: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
+    inside = np.ones(shape, dtype=bool)
+    for literal in literals:
+        inside &= literal.holds(columns)
+    return inside
 
 
 def _all_of(literals: Iterable[Literal]) -> str:

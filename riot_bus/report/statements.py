@@ -324,6 +324,9 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
         )
     if view.rule and not any(one and one.total for one in (view.rule.in_context, view.rule.in_campaign)):
         gaps.append("Whether the rule holds in longer logs than the minimal one was not asked.")
+    if view.rule and view.rule.unjudged:
+        unjudged = plural(view.rule.unjudged, "earlier trial")
+        gaps.append(f"Whether the rule is right in {unjudged} is not known: messages lack fields of it.")
     if view.rule:
         about = "and the order of two messages, not about keys or" if orders else "not about keys, nor the order or"
         gaps.append(f"The rule is about values{' ' if orders else ', '}{about} timing of messages.")

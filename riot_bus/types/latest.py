@@ -70,14 +70,17 @@ class LatestFields:
         names: Names of fields and orders; see `place_of`.
         topics: Topic of each message of the short log to which the names refer.
         registry: Registry of topic names and message types.
+        keeps: Whether a message without a field leaves its earlier values in force, as if it had not come.
 
     Raises:
         ConfigError: A name is invalid, or has a number for which the log has no message.
     """
 
-    def __init__(self, names: Iterable[str], topics: Sequence[str], *, registry: TypeRegistry) -> None:
-        self._registry = registry
-        self._wanted: dict[str, list[tuple[str, FieldPlace]]] = {}
+    def __init__(
+        self, names: Iterable[str], topics: Sequence[str], *, registry: TypeRegistry, keeps: bool = False
+    ) -> None:
+        self._registry, self._keeps = registry, keeps
+        self._places: dict[str, FieldPlace] = {}
         self._orders: dict[str, Order] = {}
         self._count: Counter[str] = Counter()
         for name in names:
@@ -85,37 +88,45 @@ class LatestFields:
             if order is not None:
                 self._orders[name] = order
                 continue
-            place = place_of(name, topics)
-            self._wanted.setdefault(place.topic, []).append((name, place))
-        ordered = (topic for order in self._orders.values() for topic in (order.first, order.second))
-        self._seen: dict[str, deque[Message]] = {topic: deque(maxlen=1) for topic in ordered}
-        for topic, wanted in self._wanted.items():
-            self._seen[topic] = deque(maxlen=1 + max(place.back for _, place in wanted))
+            self._places[name] = place_of(name, topics)
+        # of each topic and path the latest values; None where a message does not have it
+        self._seen: dict[str, dict[str, deque[Scalar | None]]] = {
+            topic: {} for order in self._orders.values() for topic in (order.first, order.second)
+        }
+        back: Counter[tuple[str, str]] = Counter()
+        for place in self._places.values():
+            back[place.topic, place.path] = max(place.back, back[place.topic, place.path])
+        for (topic, path), most in back.items():
+            self._seen.setdefault(topic, {})[path] = deque(maxlen=1 + most)
 
     def take(self, message: Message) -> Mapping[str, Scalar] | None:
         """Return the value of each field that can be read after this message; None if its topic is not a wanted one.
 
-        A field is missing until enough messages of its topic were taken, and if its message does not have it.
+        A field is missing until enough messages of its topic were taken, and if its message does not have it, unless
+        the earlier value is kept.
         """
         topic = self._registry.topic(message.key)
         if topic not in self._seen or message.kind == "delete":
             return None
-        self._seen[topic].append(message)
+        for path, seen in self._seen[topic].items():
+            value = self._read(message, path)
+            if value is not None or not self._keeps:
+                seen.append(value)
         values: dict[str, Scalar] = {}
-        for each, wanted in self._wanted.items():
-            for name, place in wanted:
-                if place.back < len(self._seen[each]):
-                    self._read(self._seen[each][-1 - place.back], name, place.path, values)
+        for name, place in self._places.items():
+            seen = self._seen[place.topic][place.path]
+            value = seen[-1 - place.back] if place.back < len(seen) else None
+            if value is not None:
+                values[name] = value
         for name, order in self._orders.items():
             if order.second == topic:
                 values[name] = self._count[order.first] > 0 and not (order.once and self._count[topic])
         self._count[topic] += 1
         return values
 
-    def _read(self, message: Message, name: str, path: str, values: dict[str, Scalar]) -> None:
+    def _read(self, message: Message, path: str) -> Scalar | None:
         kind = self._registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
         try:
-            if kind is not None:
-                values[name] = read_field(kind, message.payload, path)
+            return None if kind is None else read_field(kind, message.payload, path)
         except PayloadError:
-            return
+            return None

@@ -15,7 +15,17 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.prediction import explained, predict, predict_log
 from riot_bus.chain.rules import rules
 from riot_bus.cli.main import make_app
-from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord
+from riot_bus.findings.records import (
+    CertificateRecord,
+    FieldRecord,
+    FieldsRecord,
+    FindingRecord,
+    MinimalRecord,
+    ProportionRecord,
+    RuleRecord,
+)
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry
@@ -115,12 +125,12 @@ def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, s
     told = predict_log(one.folder / "context.mcap", one.folder)
     assert (told.judged, told.fails) == (1, 1)
     assert told.lines()[0].startswith(f"would fail: the rule {record.text} holds at 1 of 1 message")
-    with pytest.raises(InconclusiveError, match="never known together"):
+    with pytest.raises(InconclusiveError, match="never decide whether"):
         predict_log(one.folder / "minimal.mcap", one.folder)
 
 
 def test_a_rule_is_held_against_what_a_campaign_has_tried(tmp_path: Path) -> None:
-    """A failure that the rule does not know of is told; one of which its fields are not known does not count."""
+    """A failure that the rule does not know of is told; trials in which it cannot be judged do not count."""
 
     def fails(messages: Sequence[Message]) -> int | None:
         odd = [place for place, one in enumerate(messages) if said(one).get("gain") == -7.0]
@@ -130,16 +140,47 @@ def test_a_rule_is_held_against_what_a_campaign_has_tried(tmp_path: Path) -> Non
     log = one.workspace.unit_log("drive")
     index = [Injection("pick", "index", value, first=5, last=5) for value in (39, 40, 41, 50, 10**6, -1, 0)]
     gain = Injection("pick", "gain", -7.0, first=9, last=9)
-    unset = (Injection("setup", fault="drop", first=0, last=0), Injection("pick", "index", 500, first=2, last=2))
-    cases = [TestCase(log, each, 3) for each in (*((each,) for each in index), (gain,), unset)]
+    late = Injection("setup", fault="drop", first=0, last=0)
+    unset = (late, Injection("pick", "index", 500, first=2, last=2))
+    cases = [TestCase(log, each, 3) for each in (*((each,) for each in index), (gain,), unset, (late,))]
     outcomes = one.run().unit_runner("drive").run(cases)
-    assert [outcome.verdict is Verdict.FAIL for outcome in outcomes] == [False, *[True] * 4, False, False, True, True]
+    failed = [outcome.verdict is Verdict.FAIL for outcome in outcomes]
+    assert failed == [False, *[True] * 4, False, False, True, True, False]
     record = rules(one.run(), one.folder, budget=100)
     assert record.in_campaign is not None
     assert (record.in_campaign.count, record.in_campaign.total, record.missed) == (7, 8, 1)
-    assert "and 7 of 8 of the campaign, of which 1 failed though it does not hold" in record.summary
+    assert (record.unjudged, record.keeps) == (2, False)
+    assert "and 7 of 8 of the campaign, of which 1 failed though it does not hold; 2 further" in record.summary
     often, seldom = (explained(record, one.run(), "drive", HANG.signature, rate=rate) for rate in (1.0, 0.5))
     assert (often.holds, seldom.holds) == ((0, 0), (4, 4))
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_trials_show_whether_a_missing_size_leaves_the_earlier_one_in_force(tmp_path: Path, *, keeps: bool) -> None:
+    def fails(messages: Sequence[Message]) -> int | None:
+        size = DEFAULT
+        for place, one in enumerate(messages):
+            if one.key == "setup":
+                size = said(one).get("size", size if keeps else DEFAULT)
+            elif said(one)["index"] >= size:
+                return place
+        return None
+
+    one = finding(tmp_path, 40, fails=fails)
+    omit = Injection("setup", "size", fault="omit", first=1, last=1)
+    early = Injection("pick", "index", 50, first=10, last=10)
+    changed = [(omit, Injection("pick", "index", value, first=25, last=25)) for value in (39, 50, 99, 100)]
+    log = one.workspace.unit_log("drive")
+    outcomes = one.run().unit_runner("drive").run([TestCase(log, each, 3) for each in (*changed, (early,))])
+    assert sum(outcome.verdict is Verdict.FAIL for outcome in outcomes) == (4 if keeps else 2)
+    beyond_size = Rule(((Literal(Feature("sub", ("pick:index", "setup:size")), ">=", 0),),))
+    sure = ProportionRecord(value=1, low=0.9, high=1, count=9, total=9)
+    record = RuleRecord(
+        text=beyond_size.text(), rule=beyond_size.to_dict(), precision=sure, recall=sure, balanced_accuracy=1.0,
+        scale={}, topics=("setup", "pick"),
+    )  # fmt: skip
+    found = explained(record, one.run(), "drive", HANG.signature)
+    assert (found.keeps, found.trials, found.wrong, found.unknown) == ((True, 5, [], 0) if keeps else (False, 1, [], 4))
 
 
 def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:
@@ -156,6 +197,13 @@ def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:
     assert [each["message"] for each in json.loads(told.stdout)["moments"]] == [5, 6, 7]
     good = CliRunner().invoke(make_app("predict"), ["predict", str(tmp_path / "log.mcap"), str(one.folder)])
     assert (good.exit_code, good.stdout.partition(":")[0]) == (0, "would not fail")
+    with LogWriter(log) as writer:
+        for each in (message(0, "pick", index=50), message(1, "setup", size=500), message(2, "pick", index=1)):
+            writer.write(each)
+    open_ = CliRunner().invoke(make_app("predict"), ["predict", str(log), str(one.folder)])
+    assert (open_.exit_code, open_.stdout.partition(":")[0]) == (5, "not known whether it would fail")
+    open_ = CliRunner().invoke(make_app("predict"), ["predict", str(log), str(one.folder), "--format=json"])
+    assert (open_.exit_code, json.loads(open_.stdout)["would_fail"]) == (5, None)
 
 
 def test_a_rule_that_no_context_explains_stays_and_says_how_often_it_is_wrong(tmp_path: Path) -> None:

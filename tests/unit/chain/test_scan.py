@@ -22,6 +22,7 @@ from riot_bus.generalize.literals import FAR, Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
+from riot_bus.types.latest import LatestFields
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 
@@ -41,7 +42,7 @@ def write_log(path: Path, messages: Sequence[Message]) -> Path:
     return path
 
 
-def write_rule(folder: Path, rule: Rule, *topics: str, **scale: float) -> Path:
+def write_rule(folder: Path, rule: Rule, *topics: str, keeps: bool = False, **scale: float) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     RuleRecord(
         text=rule.text(),
@@ -51,6 +52,7 @@ def write_rule(folder: Path, rule: Rule, *topics: str, **scale: float) -> Path:
         balanced_accuracy=1,
         scale={name.replace("_", ":"): spread for name, spread in scale.items()},
         topics=topics,
+        keeps=keeps,
     ).save(folder)
     return folder
 
@@ -86,9 +88,21 @@ def test_a_scan_says_what_the_rule_says_at_each_message(
     path = write_log(tmp_path / "log.mcap", log)
     found = Scanner(ScanRule(write_rule(tmp_path / "rule", rule, *topics)), near=1000).scan(path)
     told = predict(rule, topics, read_log(path), registry=TypeRegistry(), at_most=1000)
-    assert (found.judged, found.unknown, found.holds) == (told.judged, told.unknown, told.fails)
+    latest = LatestFields(rule.variables, topics, registry=TypeRegistry())
+    values = [taken for each in read_log(path) if (taken := latest.take(each)) is not None]
+    assert found.judged == sum(len(taken) == len(rule.variables) for taken in values)
+    assert found.holds == told.fails
+    assert found.unknown >= told.unknown  # a distance needs all fields
     assert found.problem == ""
     assert (found.distance <= 0) == (told.fails > 0)
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_a_message_without_a_field_may_leave_the_earlier_value_in_force(tmp_path: Path, *, keeps: bool) -> None:
+    path = write_log(tmp_path / "log.mcap", [message(0, "a", x=11, y=0), message(10, "a", y=9), message(20, "a", x=1)])
+    both = Rule(((Literal(Feature("raw", ("a:x",)), ">", 10), Literal(Feature("raw", ("a:y",)), ">", 5)),))
+    found = Scanner(ScanRule(write_rule(tmp_path / "rule", both, "a", keeps=keeps))).scan(path)
+    assert (found.judged, found.unknown, found.holds) == ((3, 0, 1) if keeps else (1, 2, 0))
 
 
 def test_moments_are_the_least_and_a_second_apart(tmp_path: Path) -> None:

@@ -18,6 +18,22 @@ def rate(count: int, total: int) -> ProportionRecord:
 @pytest.mark.parametrize(
     ("known", "told"),
     [
+        ({"unjudged": 0, "in_campaign": rate(5, 5)}, "and 5 of 5 of the campaign, 0 trials)"),
+        (
+            {"unjudged": 12, "in_campaign": rate(129, 141)},
+            "and 129 of 141 of the campaign; 12 further trials of the campaign could not be judged, 0 trials)",
+        ),
+        ({"unjudged": 1}, " fresh checks; 1 trial of the campaign could not be judged, 0 trials)"),
+    ],
+)
+def test_trials_that_the_rule_cannot_judge_are_told(known: dict[str, Any], told: str) -> None:
+    fields = {"balanced_accuracy": 1.0, "checks": 60, "precision": rate(30, 30), "recall": rate(30, 30)} | known
+    assert RuleRecord(text="x > 5", rule={}, scale={}, **fields).summary.endswith(told)
+
+
+@pytest.mark.parametrize(
+    ("known", "told"),
+    [
         ({}, ""),
         ({"in_campaign": rate(98, 98), "in_context": rate(23, 24)}, ""),
         ({"in_campaign": rate(77, 112)}, "right in only 77 of 112 trials of the campaign"),

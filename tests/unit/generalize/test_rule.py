@@ -44,6 +44,22 @@ def test_predict_is_exact_at_the_threshold() -> None:
     assert wide.predict(table([2**62, 2**62], [1, 4])).tolist() == [False, True]
 
 
+def test_known_variables_may_decide() -> None:
+    high, low = Literal(Feature("raw", ("speed",)), ">", 3.5), Literal(Feature("raw", ("load",)), "<", 0)
+    rule = Rule(((MODE.terms[0][0], high), (low,)))
+    columns = {"cmd:mode": np.array(["auto", "off"], dtype=object)}
+    sure, possible = rule.judge(columns, 2)
+    assert (sure.tolist(), possible.tolist()) == ([False, False], [True, True])
+    sure, possible = rule.judge(columns | {"load": np.array([1, 1])}, 2)
+    assert (sure.tolist(), possible.tolist()) == ([False, False], [True, False])
+    sure, possible = rule.judge({"load": np.array([-1, 1])}, 2)
+    assert (sure.tolist(), possible.tolist()) == ([True, False], [True, True])
+    whole = columns | {"load": np.array([1, -1]), "speed": np.array([4.0, 0.0])}
+    sure, possible = rule.judge(whole, 2)
+    assert sure.tolist() == possible.tolist() == rule.predict(whole).tolist() == [True, True]
+    assert [each.tolist() for each in rule.judge({}, 1)] == [[False], [True]]
+
+
 def test_float_thresholds_on_integer_columns() -> None:
     columns = {"n": np.array([3, 4, 2**62])}
     raw = Feature("raw", ("n",))

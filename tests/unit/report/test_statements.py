@@ -50,6 +50,12 @@ def test_of_a_failure_that_comes_sometimes_it_is_told_how_often_it_came_where_th
     assert "; 9 of 30 trials in which it holds failed" in RuleRecord.load(tmp_path).summary
 
 
+def test_trials_that_the_rule_cannot_judge_are_told(tmp_path: Path) -> None:
+    told(tmp_path, unjudged=12)
+    gaps = [gap.replace("\N{NO-BREAK SPACE}", " ") for gap in not_tried(load(tmp_path))]
+    assert "Whether the rule is right in 12 earlier trials is not known: messages lack fields of it." in gaps
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_other_rules_that_explain_all_trials_are_told_with_what_would_decide(tmp_path: Path, count: int) -> None:
     others = tuple(

@@ -42,6 +42,15 @@ def test_an_order_is_told_at_its_second_message() -> None:
     ]
 
 
+def test_a_message_without_a_field_is_as_if_it_had_not_come_if_earlier_values_are_kept() -> None:
+    latest = LatestFields(["a[0]:x", "a[1]:x", "a[1]:y"], ["a", "a"], registry=TypeRegistry(), keeps=True)
+    latest.take(message("a", x=1))
+    assert latest.take(message("a", x=2, y=5)) == {"a[0]:x": 1, "a[1]:x": 2, "a[1]:y": 5}
+    assert latest.take(message("a", y=6)) == {"a[0]:x": 1, "a[1]:x": 2, "a[1]:y": 6}
+    assert latest.take(message("a", x=None)) == {"a[0]:x": 1, "a[1]:x": 2, "a[1]:y": 6}
+    assert latest.take(message("a", x=3)) == {"a[0]:x": 2, "a[1]:x": 3, "a[1]:y": 6}
+
+
 def test_quantities_of_elements_are_read() -> None:
     latest = LatestFields(["a[0]:max(r[*])", "a[1]:isnan(r[*])"], ["a", "a"], registry=TypeRegistry())
     latest.take(message("a", r=[1, 7]))
