@@ -66,6 +66,7 @@ class Prediction:
         begin: When the first message of the log was sent (ns).
         rule: The rule as text.
         topics: Topic of each message of the log in which the rule's fields are named.
+        missed: Number of the campaign's trials that failed though the rule holds nowhere in them.
     """
 
     rule: str = ""
@@ -74,6 +75,7 @@ class Prediction:
     judged: int = 0
     unknown: int = 0
     fails: int = 0
+    missed: int = 0
     moments: list[Moment] = field(default_factory=list)
 
     @property
@@ -86,6 +88,8 @@ class Prediction:
         of = f"{counted(self.judged, 'message')} of its topics"
         first = f"{_SAID[self.would_fail]}: the rule {self.rule} holds at {self.fails} of {of}"
         found = [first + (f"; at {self.unknown} more it is not known" if self.unknown else "")]
+        if self.missed and not self.fails:
+            found.append(f"  {counted(self.missed, 'trial')} of the campaign failed though it holds nowhere in them")
         for one in self.moments[:_TOLD]:
             values = ", ".join(f"{in_words(name, self.topics)} = {value!r}" for name, value in one.values.items())
             found.append(f"  {(one.time - self.begin) / 1e9:.3f} s, message {one.place}: {values}")
@@ -97,7 +101,7 @@ class Prediction:
             {"message": one.place, "time": one.time, "values": {n: json_value(v) for n, v in one.values.items()}}
             for one in self.moments
         ]
-        figures = {"judged": self.judged, "unknown": self.unknown, "fails": self.fails}
+        figures = {"judged": self.judged, "unknown": self.unknown, "fails": self.fails, "missed": self.missed}
         return {"rule": self.rule, "would_fail": self.would_fail, **figures, "moments": moments}
 
 
@@ -125,6 +129,7 @@ def predict_log(path: Path, folder: Path) -> Prediction:
             where=str(path),
             hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
         )
+    found.missed = record.missed
     return found
 
 

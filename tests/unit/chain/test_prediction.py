@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from riot_bus.chain.prediction import _shows_keeping, _Tried, predict
+from riot_bus.chain.prediction import Prediction, _shows_keeping, _Tried, predict
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
@@ -116,6 +116,12 @@ def test_a_log_would_not_fail_only_if_all_messages_were_judged(log: list[dict[st
     start = {True: "would fail: ", False: "would not fail: ", None: "not known whether it would fail: "}[said]
     assert found.lines()[0].startswith(start)
     assert ("more it is not known" in found.lines()[0]) == ({"y": 1} in log)
+
+
+def test_failures_that_the_rule_missed_are_told_where_it_holds_nowhere() -> None:
+    lines = Prediction("a:x > 5", judged=3, missed=2).lines()
+    assert lines[1:] == ["  2 trials of the campaign failed though it holds nowhere in them"]
+    assert len(Prediction("a:x > 5", judged=3, fails=1, missed=2).lines()) == 1
 
 
 def test_a_log_without_the_last_topic_says_nothing() -> None:
