@@ -34,7 +34,13 @@ _FIRST, _LATE = 10.0, 0.01
 
 
 def absent_messages(
-    step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise
+    step: StepRun,
+    finding: FindingRecord,
+    log: FailingLog,
+    cases: FreshCases,
+    noise: Noise,
+    *,
+    unprobed: bool = False,
 ) -> AbsentRecord | None:
     """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
 
@@ -44,6 +50,7 @@ def absent_messages(
         log: The part of the nominal log, with nothing modified.
         cases: Runner of fresh trials.
         noise: Known rates of failure.
+        unprobed: Whether no probe follows the messages.
     """
     workspace, registry = step.workspace, step.workspace.context.registry
     nominal = workspace.known_unit_log(finding.unit)
@@ -69,7 +76,8 @@ def absent_messages(
 
     def with_(places: Sequence[int]) -> TestCase:
         numbers = sorted([*kept, *(others[place] for place in places)])
-        return unit_case(workspace, finding, [nominal[number].with_(sequence=number) for number in numbers])
+        messages = [nominal[number].with_(sequence=number) for number in numbers]
+        return unit_case(workspace, finding, messages, unprobed=unprobed)
 
     def heals(questions: Sequence[tuple[int, ...]]) -> list[bool]:
         asked = [with_(places) for places in questions]

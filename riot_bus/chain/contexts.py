@@ -105,7 +105,9 @@ def ask_in_contexts(
     found: Sequence[tuple[Message, ...]],
     asked: Sequence[Mapping[str, Setting]],
     predicted: Sequence[bool],
-    said: Callable[[Sequence[Message]], bool] | None = None,
+    holds: Callable[[Sequence[Message]], bool],
+    *,
+    by_log: bool = False,
 ) -> list[ContextAnswers]:
     """Run trials after each context.
 
@@ -114,11 +116,13 @@ def ask_in_contexts(
         found: The contexts.
         asked: Values of the rule's fields.
         predicted: Prediction of the rule for these values.
-        said: Prediction of the rule for a whole log, if the values alone do not decide it.
+        holds: Tells whether the rule holds anywhere in a log: with values of a context, it may do so earlier.
+        by_log: Whether this alone is the prediction, since the values do not decide it.
     """
     cases = [behind(questions, context, values) for context in found for values in asked]
-    told = [said(case.messages) for case in cases] if said else [*predicted] * len(found)
+    told = [holds(case.messages) for case in cases] if by_log else [*predicted] * len(found)
     failed = questions.decide(cases, doubt=_DOUBT)
+    told = [one or (answer and holds(case.messages)) for one, answer, case in zip(told, failed, cases, strict=True)]
     against = [place for place, answer in enumerate(failed) if answer != told[place]]
     for place, answer in zip(against, questions.decide([cases[n] for n in against], doubt=_SURE), strict=True):
         failed[place] = answer

@@ -114,6 +114,12 @@ class FailingLog:
         numbers = {message.sequence for message in kept}
         return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
 
+    def followed_by(self, messages: Iterable[Message]) -> FailingLog:
+        """Return the log with unmodified messages at its end, which get the next numbers."""
+        first = max((message.sequence for message in self.messages), default=-1) + 1
+        more = (message.with_(sequence=first + number) for number, message in enumerate(messages))
+        return FailingLog((*self.messages, *more), self.originals)
+
     def names(self, registry: TypeRegistry) -> list[str]:
         """Return the names of messages: `topic`, or `topic[i]` if the log has several of the topic."""
         topics = [registry.topic(message.key) for message in self.messages]

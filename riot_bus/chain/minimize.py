@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.absence import absent_messages, write_other_cause
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import (
@@ -43,6 +44,8 @@ _ALWAYS = 0.95
 _FRESH = 4
 """Fresh trials that show that what is left of several modified messages always fails; a rate of 0.3 passes for that
 once in 123 times."""
+_NEEDS_PROBE = frozenset({"silent", "growth", "limit", "mined"})
+"""Monitors whose violations only a probe shows, or that may see them late."""
 _APART = 1_000_000
 """Nanoseconds between messages of a log that is fed as fast as the unit takes it: its timestamps do not matter."""
 
@@ -95,9 +98,12 @@ class _Minimization:
         self.spent = 0
         self.missing: tuple[str, ...] = ()
         self.missing_failed = (0, 0)
+        self.unprobed = False
+        self.added = 0
 
     def run(self) -> MinimalRecord:
         try:
+            self._leave_out_probe()
             found = self._without_modified(self._rated(self._simplified(self._messages())))
             absent = self._absent(found)
         except KeyboardInterrupt:
@@ -107,6 +113,22 @@ class _Minimization:
                 half.save(self.folder)
             raise
         return self._saved(found, absent)
+
+    def _leave_out_probe(self) -> None:
+        """Go on without riot's probe, if the log fails without it, or with the probe's messages at its own end.
+
+        Else rules would state values of messages that no other log has.
+        """
+        unit = self.finding.unit
+        probe = self.step.workspace.runners.baseline(unit, lambda: self.step.workspace.unit_log(unit)).follows
+        if not probe or self.finding.monitor in _NEEDS_PROBE:
+            return
+        self.unprobed = True
+        for log in (self.log, self.log.followed_by(join_logs([self.log.messages, probe])[len(self.log.messages) :])):
+            if self._decided(log, self._known())[-1]:
+                self.added, self.log = len(log.messages) - len(self.log.messages), log
+                return
+        self.unprobed = False
 
     def _messages(self) -> _Found:
         """Return the messages that are needed, at least one of them modified if modified messages are the cause."""
@@ -287,11 +309,12 @@ class _Minimization:
         """Return which messages are missing, if that is why it fails."""
         if not self.nominal_passes or found.log.originals:
             return None
-        return absent_messages(self.step, self.finding, found.log, self.cases, found.minimal.noise)
+        noise, unprobed = found.minimal.noise, self.unprobed
+        return absent_messages(self.step, self.finding, found.log, self.cases, noise, unprobed=unprobed)
 
     def _failing(self, logs: Sequence[FailingLog]) -> list[bool]:
         workspace, finding = self.step.workspace, self.finding
-        outcomes = self.cases.run([unit_case(workspace, finding, one.messages) for one in logs])
+        outcomes = self.cases.run([unit_case(workspace, finding, one.messages, unprobed=self.unprobed) for one in logs])
         return [outcome.failed_as(finding.signature) for outcome in outcomes]
 
     def _failing_if_modified(self, logs: Sequence[FailingLog]) -> list[bool]:
@@ -333,4 +356,6 @@ class _Minimization:
             simplified=found.simplified,
             simplified_trials=found.simplified_trials,
             absent=absent,
+            unprobed=self.unprobed,
+            added=self.added,
         )

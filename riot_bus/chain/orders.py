@@ -74,9 +74,7 @@ def with_first(
     return told, [replace(one, name=words.get(one.name, one.name)) for one in variables]
 
 
-def judge_of_logs(questions: UnitQuestions, rule: Rule) -> Callable[[Sequence[Message]], bool] | None:
-    """Return a function that tells whether a rule holds anywhere in a log; None if the rule has no order in it."""
-    if not any(order_of(name) for name in rule.variables):
-        return None
+def judge_of_logs(questions: UnitQuestions, rule: Rule) -> Callable[[Sequence[Message]], bool]:
+    """Return a function that tells whether a rule holds anywhere in a log."""
     registry, topics = questions.fields.registry, questions.fields.topics
     return lambda messages: bool(predict(rule, topics, messages, registry=registry, at_most=1).fails)

@@ -186,6 +186,7 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     """
     rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
     log = step.workspace.unit_log(unit)
+    after = step.workspace.runners.baseline(unit, lambda: log).follows  # trials played this, too
     told = [
         (rows, seed, outcome.failed_as(signature))
         for rows, seed, outcome in step.tried(unit)
@@ -196,10 +197,10 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     for rows, seed, failed in told:
         injections = [injection_of(row, "trials") for row in rows]
         messages, _ = inject_log(log, injections, registry=registry, seed=seed)
-        found = predict(rule, record.topics, messages, registry=registry, at_most=1)
-        kept = found
+        played = (*messages, *after)
+        found = kept = predict(rule, record.topics, played, registry=registry, at_most=1)
         if found.unknown:
-            kept = predict(rule, record.topics, messages, registry=registry, at_most=1, keeps=True)
+            kept = predict(rule, record.topics, played, registry=registry, at_most=1, keeps=True)
         tried.append(_Tried(rows, failed, found.would_fail, kept.would_fail))
     keeps = _shows_keeping(tried)
     judged = [one._replace(said=one.kept) if keeps else one for one in tried]

@@ -135,10 +135,12 @@ def nominal_passes(finding: FindingRecord) -> int:
     return nominal.total if nominal is not None and nominal.count == 0 else 0
 
 
-def unit_case(workspace: Workspace, finding: FindingRecord, messages: Sequence[Message]) -> TestCase:
-    """Return a test case that plays messages to the unit of a finding."""
+def unit_case(
+    workspace: Workspace, finding: FindingRecord, messages: Sequence[Message], *, unprobed: bool = False
+) -> TestCase:
+    """Return a test case that plays messages to the unit of a finding, perhaps without a probe after them."""
     paced = workspace.context.file.unit[finding.unit].rate > 0
-    return TestCase(tuple(messages), seed=workspace.seed, ordered=finding.ordered, paced=paced)
+    return TestCase(tuple(messages), seed=workspace.seed, ordered=finding.ordered, paced=paced, unprobed=unprobed)
 
 
 class FreshCases:
@@ -195,6 +197,7 @@ class UnitQuestions:
         self.runner = step.unit_runner(self.finding.unit)
         cases = FreshCases(self.runner)
         minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
+        self._unprobed = minimal is not None and minimal.unprobed
         self.noise = noise_of(self.finding, minimal)
         self._known = _counts(self.finding, minimal)
         self._trials: Trials[TestCase] = Trials(
@@ -238,7 +241,7 @@ class UnitQuestions:
 
     def case_of(self, messages: Sequence[Message]) -> TestCase:
         """Return a test case that plays messages to the unit."""
-        return unit_case(self._workspace, self.finding, messages)
+        return unit_case(self._workspace, self.finding, messages, unprobed=self._unprobed)
 
     def failed(self, outcome: Outcome) -> bool:
         """Return whether an outcome is the failure that is asked for."""

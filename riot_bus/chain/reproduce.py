@@ -103,7 +103,7 @@ def play_again(
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
-    finding, untold = FindingRecord.load(folder), ""
+    finding, untold, unprobed = FindingRecord.load(folder), "", False
     registry = workspace.context.registry
     whole_system = whole_system or finding.whole_system
     if whole_system:
@@ -130,10 +130,12 @@ def play_again(
         untold = why_untold(workspace, **of, nominal=nominal)
         if untold and finding.monitor != "hang":  # if it occurs again, it may show in other ways
             raise _nothing_tells(workspace, finding, folder, untold)
-        noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
+        minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
+        noise, unprobed = noise_of(finding, minimal), minimal is not None and minimal.unprobed
     ordered = finding.ordered and not whole_system
     most = times or (_MOST_RUNS if whole_system else _MOST)
-    cases = [TestCase(messages, parameters, seed=workspace.seed + number, ordered=ordered) for number in range(most)]
+    case = TestCase(messages, parameters, ordered=ordered, unprobed=unprobed)
+    cases = [replace(case, seed=workspace.seed + number) for number in range(most)]
     outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
     first = (outcome.violations[0] for outcome in outcomes if outcome.verdict is Verdict.FAIL)

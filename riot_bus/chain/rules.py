@@ -180,8 +180,9 @@ class _Teacher:
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
         asked, predicted = near_the_limit(learned, variables, scale, count=round(_NEAR * share))
-        behind, said = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
-        answers = ask_in_contexts(questions, behind, asked, predicted, said)
+        behind, holds = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
+        by_log = any(order_of(name) for name in learned.rule.variables)
+        answers = ask_in_contexts(questions, behind, asked, predicted, holds, by_log=by_log)
         return _Found(questions, passing, variables, scale, learned, answers, context)
 
     def learn_behind(self, found: _Found) -> _Found | None:

@@ -384,6 +384,10 @@ class MinimalRecord(Artefact):
         simplified_trials: Number of trials that these took.
         absent: Missing messages of the nominal log, if none of the kept messages is modified and the nominal log
             passes.
+        unprobed: Whether trials of these messages, and of those with other values, had no others: no probe followed.
+            Else a probe has a part in the failure, or alone shows it.
+        added: How many nominal messages were added to the end of the failing log, which does not fail without; `before`
+            and `kept` count them, too.
     """
 
     FILE = "minimal.json"
@@ -401,11 +405,16 @@ class MinimalRecord(Artefact):
     simplified: tuple[SimplifiedRecord, ...] = ()
     simplified_trials: int = 0
     absent: AbsentRecord | None = None
+    unprobed: bool = False
+    added: int = 0
 
     def lines(self) -> list[str]:
         """Return lines for people: how the kept messages were simplified, and what else fails in the same way."""
         found = [f"simplified: {one}" for one in self.simplified]
         found += [f"it {self.absent}"] if self.absent else []
+        later = sum(place >= self.before - self.added for place in self.kept)
+        if later:
+            found.append(f"nominal, after the end of the log: the last {later} of these messages")
         if self.missing:
             failed, total = self.missing_failed
             names = ", ".join(dict.fromkeys(self.missing))

@@ -113,13 +113,18 @@ class Baseline:
     busy: float = 0.0
 
     @property
+    def follows(self) -> tuple[Message, ...]:
+        """Messages that follow those of a trial, to see whether the unit still works; none if nothing is known."""
+        return self.probe if self.trials and self.probe_answers else ()
+
+    @property
     def untold(self) -> tuple[str, ...]:
         """Properties of the unit's trials that cannot be judged, and why."""
         if not self.trials:
             return ("whether it still works after a trial: no nominal trials have passed to compare it with",)
         found = []
         if not self.probe_answers:
-            found.append("whether it falls silent: it publishes nothing in answer to nominal input")
+            found.append("whether it falls silent: it publishes nothing in answer to nominal input after the log")
         if not self.at_rest:
             found.append("where its threads stand: it is no Python program, or runs without site")
         return tuple(found)
@@ -185,10 +190,15 @@ UNKNOWN = Baseline()
 
 
 def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
-    """Return a short part of a nominal log: its last messages, preceded by the last one of each other key."""
-    first = max(0, len(log) - _PROBE)
-    last = {message.key: number for number, message in enumerate(log)}
-    return tuple(message for number, message in enumerate(log) if number >= first or last[message.key] == number)
+    """Return a short part of a nominal log: its last messages, preceded by the last one of each other key.
+
+    Keys with a single message are left out, unless there are no others: units may rightly refuse to get it twice.
+    """
+    counts = Counter(message.key for message in log)
+    some = [message for message in log if counts[message.key] > 1] or log
+    first = max(0, len(some) - _PROBE)
+    last = {message.key: number for number, message in enumerate(some)}
+    return tuple(message for number, message in enumerate(some) if number >= first or last[message.key] == number)
 
 
 def baseline_of(

@@ -28,7 +28,7 @@ __all__ = ["KeptBaselines"]
 
 _HANGS: TypeAdapter[tuple[str, KnownHangs]] = TypeAdapter(tuple[str, KnownHangs])
 _LOG = logging.getLogger(__name__)
-_MEASURED = 3
+_MEASURED = 4
 """Version of the measurement; increase it when the measurement changes, so that old baselines are measured again."""
 _MOST = 16 << 20
 """Largest size of a file in bytes: a rule for each number of each answer to a probe takes about 100."""

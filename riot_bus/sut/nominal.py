@@ -80,8 +80,12 @@ def measure_baseline(
             )
         failed = [one for one in outcomes if not _passes(one)]
         if failed:
+            alone = pool.map(UnitTrial(unit, Baseline(idle=idle)), cases) if start.probe else []
+            log_passes = bool(alone) and all(map(_passes, alone))
+            probe = f", then {len(start.probe)} of them again as a probe," if log_passes else ""
             wrong.append(
-                f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {_why(failed[0])}"
+                f"{len(failed)} of {count} trials with {len(history)} nominal messages{probe} did not pass: "
+                f"{_why(failed[0])}{'; without the probe, all passed' if log_passes else ''}"
             )
         return [] if failed else [nominal_of(one) for one in outcomes]
 

@@ -217,7 +217,7 @@ class Feeder:
             self._wait_quiet()
         self._stage.bus.drain(self._settle.timeout)
 
-    def signs(self, *, settled: bool) -> tuple[Signs, bool]:
+    def signs(self, *, settled: bool, unprobed: bool = False) -> tuple[Signs, bool]:
         """Return the differences from nominal trials, and whether the unit has come to rest after all input.
 
         A unit that answers nominal input as in nominal trials is alive. One that does not gets the whole nominal log,
@@ -226,12 +226,17 @@ class Feeder:
 
         Args:
             settled: Whether the unit has come to rest after the log.
+            unprobed: Whether it gets no nominal input; then only its process, its end and its growth are judged.
         """
         baseline = self._baseline
         settled = settled or self._runs_out()
         if not settled and (self._watch.known or self._spins()):
             return self._standing(), False
-        if not self.alive or not baseline.trials or not baseline.probe_answers:
+        if unprobed:
+            self._await_late()
+            self._linger()
+            return self._left(), True
+        if not self.alive or not baseline.follows:
             if settled:
                 self._linger()
             return (self._changed() if settled else self._standing()), settled
@@ -257,8 +262,12 @@ class Feeder:
         if silent:
             self._linger()
             return self._changed(silent), True
+        return self._left(), True
+
+    def _left(self) -> Signs:
+        """Return the signs of a unit that works, as far as is known: whether it has ended, and what has grown."""
         ended, grown = self._ended(), self._grown()
-        return (Signs(ended=ended, grown=grown) if ended or grown else NO_SIGNS), True
+        return Signs(ended=ended, grown=grown) if ended or grown else NO_SIGNS
 
     def _compare(self, begin: int | None) -> None:
         """Set `probed`. Where answers differ from nominal ones, the unit gets the nominal log and the probe once more.

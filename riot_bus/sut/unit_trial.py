@@ -162,7 +162,7 @@ class UnitTrial:
             stage.launcher.wait([process], timeout=_DEBUGGER_S)
         seen = feeder.nominal(self.baseline.probe) if self.nominal else None
         settled = settled or (seen is not None and feeder.works(seen))
-        signs, settled = feeder.signs(settled=settled)
+        signs, settled = feeder.signs(settled=settled, unprobed=case.unprobed)
         stage.sample_resources([name])
         view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
         view = replace(view, probed=feeder.probed, held_up=stage.held_up([name], since=feeder.begun)())

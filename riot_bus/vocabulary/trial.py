@@ -76,7 +76,8 @@ class TestCase:
     `messages` are played to the system under test; empty means that its own external components drive it. `again`
     numbers fresh trials of one case: the case is executed again, and nothing else changes. `ordered` means that a
     message waits until the unit has taken the earlier ones of other topics. `paced` means that the times between
-    messages affect the outcome, too, because the unit is not fed as fast as it takes messages.
+    messages affect the outcome, too, because the unit is not fed as fast as it takes messages. `unprobed` means that a
+    unit gets no other messages than these: no probe follows.
     """
 
     __test__ = False  # not a pytest class
@@ -87,6 +88,7 @@ class TestCase:
     again: int = 0
     ordered: bool = False
     paced: bool = False
+    unprobed: bool = False
 
     def digest(self) -> str:
         """Return a hash of everything that decides the outcome; equal cases have equal digests."""
@@ -96,6 +98,8 @@ class TestCase:
             rest["again"] = self.again
         if self.ordered:
             rest["ordered"] = True
+        if self.unprobed:
+            rest["unprobed"] = True
         if self.paced:
             rest["gaps"] = [after.time - before.time for before, after in pairwise(self.messages)]
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())

@@ -21,7 +21,7 @@ from riot_bus.sut.local import Pool
 from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import TestCase, Verdict
 from tests.systems.misbehaviour.catalogue import FAULTY, ORDER, ROBUST, build, missing, write
 from tests.tiers import chosen, scaled
 
@@ -121,6 +121,18 @@ def test_what_has_failed_for_certain_is_not_waited_for(tmp_path: Path, kind: str
         outcome = pool.execute(UnitTrial(kind, usual), TestCase(log, (bad,)))
     assert {each.signature for each in outcome.violations} == {str(FAULTY[kind]).format(kind)}
     assert outcome.seconds < 4.0
+
+
+@pytest.mark.parametrize("unprobed", [True, False])
+def test_a_probe_that_makes_a_unit_fail_can_be_left_out(tmp_path: Path, unprobed: bool) -> None:
+    path = write(tmp_path)
+    with Workspace(path, tmp_path / "out") as workspace, Pool(path, 1, keep=tmp_path / "trials") as pool:
+        log = workspace.unit_log("raises")
+        bad = (log[-1].with_(payload=b'{"x": 1e9}'),)
+        usual = Baseline(trials=3, log=log, probe=bad, probe_answers={"state": 1}, main_ends=False, ends=False)
+        trial = UnitTrial("raises", usual)
+        outcomes = pool.map(trial, [TestCase(messages, unprobed=unprobed) for messages in (log, (*log, *bad))])
+    assert [outcome.verdict is Verdict.FAIL for outcome in outcomes] == [not unprobed, True]
 
 
 def test_a_unit_that_is_busy_taking_memory_does_not_hang(tmp_path: Path) -> None:

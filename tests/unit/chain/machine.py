@@ -217,7 +217,7 @@ class Machine:
 
     def play(self, case: TestCase) -> Outcome:
         messages, touched = inject_log(case.messages, case.injections, registry=TypeRegistry(), seed=case.seed)
-        place = self.fails(messages)
+        place = self.fails((*messages, *(() if case.unprobed else self.alone.follows)))
         played = len(messages) if place is None else place + 1
         modified = sum(index < played for index, _, _ in touched)
         return self.outcome(

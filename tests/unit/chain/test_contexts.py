@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from riot_bus.chain.contexts import ask_in_contexts
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.prediction import explained, predict, predict_log
+from riot_bus.chain.questions import UnitQuestions
 from riot_bus.chain.rules import rules
 from riot_bus.cli.main import make_app
 from riot_bus.findings.records import (
@@ -28,6 +30,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.baseline import Baseline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
@@ -181,6 +184,30 @@ def test_trials_show_whether_a_missing_size_leaves_the_earlier_one_in_force(tmp_
     )  # fmt: skip
     found = explained(record, one.run(), "drive", HANG.signature)
     assert (found.keeps, found.trials, found.wrong, found.unknown) == ((True, 5, [], 0) if keeps else (False, 1, [], 4))
+
+
+def test_trials_of_a_campaign_got_the_probe_too(tmp_path: Path) -> None:
+    """The unit fails at a nominal message that follows the log: so the rule says."""
+    probe = (message(0, "pick", index=150, gain=1.0),)
+    one = finding(tmp_path, 200, fails=beyond, alone=Baseline(trials=3, probe=probe, probe_answers={"picked": 1}))
+    MinimalRecord.load(one.folder).model_copy(update={"unprobed": True}).save(one.folder)
+    small = [(Injection("setup", "size", size, first=2, last=2),) for size in (101, 151)]
+    log = one.workspace.unit_log("drive")
+    outcomes = one.run().unit_runner("drive").run([TestCase(log, each, 3) for each in small])
+    assert [outcome.verdict is Verdict.FAIL for outcome in outcomes] == [True, False]
+    record = rules(one.run(), one.folder, budget=100)
+    assert record.in_campaign is not None
+    assert (record.in_campaign.count, record.in_campaign.total) == (2, 2)
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_a_rule_may_hold_before_the_last_message_of_a_trial_behind_others(tmp_path: Path, holds: bool) -> None:
+    one = finding(tmp_path, 200, fails=beyond)
+    questions = UnitQuestions(one.run(), one.folder)
+    asked, context = [{"pick:index": 70}, {"pick:index": 7}], (message(0, "setup", size=50, note=1.5),)
+    (answers,) = ask_in_contexts(questions, [context], asked, [False, False], lambda messages: holds)
+    assert answers.failed == (True, False)
+    assert answers.wrong == ([] if holds else [0])
 
 
 def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:

@@ -69,6 +69,13 @@ def test_messages_of_one_topic_are_numbered_and_their_fields_have_one_name_on_th
         fields.with_values({"scan:n": 7})
 
 
+def test_messages_that_follow_a_log_get_the_next_numbers() -> None:
+    log = FailingLog((message(n=1).with_(sequence=7), message(n=2).with_(sequence=3)), {3: message(n=0)})
+    more = log.followed_by([message(n=3), message(n=4)])
+    assert [one.sequence for one in more.messages] == [7, 3, 8, 9]
+    assert more.originals == log.originals
+
+
 def test_what_has_no_fields_is_left_out() -> None:
     odd = (
         message(n=1).with_(kind="delete"),

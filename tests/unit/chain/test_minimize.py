@@ -12,6 +12,7 @@ from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRe
 from riot_bus.findings.steps import find_step
 from riot_bus.generalize.minimize import BUDGET
 from riot_bus.statistics.rates import exact_interval
+from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import (
@@ -327,3 +328,56 @@ def test_what_was_asked_before_is_not_executed_again(tmp_path: Path) -> None:
 def test_a_finding_is_needed(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"finding\.json is not there yet"):
         minimize(bench(tmp_path).run(), tmp_path)
+
+
+def overloaded(messages: Sequence[Message]) -> int | None:
+    """The unit adds up the latest values of two topics."""
+    load = {"left": 0.0, "right": 0.0}
+    for place, message in enumerate(messages):
+        load[message.key] = said(message)["speed"]
+        if sum(load.values()) > 100:
+            return place
+    return None
+
+
+def loads(*speeds: float, key: str = "left") -> list[Message]:
+    return [command("step", speed, number).with_(key=key) for number, speed in enumerate(speeds)]
+
+
+def probed() -> Baseline:
+    return Baseline(trials=3, probe=tuple(loads(20.0, 25.0, key="right")), probe_answers={"sum": 2})
+
+
+def test_what_of_the_probe_the_failure_needs_becomes_a_part_of_the_log(tmp_path: Path) -> None:
+    """80 alone are no overload: a rule over the one message would state a limit that no other log has."""
+    one = bench(tmp_path, fails=overloaded, alone=probed())
+    write_finding(one, loads(*[30.0] * 9, 80.0), {9: loads(30.0)[0].with_(sequence=9)})
+    nominal_passes(one)
+    record = minimize(one.run(), one.folder)
+    assert (record.topics, record.unprobed, record.added, record.before) == (("left", "right"), True, 2, 12)
+    assert record.lines()[-1] == "nominal, after the end of the log: the last 1 of these messages"
+    log = FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry)
+    assert overloaded(log.messages) == 1
+    assert list(log.originals) == [log.messages[0].sequence] == [9]
+    assert log.messages[0].time < log.messages[1].time
+    assert all(case.unprobed for case in one.machine.executed)
+
+
+def test_a_log_that_fails_by_itself_gets_no_probe(tmp_path: Path) -> None:
+    one = bench(tmp_path, fails=overloaded, alone=probed())
+    write_finding(one, loads(*[30.0] * 9, 180.0), {9: loads(30.0)[0].with_(sequence=9)})
+    record = minimize(one.run(), one.folder)
+    assert (record.topics, record.unprobed, record.added, record.kept) == (("left",), True, 0, (9,))
+    assert (
+        said(FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry).messages[0])["speed"]
+        > 100
+    )  # the probe would make 76 and more fail
+
+
+def test_what_only_a_probe_shows_keeps_it(tmp_path: Path) -> None:
+    one = bench(tmp_path, fails=overloaded, alone=probed())
+    write_finding(one, loads(*[30.0] * 9, 80.0), {9: loads(30.0)[0].with_(sequence=9)})
+    FindingRecord.load(one.folder).model_copy(update={"monitor": "silent"}).save(one.folder)
+    record = minimize(one.run(), one.folder)
+    assert (record.topics, record.unprobed, record.added) == (("left",), False, 0)
+    assert not any(case.unprobed for case in one.machine.executed)

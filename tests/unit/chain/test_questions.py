@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,17 @@ def test_one_trial_decides_where_the_failure_is_reliable(tmp_path: Path) -> None
     assert questions.ask(asked) == [True, False, False, True]
     assert questions.ask(asked[1:]) == [False, False, True]
     assert [case.again for case in one.machine.executed] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("unprobed", [True, False])
+def test_trials_are_probed_as_those_of_the_minimal_log(tmp_path: Path, unprobed: bool) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    MinimalRecord.load(one.folder).model_copy(update={"unprobed": unprobed}).save(one.folder)
+    UnitQuestions(one.run(), one.folder).ask([{SPEED: -1.0}])
+    (case,) = one.machine.executed
+    assert case.unprobed == unprobed
+    assert case.digest() != replace(case, unprobed=not unprobed).digest()
 
 
 def test_what_fails_sometimes_is_decided_by_as_many_trials_as_it_takes(tmp_path: Path) -> None:

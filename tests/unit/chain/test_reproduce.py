@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.chain.reproduce import play_again, reproduce
 from riot_bus.events import TrialFinished
-from riot_bus.findings.records import ActivationRecord, FindingRecord
+from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
@@ -44,6 +44,14 @@ def test_the_minimal_log_is_played_if_there_is_one(tmp_path: Path) -> None:
     write_minimal(one)
     assert reproduce(one.workspace, one.folder, times=5).log == "minimal.mcap"
     assert len(one.machine.executed) == 5
+
+
+def test_no_probe_follows_a_minimal_log_that_fails_without(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    MinimalRecord.load(one.folder).model_copy(update={"unprobed": True}).save(one.folder)
+    reproduce(one.workspace, one.folder, times=2)
+    assert [case.unprobed for case in one.machine.executed] == [True, True]
 
 
 def test_answers_never_come_from_the_store(tmp_path: Path) -> None:

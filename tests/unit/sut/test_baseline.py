@@ -19,12 +19,20 @@ def nominal(probe: dict[str, int], *names: str, ended: bool = False, status: int
 
 
 def test_a_probe_is_short_and_has_the_last_message_of_each_key() -> None:
-    messages = log("map", "mode", *["cmd"] * 10, "mode", *["cmd"] * 40)
+    messages = log("map", "mode", *["cmd"] * 10, "mode", *["cmd"] * 40, "start")
     probe = probe_of(messages)
-    assert [message.key for message in probe] == ["map", "mode", *["cmd"] * 16]
-    assert probe[1] is messages[12]
+    assert [message.key for message in probe] == ["mode", *["cmd"] * 16]  # what came once may be refused a second time
+    assert probe[0] is messages[12]
     assert probe_of(messages[:3]) == tuple(messages[:3])
+    assert [message.key for message in probe_of(log("map", "start"))] == ["map", "start"]  # there are no others
     assert probe_of([]) == ()
+
+
+def test_a_probe_follows_trials_only_where_nominal_ones_have_shown_answers() -> None:
+    known = baseline_of([nominal({"out": 15})], idle=STILL, log=log("cmd"))
+    assert known.follows == known.probe == tuple(log("cmd"))
+    assert baseline_of([nominal({})], idle=STILL, log=log("cmd")).follows == ()
+    assert UNKNOWN.follows == ()
 
 
 def test_only_what_all_nominal_trials_show_is_expected() -> None:
