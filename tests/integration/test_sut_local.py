@@ -42,7 +42,7 @@ def log_of(path: Path) -> tuple[Message, ...]:
 
 def test_workers_killed_at_random_moments_lose_nothing_and_count_nothing_twice(tmp_path: Path) -> None:
     path, rest = write(tmp_path), random.Random(str(tmp_path))
-    cases = [TestCase(log_of(path), seed=number) for number in range(scaled(80, gate=20))]
+    cases = [TestCase(log_of(path), seed=number) for number in range(scaled(160, gate=40))]
     kills = scaled(20, gate=4)
     times, over = Counter[int](), threading.Event()
     killed = 0
@@ -53,7 +53,7 @@ def test_workers_killed_at_random_moments_lose_nothing_and_count_nothing_twice(t
         for _ in range(kills):
             more = times.total() + 2
             wait_until(lambda: over.is_set() or times.total() >= more, 120)  # noqa: B023
-            if over.wait(rest.uniform(0.0, 0.5)):
+            if over.wait(rest.uniform(0.0, 0.1)):  # within the next trials or between them
                 return
             min(workers(tmp_path), key=psutil.Process.create_time).kill()
             killed += 1
