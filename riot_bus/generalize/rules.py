@@ -225,13 +225,15 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
 
 
 def consistent(table: Table, learnt: Learnt) -> Learnt | None:
-    """Return a rule that explains what another one gets wrong, and all else; None if none is found.
+    """Return a rule, or the one that is given, that gets no trial wrong; None if none is found.
 
     Seldom cases cost less than the literals that they need; each counts several times here.
     """
     failed = np.array(table.failed, dtype=bool)
     columns = columns_of(table.variables, table.assignments)
     again = np.flatnonzero(learnt.rule.predict(columns) != failed).repeat(_REPEATED)
+    if not len(again):
+        return learnt
     candidates, masks = table.candidates()
     found = widen(table, learn(candidates, np.hstack([masks, masks[:, again]]), np.append(failed, failed[again])))
     return None if (found.rule.predict(columns) != failed).any() else replace(found, mistakes=0)
@@ -475,6 +477,9 @@ class _Search:
             if not self.ask(self._members(other), "threshold"):
                 return
             other = consistent(self.table, other)
+            if other is None:  # what was just asked contradicts it
+                self.best = learn_from(self.table)[0]
+                self.rule = self.best.rule
 
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
