@@ -17,6 +17,7 @@ __all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "
 
 _LEAST_SHARE = 0.1  # a divisor; it is near 0 if all time was spent waiting, and rates had no bound
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
+_OF_PROCESS, _OF_THREAD = 2, 6  # last bits of the number of a processor time clock: clock_getcpuclockid(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +110,7 @@ class Threads:
         self._counts: tuple[int, ...] = ()
         self._files: dict[int, tuple[int, int]] = {}
         self._called: dict[int, bytes] = {}
+        self._ran: dict[int, int] = {}
         self._more: dict[str, dict[int, int]] = {"syscall": {}, "children": {}}
 
     def activity(self) -> Activity:
@@ -126,13 +128,28 @@ class Threads:
                 self._counts = ()
         return found
 
-    def switches(self) -> int:
-        """Return how often the known threads got a processor, without looking for new threads."""
-        total = 0
-        for file, _ in self._files.values():
-            with suppress(OSError, ValueError):
-                total += _times(os.pread(file, 4096, 0))[2]
-        return total
+    def ran(self) -> int:
+        """Return a number that grows whenever one of the threads runs: their processor time so far, in nanoseconds.
+
+        Of whole processes, this takes one system call each. The time of a thread that runs at the moment may be added
+        only when it stops. Where the kernel does not count nanoseconds, it is the number of context switches.
+        """
+        if not _TELLS_TIMES:
+            return self.activity().switches
+        some = self._names != (b"",) or self._but  # threads have clocks in their own process only
+        now = {} if some else self._ran  # a process that has ended keeps its time
+        for one in self._files if some else self.pids:
+            with suppress(OSError):
+                now[one] = time.clock_gettime_ns(~one << 3 | (_OF_THREAD if some else _OF_PROCESS))
+        return sum(now.values())
+
+    def rests(self, before: int) -> bool:
+        """Return whether all threads sleep, and none has run since `before`, a result of `ran`.
+
+        Threads are looked at one after the other, and one may wake another that was looked at before; but then it has
+        run itself, as has one that starts another.
+        """
+        return not self.busy() and self.ran() == before
 
     def busy(self, *, new: bool = True) -> bool:
         """Return whether a thread runs, could run, or is stopped by a tracer; unless `new`, only of known threads."""
@@ -150,10 +167,11 @@ class Threads:
         return self.busy(new=False)
 
     def calls(self) -> Iterator[tuple[int, bytes, bytes]]:
-        """Yield each known thread, its name, and its current system call.
+        """Yield each thread, its name, and its current system call.
 
         The latter is a line of /proc/PID/task/THREAD/syscall, empty if this process may not read it.
         """
+        self._find()
         for thread in self._files:
             yield thread, self._called[thread], self._read_more("syscall", thread)
 

@@ -67,7 +67,5 @@ def is_at_rest(threads: Threads, *, since: Activity, window: float) -> bool:
 
     Arguments are those of `all_wait`.
     """
-    before = threads.switches()
-    if not before or not all_wait(threads, since=since, window=window):
-        return False
-    return not threads.busy() and threads.switches() == before
+    before = threads.ran()
+    return bool(before) and all_wait(threads, since=since, window=window) and threads.rests(before)

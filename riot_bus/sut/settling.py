@@ -83,23 +83,18 @@ def wait_taken(
 ) -> bool:
     """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep.
 
-    Threads are checked one after the other, and one may wake another that was already checked; so they are checked
-    twice, with no context switch in between.
-
     Args:
         threads: Threads of the processes.
         senders: Threads of this process that send, from `own_senders`.
-        before: Number of times that the processes' threads got a processor before the first input.
+        before: Result of `threads.ran` before the first input.
         timeout: Deadline in seconds.
         hopeless: Function that returns True when waiting is pointless: a process has died, or hangs.
     """
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not hopeless():
-        switches = threads.switches()
-        if switches > before and not senders.busy(new=False):
-            asleep = not threads.busy(new=False) and not threads.busy(new=False)
-            if asleep and threads.switches() == switches:
-                return True
+        ran = threads.ran()
+        if ran > before and not senders.busy(new=False) and threads.rests(ran):
+            return True
         time.sleep(_TAKEN_POLL)
     return False
 

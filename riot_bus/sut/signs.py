@@ -160,19 +160,20 @@ class Feeder:
         self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
         stage.senders.busy()  # finds them: `wait_taken` looks at known ones
-        key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
+        key, threads = messages[0].key if messages else "", stage.threads(names)
+        ran = threads.ran()
 
         def hopeless() -> bool:
             return self._watch() or not self.alive
 
         def publish(message: Message) -> None:
-            nonlocal before, key, switches, ordered
+            nonlocal before, key, ran, ordered
             if ordered and message.key != key:
-                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S, hopeless=hopeless)
+                ordered = wait_taken(threads, stage.senders, before=ran, timeout=_TAKEN_S, hopeless=hopeless)
                 self.gave_up |= not ordered
                 if ordered:
                     self._watch.went_on()
-                switches, key = threads.switches(), message.key
+                ran, key = threads.ran(), message.key
             if self.sent and (self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1):
                 before = stage.activity(names)
             if self.sent % samples == 0:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["VirtualTime", "single_key"]
 
-_POLL = 0.0002
+_POLL = 0.00005
 """Interval between checks in seconds; a component takes a few hundred microseconds for a message."""
 _LONG = 0.5
 """Seconds after which it is also checked whether other processes occupy the processors, which takes a while."""
@@ -169,22 +169,18 @@ class VirtualTime:
         """Wait until all components are idle and nothing is in transit; return False if one is busy past the timeout.
 
         Data sent on this machine wakes its reader before the sender continues, or a kernel thread does so later. So if
-        two checks find no thread that wants a processor, and none ran in between, nothing is in transit.
+        no thread wants a processor, and none has run since before this was looked at, nothing is in transit.
         """
         threads, own, kernel = stage.threads(self._names), stage.others, _kernel_threads()
-        start, held_up = time.monotonic(), None
-
-        def nothing_runs(*, new: bool) -> bool:
-            looked_at = (kernel.busy(new=False), own.busy(new=new), threads.busy(new=new))
-            return stage.bus.idle() and not any(looked_at)
-
+        start, held_up, ran = time.monotonic(), None, -1
         while True:
-            if nothing_runs(new=True):
-                before = threads.switches(), own.switches()
-                still = nothing_runs(new=False) and (threads.switches(), own.switches()) == before
-                if still and stage.include_started(self._names):
-                    return True
-                threads = stage.threads(self._names)
+            before, ran = ran, threads.ran()
+            if ran == before:  # it is not worth while to look at all threads before
+                own_ran = own.ran()
+                if not kernel.busy(new=False) and own.rests(own_ran) and threads.rests(ran) and stage.bus.idle():
+                    if stage.include_started(self._names):
+                        return True
+                    threads = stage.threads(self._names)
             if (waited := time.monotonic() - start) > _LONG:
                 held_up = held_up or stage.held_up(self._names)
                 if waited - held_up() > self._timeout:

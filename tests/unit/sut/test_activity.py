@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from riot_bus.sut import activity
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between
 from riot_bus.zenoh.session import wait_until
 
@@ -38,6 +39,47 @@ def test_own_work_is_seen() -> None:
     assert threads.busy()
     assert threads.activity().switches >= before.switches
     threads.close()
+
+
+@pytest.mark.parametrize("tells_times", [True, False])
+def test_who_sleeps_rests_until_it_has_run(tells_times: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the kernel counts no nanoseconds, context switches have to do."""
+    monkeypatch.setattr(activity, "_TELLS_TIMES", tells_times)
+    with subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as echo:
+        assert echo.stdin and echo.stdout
+        threads, still = Threads([echo.pid]), list[int]()
+
+        def rests() -> bool:
+            still[:] = [threads.ran()]
+            return threads.rests(still[0])
+
+        for _ in range(50):
+            assert wait_until(rests, WAIT_S)
+            echo.stdin.write(b"a")
+            echo.stdin.flush()
+            assert echo.stdout.read(1) == b"a"
+            assert not threads.rests(still[0])
+            assert wait_until(lambda: threads.ran() > still[0], WAIT_S)
+        ran = threads.ran()
+        echo.kill()
+    assert threads.ran() >= ran if tells_times else threads.ran() == 0
+    threads.close()
+
+
+def test_threads_of_one_process_rest_one_by_one() -> None:
+    """The thread that asks runs, and the others do not."""
+    woken, end = threading.Event(), threading.Event()
+    more = threading.Thread(target=lambda: woken.wait() and end.wait())
+    more.start()
+    others = Threads([os.getpid()], but=threading.get_native_id())
+    assert wait_until(lambda: others.rests(others.ran()), WAIT_S)
+    before = others.ran()
+    woken.set()
+    assert wait_until(lambda: others.ran() > before, WAIT_S)
+    assert not others.rests(before)
+    end.set()
+    more.join()
+    others.close()
 
 
 def test_threads_that_begin_and_end_are_followed() -> None:
