@@ -46,7 +46,8 @@ def test_who_sleeps_rests_until_it_has_run(tells_times: bool, monkeypatch: pytes
     """Where the kernel counts no nanoseconds, context switches have to do."""
     monkeypatch.setattr(activity, "_TELLS_TIMES", tells_times)
     with subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as echo:
-        assert echo.stdin and echo.stdout
+        assert echo.stdin
+        assert echo.stdout
         threads, still = Threads([echo.pid]), list[int]()
 
         def rests() -> bool:
