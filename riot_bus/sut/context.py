@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.monitors.model import Invariant, Monitor
+    from riot_bus.sut.activity import Idle
 
 __all__ = ["Context", "invariants_of", "open_system"]
 
@@ -35,12 +36,14 @@ class Context:
 
     Attributes:
         hangs: Known hangs by component; trials of this process add to them.
+        idle: Activity of components that are ready, measured in trials of this process, by how they were started.
     """
 
     file: SystemFile
     registry: TypeRegistry
     monitors: tuple[Monitor, ...]
     hangs: Mapping[str, Hangs] = field(default_factory=lambda: defaultdict(Hangs), compare=False)
+    idle: Mapping[str, list[Idle]] = field(default_factory=lambda: defaultdict(list), compare=False)
 
     @property
     def watched(self) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections import Counter
 from contextlib import ExitStack
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.pipeline.event import Event
+    from riot_bus.sut.activity import Activity
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import TrialPlace, Watch
     from riot_bus.sut.system import SystemFile
@@ -267,7 +269,8 @@ class SystemTrial:
             if outside and (latest := max((each.delay for each in injections), default=0.0)):
                 stage.bus.drain(latest + _SETTLE_TIMEOUT)
             rest = probe.feeder.rest if probe else stage.settle
-            settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            certain = functools.partial(_all_at_rest, inside, stage, begun) if live else None
+            settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle, rests=certain)
             if unplayed and settled and all(stage.launcher.alive(stage.processes[name]) for name in inside):
                 raise _restless(inside, stage)
             others = [name for name in inside if not probe or name != probe.name]
@@ -475,6 +478,12 @@ def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:
 def _at_start(case: TestCase, file: SystemFile) -> dict[str, bool | int | float | str | bytes]:
     """Return the parameters of commands that a case sets, without those that running nodes take."""
     return {name: value for name, value in _parameters(case).items() if name not in file.external.in_nodes}
+
+
+def _all_at_rest(names: Sequence[str], stage: TrialSetup, begun: tuple[Activity, Activity]) -> bool:
+    """Return whether components certainly do nothing more; `begun` is what they and the router had done before."""
+    since, own = begun
+    return all(stage.is_at_rest(name, since=since, own=own, window=_SETTLED) for name in names)
 
 
 def _restless(names: Sequence[str], stage: TrialSetup) -> EnvironmentFaultError:
