@@ -37,14 +37,7 @@ time.sleep(3600)
 """
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
-
-
-def stage(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int) -> TrialSetup:
+def stage(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int | str) -> TrialSetup:
     (tmp_path / "part.py").write_text(PROGRAM)
     path = tmp_path / "riot.toml"
     path.write_text(
@@ -58,9 +51,9 @@ READY = [
     'line = "it is ready"',
     'topic = "told"',
     "topic = \"told where state == 'active'\"",
-    "port = PORT",
+    'port = "{free_port}"',
     "after = 0.7",
-    'command = ["{python}", "-c", "import socket; socket.create_connection((\'127.0.0.1\', PORT))"]',
+    'command = ["{python}", "-c", "import socket; socket.create_connection((\'127.0.0.1\', {free_port}))"]',
 ]
 
 
@@ -83,9 +76,7 @@ def test_a_component_gets_copies_of_files_with_its_placeholders(tmp_path: Path) 
 
 @pytest.mark.parametrize("ready", READY)
 def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
-    port = free_port()
-    text = f"timeout = 60, {ready.replace('PORT', str(port))}"
-    with Launcher() as launcher, stage(tmp_path, launcher, text, "soon", port) as one:
+    with Launcher() as launcher, stage(tmp_path, launcher, f"timeout = 60, {ready}", "soon", "{free_port}") as one:
         begin = time.monotonic()
         process = one.start("part", seed=0)
         one.wait_subscribed("part", ["ask"])
