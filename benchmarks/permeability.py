@@ -5,6 +5,11 @@ Usage: python benchmarks/permeability.py [--seeds N] [--first N] [--ways WAY ...
 The rover's window of the map follows two fields of the goal and two of the odometry. The goal comes again and again
 (`repeated`), once (`once`), or again and again while only the first one counts (`latched`); `logged` has no
 external components, but the log of a nominal run. Each is the example with a line or two of its programs changed.
+
+In runs with a constant goal, the other coordinate of the goal has an effect too: the rover drives at the same speed
+whatever the direction, so how fast it moves along x also depends on y, and the simulator's odometry brings that to the
+window. In 40 s it is a few tenths of a cell where the goal is too far to be reached. Naming it is right, not naming it
+no mistake; it is counted as `loop`.
 """
 
 from __future__ import annotations
@@ -30,6 +35,7 @@ TRUE = {
     ("/odom:twist.twist.linear.x", "/map_updates:x"),
     ("/odom:twist.twist.linear.y", "/map_updates:y"),
 }
+LOOP = {("/goal:pose.position.x", "/map_updates:y"), ("/goal:pose.position.y", "/map_updates:x")}
 CHOOSES, TAKES = "        if self._left == 0:\n", "        if on_site(goal.x, goal.y):\n            self._goal ="
 CHANGES = {
     "once": ("rover/operator_.py", CHOOSES, "        if tick:\n            return\n" + CHOOSES),
@@ -94,9 +100,11 @@ def main() -> None:
                     folder = finding(workspace.findings / "crash-planner-0", system)
                     record = permeability(StepRun(workspace, "permeability"), folder)
                 named = {(edge.external, edge.internal) for edge in record.edges if edge.permeable}
-                right[way] += named == TRUE
-                line = {"way": way, "seed": seed, "right": named == TRUE, "runs": record.runs}
-                odd = {"missed": sorted(TRUE - named), "false": sorted(named - TRUE)} if named != TRUE else {}
+                missed, false = TRUE - named, named - TRUE - (LOOP if way != "logged" else set())
+                right[way] += not (missed or false)
+                line = {"way": way, "seed": seed, "right": not (missed or false), "runs": record.runs}
+                line |= {"loop": len(named & LOOP)}
+                odd = {"missed": sorted(missed), "false": sorted(false)} if missed or false else {}
                 print(json.dumps({**line, "s": round(time.monotonic() - begin, 1), **odd}), flush=True)
     for way in options.ways:
         print(f"{way}: {right[way]} of {options.seeds} name the true fields and no others", file=sys.stderr)
