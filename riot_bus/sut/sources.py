@@ -89,7 +89,7 @@ def _tell_more(folder: Path) -> None:
 def _named(component: Component, root: Path) -> Iterator[Path]:
     box = component.container
     started = component.command if box is None else (box.compose or "",)
-    for command in (started, component.setup, component.teardown):
+    for command in (started, component.setup, component.ready.command, component.stop_command, component.teardown):
         yield from _files_of(command, root / component.cwd)
 
 

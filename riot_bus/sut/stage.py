@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
+from riot_bus.router.services.offer import ServiceOffer
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, out_of_memory_kills, resources
 from riot_bus.sut.kept_network import KeptNetwork
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
@@ -145,6 +146,7 @@ class TrialSetup:
         self.python = PythonReport(directory)
         self._samples: dict[str, list[ResourceSample]] = {}
         self._published: set[str] = set()
+        self._offers: dict[str, ServiceOffer] = {}
         self._watched: list[str] = []
         self._started: dict[str, float] = {}
         self._as: dict[str, str] = {}
@@ -211,6 +213,8 @@ class TrialSetup:
             self.launcher.kill_all()
             for threads in self._families.values():
                 threads.close()
+            for offer in self._offers.values():
+                offer.close()
         finally:
             try:
                 self._starter.close()
@@ -252,6 +256,8 @@ class TrialSetup:
             told = parse_selector(ready.topic)
             for expression in self.context.topics(told.topic):
                 self.bus.subscribe(segment, expression, functools.partial(self._hear, name, told.where))
+        if ready.service is not None and name not in self._offers:
+            self._offers[name] = ServiceOffer(self.bus.segment(segment).session, ready.service, self.context.registry)
         process = self._starter.start(
             name, self._endpoint(segment), segment=segment, seed=seed, pace=pace, before=before
         )
@@ -286,10 +292,15 @@ class TrialSetup:
 
     def _terminate(self, name: str) -> None:
         """Give a component time to end by itself, if riot.toml says so."""
-        process = self.processes[name]
-        if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
-            self.launcher.interrupt(process, signal.SIGTERM)
-            self.launcher.wait([process], timeout=3.0)
+        process, stop = self.processes[name], self.context.file.components[name].stop
+        if stop == "kill" or not self.launcher.alive(process):
+            return
+        if stop != "term":
+            if problem := self._starter.stop(name):
+                _tell_unstopped(name, f"{stop[0]!r} {problem}")
+            return
+        self.launcher.interrupt(process, signal.SIGTERM)
+        self.launcher.wait([process], timeout=3.0)
 
     def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
         """Wait until the only component on its segment has subscribed to keys.
@@ -376,6 +387,8 @@ class TrialSetup:
             return f"has not printed {ready.line!r}"
         if ready.topic is not None and name not in self._published:
             return f"has not published on {ready.topic}"
+        if ready.service is not None and not self._offers[name].there():
+            return f"does not offer the service {ready.service}"
         if ready.port is not None:
             port = ready.port if isinstance(ready.port, int) else self._starter.free_port(ready.port)
             with socket.socket() as probe:
@@ -701,3 +714,8 @@ def _blocking(priority: int, express: bool) -> Qos:  # noqa: FBT001 - a cached f
 @functools.cache
 def _tell_unwatched(why: str) -> None:
     _LOG.warning("crashes by a signal are told apart by the signal alone: components cannot be traced (%s)", why)
+
+
+@functools.cache
+def _tell_unstopped(name: str, what: str) -> None:
+    _LOG.warning("component %r is killed: its stop command %s", name, what)

@@ -6,6 +6,8 @@ import json
 import math
 import os
 import random
+import re
+import secrets
 import socket
 import sys
 import time
@@ -43,13 +45,16 @@ _PORTS = range(15_000, 32_000)
 """Ports below those that the kernel assigns, so that none is taken before the component listens there."""
 _CHECKED_EVERY_S = 0.1
 """Shortest time between two executions of `ready.command`."""
+_STOPPED_WITHIN_S = 10.0
+"""Time that `stop` and the end of its component may take, as long as the command of a reset may."""
 
 
 @dataclass(slots=True)
-class _ReadyCheck:
-    """The command that tells whether a component is ready, and its last execution."""
+class _Commands:
+    """The commands that are executed while a component runs, and the last execution of the one that tells readiness."""
 
-    command: Sequence[str]
+    ready: Sequence[str]
+    stop: Sequence[str]
     env: Mapping[str, str]
     cwd: Path
     process: ComponentProcess | None = None
@@ -86,7 +91,7 @@ class ComponentStarter:
         self._folders: dict[str, Path] = {}
         self._bridges: dict[str, ComponentProcess] = {}
         self._inside: dict[str, Sequence[int]] = {}
-        self._checks: dict[str, _ReadyCheck] = {}
+        self._commands: dict[str, _Commands] = {}
         self._ports: dict[str, int] = {}
         self._domains: dict[str, int] = {}
         self._reserved = ExitStack()
@@ -118,7 +123,10 @@ class ComponentStarter:
         component = self._file.components[name]
         before = before if component.is_process else ()
         there = f"tcp/127.0.0.1:{self.free_port(f'ssh {name}')}" if component.ssh else endpoint
+        called = f"riot-{secrets.token_hex(6)}-{re.sub(r'[^A-Za-z0-9_.-]', '-', name)}"
         words = self._words(name, there, segment=segment, seed=seed, pace=pace)
+        if component.container is not None:
+            words["{container}"] = called
         filled = component.filled(lambda text: _fill(text, words))
         fixed = self._file.system.surroundings == "fixed"
         surroundings = fixed_environment(component.env) if fixed else {}
@@ -133,7 +141,7 @@ class ComponentStarter:
         cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
         start = self._starts[name] = start_of(
             filled,
-            name,
+            called,
             argv=[*before, *filled.command],
             env=own,
             endpoint=endpoint,
@@ -149,18 +157,17 @@ class ComponentStarter:
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
         bridge = self._bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
-            number, called = self._domain(name), f"{name}.bridge"
+            number, title = self._domain(name), f"{name}.bridge"
             nodes = {str(each.node) for each in self._file.external.in_nodes.values()}
             self._bridges[name] = start_bridge(
                 self._launcher,
-                called,
+                title,
                 endpoint=endpoint,
                 domain=number,
                 folder=self._directory,
                 parameters=sorted(node for node in nodes if node.startswith("/")),
             )
         around: dict[str, Any] = {"env": env, "cwd": cwd}
-        self._checks[name] = _ReadyCheck(filled.ready.command, plain, cwd)
         if filled.setup:
             within = component.ready.timeout
             self._carry_out(f"{name}.setup", filled.setup, **around, timeout=within, undo=filled.teardown)
@@ -185,27 +192,50 @@ class ComponentStarter:
                 with suppress(RiotError):
                     self._carry_out(f"{name}.teardown", filled.teardown, **around, timeout=TORN_DOWN_WITHIN_S)
             raise
+        pid = str(self._processes[name].pid)
+        ready, stop = (
+            [word.replace("{pid}", pid) for word in each] for each in (filled.ready.command, filled.stop_command)
+        )
+        self._commands[name] = _Commands(ready, stop, plain, cwd)
         return self._processes[name]
+
+    def stop(self, name: str) -> str | None:
+        """Ask a component to end by itself, by the command `stop`; return what is wrong if it goes on, else None."""
+        commands, process = self._commands[name], self._processes[name]
+        try:
+            asking = self._launcher.start(
+                f"{name}.stop", commands.stop, env=commands.env, cwd=commands.cwd, directory=self._directory
+            )
+        except EnvironmentFaultError as error:
+            return f"cannot be executed: {error.message}"
+        deadline = time.monotonic() + _STOPPED_WITHIN_S
+        asked = self._launcher.wait([asking], timeout=_STOPPED_WITHIN_S)
+        if asking.status == 0 and self._launcher.wait([process], timeout=deadline - time.monotonic()):
+            return None
+        if asking.status:
+            return f"ended with status {asking.status}; {last_words(asking)}"
+        told = "and the component still runs" if asked else "and has not ended itself"
+        return f"was executed {_STOPPED_WITHIN_S:g} s ago, {told}"
 
     def why_not_ready(self, name: str) -> str | None:
         """Return what `ready.command` of a component says, and execute it again; None once it has ended with 0."""
-        check = self._checks[name]
-        if not check.command or (check.process is not None and check.process.status == 0):
+        check = self._commands[name]
+        if not check.ready or (check.process is not None and check.process.status == 0):
             return None
         if check.process is None or not self._launcher.alive(check.process):
             check.told = "" if check.process is None else f" ended with status {check.process.status}"
             if time.monotonic() - check.started >= _CHECKED_EVERY_S:
                 check.started = time.monotonic()
                 check.process = self._launcher.start(
-                    f"{name}.ready", check.command, env=check.env, cwd=check.cwd, directory=self._directory
+                    f"{name}.ready", check.ready, env=check.env, cwd=check.cwd, directory=self._directory
                 )
-        return f"is not ready: {check.command[0]!r}{check.told or ' has not ended'}"
+        return f"is not ready: {check.ready[0]!r}{check.told or ' has not ended'}"
 
     def folder_of(self, name: str) -> Path:
         """Return where a component's code is: its working folder."""
         return self._folders[name]
 
-    def _words(self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None) -> Mapping[str, str]:
+    def _words(self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None) -> dict[str, str]:
         """Return what stands for each placeholder of a component."""
         component = self._file.components[name]
         words = self._common_words() | {

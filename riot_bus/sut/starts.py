@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import secrets
 import shlex
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -44,7 +42,7 @@ class Start(NamedTuple):
 
 def start_of(
     component: Component,
-    name: str,
+    called: str,
     *,
     argv: Sequence[str],
     env: Mapping[str, str],
@@ -56,7 +54,7 @@ def start_of(
 
     Args:
         component: Settings of the component in riot.toml, with placeholders filled in.
-        name: Name of the component in riot.toml.
+        called: Name that its container gets, if it runs in one.
         argv: Command of the component.
         env: Variables that riot.toml gives it, and those of the surroundings; a container or another machine adds
             its own.
@@ -68,7 +66,6 @@ def start_of(
         ConfigError: The component cannot be started so on this machine.
     """
     if component.container is not None:
-        called = f"riot-{secrets.token_hex(6)}-{re.sub(r'[^A-Za-z0-9_.-]', '-', name)}"
         made = container_commands(component.container, called, command=argv, env=env, folder=folder)
         teardown: Sequence[str] = made.remove
         if component.teardown:

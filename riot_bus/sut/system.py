@@ -136,17 +136,27 @@ def _messages(text: str) -> str:
     return text
 
 
+def _service(text: str) -> str:
+    """Return the name of a service as it is; refuse what is none."""
+    if not re.fullmatch(r"/?[^/*$?#\s]+(/[^/*$?#\s]+)*", text):
+        raise MistakeError(
+            f"{text!r} is not the name of a service", hint="write its key or ROS name, without wildcards"
+        )
+    return text
+
+
 class Ready(_Table):
     """When a component can be fed: it has subscribed to its inputs, and what is given here holds too.
 
-    `line` is part of a line that it prints, `topic` one on which it has published (a selector may say what), `port` one
-    of TCP at which it listens on this machine, `after` a time since its start, `command` one that is executed until it
-    ends with status 0. All of it has to come within `timeout` seconds.
+    `line` is part of a line that it prints, `topic` one on which it has published (a selector may say what), `service`
+    one that it offers, `port` one of TCP at which it listens on this machine, `after` a time since its start, `command`
+    one that is executed until it ends with status 0. All of it has to come within `timeout` seconds.
     """
 
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
     topic: Annotated[str, AfterValidator(_messages)] | None = None
+    service: Annotated[str, Field(max_length=1000), AfterValidator(_service)] | None = None
     port: Annotated[int, Field(ge=1, le=65_535)] | Annotated[str, Field(pattern=f"^{FREE_PORT.pattern}$")] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
     command: tuple[str, ...] = ()
@@ -216,14 +226,25 @@ def _pattern(text: str) -> str:
     return text
 
 
+def _way_to_end(value: Any) -> Any:
+    """Return how a component is ended as it is; refuse what is none of the ways."""
+    if value in ("kill", "term") or (isinstance(value, list | tuple) and value):
+        return value
+    raise MistakeError(
+        f"{value!r} is no way to end a component", hint='"kill", "term" or a command: ["PROGRAM", "ARGUMENT", ...]'
+    )
+
+
 class Component(_Table):
     """`[components.NAME]`: one process with what it starts, executed here, in a container, or on another machine.
 
-    `command`, `env`, `cwd`, `setup`, `teardown` and what names a container or a machine may contain {python} {endpoint}
-    {segment} {trial_dir} {seed} {duration} {speed} {slot} {domain} {free_port} {free_port:NAME} {param:NAME}
-    {file:PATH}. `resources` says how many of which of `[resources]` it needs.
+    `command`, `env`, `cwd`, `setup`, `stop`, `teardown` and what names a container or a machine may contain {python}
+    {endpoint} {segment} {trial_dir} {seed} {duration} {speed} {slot} {domain} {free_port} {free_port:NAME} {param:NAME}
+    {file:PATH}, and commands that are executed while it runs (`ready.command`, `stop`) {pid} {container}. `resources`
+    says how many of which of `[resources]` it needs.
 
-    `setup` is executed before each start, to its end, and `teardown` after each end. `only` is a regular expression
+    `setup` is executed before each start, to its end, and `teardown` after each end. `stop` is how it is ended: at
+    once, by SIGTERM, or by a command that asks it to end. `only` is a regular expression
     for the names of those processes that belong to it, among all that the command starts; others are not started.
     `dds` gives it a ROS domain of its own and a bridge from there. One with `attach` runs already, and connects to that
     address of this machine by itself.
@@ -247,7 +268,7 @@ class Component(_Table):
     calls: tuple[str, ...] = ()
     external: bool = False
     ready: Ready = Ready()
-    stop: Literal["kill", "term"] = "kill"
+    stop: Annotated[Literal["kill", "term"] | tuple[str, ...], BeforeValidator(_way_to_end)] = "kill"
     tracebacks: Literal["fail", "ignore"] = "fail"
     limits: ResourceLimits | Literal["off"] = ResourceLimits()
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
@@ -263,6 +284,8 @@ class Component(_Table):
             )
         if self.attach is not None and self.command:
             raise MistakeError("what runs already has no command", hint="leave out `command`, or `attach`")
+        if self.attach is not None and self.stop_command:
+            raise MistakeError("what runs already is not ended", hint="leave out `stop`, or use `teardown`")
         if self.only is not None and ways:
             raise MistakeError("`only` is for commands that are executed here")
         if self.dds and ways not in ([], ["container"]):
@@ -272,9 +295,14 @@ class Component(_Table):
         return self
 
     @property
+    def stop_command(self) -> tuple[str, ...]:
+        """The command that asks it to end; empty if there is none."""
+        return () if isinstance(self.stop, str) else self.stop
+
+    @property
     def texts(self) -> tuple[str, ...]:
         """All texts that may have placeholders."""
-        there: list[str] = [*self.setup, *self.teardown, *self.ready.command]
+        there: list[str] = [*self.setup, *self.stop_command, *self.teardown, *self.ready.command]
         if self.container is not None:
             there += [self.container.image, self.container.compose or "", *self.container.options]
         if self.ssh is not None:
@@ -289,6 +317,7 @@ class Component(_Table):
             "cwd": fill(self.cwd),
             "setup": tuple(map(fill, self.setup)),
             "teardown": tuple(map(fill, self.teardown)),
+            "stop": self.stop if isinstance(self.stop, str) else tuple(map(fill, self.stop)),
             "ready": self.ready.model_copy(update={"command": tuple(map(fill, self.ready.command))}),
         }
         if (box := self.container) is not None:
@@ -479,7 +508,8 @@ class SystemFile(_Table):
 
     def _check_placeholders(self, component: Component, place: str) -> None:
         by_key = {"command": component.command, "env": component.env.values(), "cwd": (component.cwd,)}
-        for key, texts in {**by_key, "setup": component.setup, "teardown": component.teardown}.items():
+        by_key |= {"setup": component.setup, "stop": component.stop_command, "teardown": component.teardown}
+        for key, texts in by_key.items():
             for text in texts:
                 for parameter in PARAMETER.findall(text):
                     if why := self.external.why_not_in_commands(parameter):

@@ -248,7 +248,9 @@ def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str)
     with stage(system(tmp_path, CONTAINER.format(**values, more=more))) as one:
         process = one.start("part", seed=0)
         one.wait_subscribed("part", ["ask"])
-        assert prints(process, "ready 3\n"), process.printed()
+        assert wait_until(lambda: process.printed().endswith("ready 3\n"), WAIT_S), (
+            process.printed()
+        )  # compose prints, too
         assert len(one.threads(["part"]).pids) >= 3
     assert not containers(engine)
 

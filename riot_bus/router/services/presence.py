@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from riot_bus.router.advanced.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Presence"]
+__all__ = ["Presence", "silent_querier"]
 
 _CACHED = 1 << 10  # each is a querier declared in a session, and callers may use ever new keys
 
@@ -65,9 +65,9 @@ class Presence:
                 self._stand_in(name, complete=True)
             return
         for name, session in self._sessions.items():
-            self._complete[name] = _querier(session, self.expression, complete=True)
+            self._complete[name] = silent_querier(session, self.expression, complete=True)
             if not self._wild:
-                self._any[name] = _querier(session, self.expression, complete=False)
+                self._any[name] = silent_querier(session, self.expression, complete=False)
         for queriers in (self._any, self._complete):
             for name, querier in queriers.items():
                 heard = _callback(self._sessions[name], self._changed)
@@ -133,7 +133,8 @@ class Presence:
                 return False
             querier = self._by_key.get((name, key, complete))
             if querier is None:
-                querier = self._by_key[name, key, complete] = _querier(self._sessions[name], key, complete=complete)
+                querier = silent_querier(self._sessions[name], key, complete=complete)
+                self._by_key[name, key, complete] = querier
                 if len(self._by_key) > _CACHED:
                     release(self._by_key.popitem(last=False)[1])
             else:
@@ -141,7 +142,14 @@ class Presence:
             return bool(querier.matching_status.matching)
 
 
-def _querier(session: zenoh.Session, expression: str, *, complete: bool) -> Any:
+def silent_querier(session: zenoh.Session, expression: str, *, complete: bool = False) -> Any:
+    """Return a querier that never asks: its matching status tells whether others serve an expression.
+
+    Args:
+        session: Session of the querier.
+        expression: Key, or key expression that a service has to include completely.
+        complete: Whether only complete services count.
+    """
     zenoh = library_of(session)
     pin(session, expression)
     return session.declare_querier(
