@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
+import re
 import shutil
 import subprocess
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from riot_bus.sut.system import Container
 
@@ -56,7 +58,7 @@ def engine_of(container: Container) -> str:
 
 
 def container_commands(
-    container: Container, name: str, *, command: Sequence[str], env: Mapping[str, str], folder: Path
+    container: Container, name: str, *, command: Sequence[str], env: Mapping[str, str], folder: Path, cwd: Path
 ) -> ContainerCommands:
     """Return the commands of a container that uses this machine's network, with a process 1 that forwards signals.
 
@@ -66,9 +68,11 @@ def container_commands(
         command: Command that replaces the image's own one; empty for the latter.
         env: Variables that the container gets in addition to those of its image.
         folder: Folder of the trial, visible in the container under the same path.
+        cwd: Folder that paths start from.
 
     Raises:
-        ConfigError: There is no program that runs containers.
+        ConfigError: There is no program that runs containers, or the compose file cannot be read.
+        EnvironmentFaultError: The program that reads compose files does not answer.
     """
     engine = engine_of(container)
     words = ["--rm", "--name", name, *(f"--env={key}={value}" for key, value in env.items())]
@@ -76,18 +80,45 @@ def container_commands(
     if container.service is None:
         run = [engine, "run", "--network=host", "--init", *words, container.image, *command]
     else:
-        program = [engine, "compose"] if os.path.basename(engine) == "docker" else [f"{engine}-compose"]
-        files = [container.compose or "", _as_run(container.service, folder / f"{name}.compose.json")]
+        program = (engine, "compose") if os.path.basename(engine) == "docker" else (f"{engine}-compose",)
+        compose = container.compose or ""
+        changed = _as_run(container.service, program, cwd / compose)
+        (override := folder / f"{name}.compose.yaml").write_text(changed, encoding="utf-8")
+        files = [compose, str(override)]
         run = [*program, *(word for file in files for word in ("-f", file)), "run", "--no-deps", "-T"]
         run += [*words, container.service, *command]
     return ContainerCommands(name, run, ["sh", "-c", _REMOVE, engine, name])
 
 
-def _as_run(service: str, path: Path) -> str:
-    """Write a compose file with the settings of a service that riot runs, and return its path."""
-    changed = {"network_mode": "host", "init": True}
-    path.write_text(json.dumps({"services": {service: changed}}), encoding="utf-8")
-    return str(path)
+def _as_run(service: str, program: tuple[str, ...], compose: Path) -> str:
+    """Return a compose file with the settings of a service that riot runs, to be read after the service's own file.
+
+    The service has this machine's network, where all other services of the file have the address of this machine.
+    """
+    try:
+        changed = compose.stat().st_mtime_ns
+    except OSError as error:
+        hint = "paths start from the folder of riot.toml, or from `cwd`"
+        raise ConfigError(f"cannot read {str(compose)!r}: {error}", where="container.compose", hint=hint) from None
+    services = _services(program, str(compose), changed)
+    hosts = json.dumps([f"{each}:127.0.0.1" for each in services])
+    lines = ["services:", f"  {json.dumps(service)}:", "    network_mode: host", "    init: true"]
+    lines += [f"    extra_hosts: {hosts}"]
+    lines += ["    networks: !reset null"] if services.get(service) else []
+    return "\n".join(lines) + "\n"
+
+
+@functools.lru_cache(maxsize=8)
+def _services(program: tuple[str, ...], compose: str, changed: int) -> Mapping[str, bool]:
+    """Return all services of a compose file, each with whether it has networks, as long as it has not `changed`.
+
+    Those without get the network `default`, which docker shows, too; only newer programs can take networks away.
+    """
+    shown = _ask(*program, "-f", compose, "config").stdout  # with two spaces for each level, however it was written
+    section = re.search(r"^services:\n((?: .*\n)*)", shown, re.MULTILINE)
+    blocks = re.findall(r"^  ([A-Za-z0-9._-]+):\n((?:    .*\n)*)", section[1] if section else "", re.MULTILINE)
+    own = re.compile(r"^    networks:\n(?!      default: null\n(?!      ))", re.MULTILINE)
+    return {name: own.search(block) is not None for name, block in blocks}
 
 
 def first_process(engine: str, name: str) -> int:

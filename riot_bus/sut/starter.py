@@ -147,6 +147,7 @@ class ComponentStarter:
             endpoint=endpoint,
             there=there,
             folder=self._directory,
+            cwd=cwd,
         )
         modules = self._imports.get(self._program(name), ())
         fresh = 'isolation = "fresh"' if self._file.isolation_of(name) == "fresh" else ""

@@ -49,6 +49,7 @@ def start_of(
     endpoint: str,
     there: str,
     folder: Path,
+    cwd: Path,
 ) -> Start:
     """Return how a component is started.
 
@@ -61,12 +62,13 @@ def start_of(
         endpoint: Endpoint of its segment.
         there: Endpoint from the component's view: the same, unless it runs on another machine.
         folder: Folder of the trial.
+        cwd: Folder in which the command is executed.
 
     Raises:
         ConfigError: The component cannot be started so on this machine.
     """
     if component.container is not None:
-        made = container_commands(component.container, called, command=argv, env=env, folder=folder)
+        made = container_commands(component.container, called, command=argv, env=env, folder=folder, cwd=cwd)
         teardown: Sequence[str] = made.remove
         if component.teardown:
             teardown = ["sh", "-c", f"{shlex.join(made.remove)}; {shlex.join(component.teardown)}"]

@@ -236,13 +236,33 @@ def test_a_crash_in_a_container_has_its_signal(tmp_path: Path, engine: str) -> N
         assert process.status == -signal.SIGSEGV
 
 
-def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str) -> None:
+def test_a_component_in_a_container_is_asked_to_end(tmp_path: Path, engine: str) -> None:
+    path = boxed(tmp_path, engine)
+    path.write_text(f'{path.read_text()}stop = ["{engine}", "stop", "{{container}}"]\n')
+    with stage(path) as one:
+        process = one.start("part", seed=0)
+        one.wait_subscribed("part", ["ask"])
+        one.end(["part"])
+        assert process.status == -signal.SIGTERM
+    assert not containers(engine)
+
+
+@pytest.mark.parametrize("networks", [[], ["robot"]], ids=["no networks", "a network of its own"])
+def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str, networks: list[str]) -> None:
     compose = [engine, "compose"] if os.path.basename(engine) == "docker" else [f"{engine}-compose"]
     if shutil.which(compose[0]) is None:
         pytest.skip(f"no {compose[0]}: services of compose files are NOT TESTED")
-    service = {"image": IMAGE, "volumes": volumes(tmp_path), "depends_on": ["other"], "environment": {"GAIN": "9"}}
-    services = {"part": service, "other": {"image": IMAGE, "command": ["/bin/false"]}}
-    (tmp_path / "compose.yaml").write_text(json.dumps({"services": services}))
+    service: dict[str, object] = {
+        "image": IMAGE,
+        "volumes": volumes(tmp_path),
+        "depends_on": ["other"],
+        "environment": {"GAIN": "9"},
+    }
+    services: dict[str, dict[str, object]] = {"part": service, "other": {"image": IMAGE, "command": ["/bin/false"]}}
+    for each in services.values() if networks else ():
+        each["networks"] = networks
+    of_file = {"services": services, "networks": {name: dict[str, object]() for name in networks}}
+    (tmp_path / "compose.yaml").write_text(json.dumps(of_file))
     values = {"python": sys.executable, "folder": tmp_path, "engine": engine, "image": IMAGE, "options": []}
     more = ', compose = "compose.yaml", service = "part"'
     with stage(system(tmp_path, CONTAINER.format(**values, more=more))) as one:
@@ -251,6 +271,9 @@ def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str)
         assert wait_until(lambda: process.printed().endswith("ready 3\n"), WAIT_S), (
             process.printed()
         )  # compose prints, too
+        (*_, inside) = one.threads(["part"]).pids
+        hosts = Path(f"/proc/{inside}/root/etc/hosts").read_text().splitlines()
+        assert "127.0.0.1" in {line.split()[0] for line in hosts if "other" in line.split()}
         assert len(one.threads(["part"]).pids) >= 3
     assert not containers(engine)
 

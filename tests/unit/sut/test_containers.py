@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 from pathlib import Path
@@ -24,7 +23,9 @@ def engine(folder: Path, text: str, name: str = "podman") -> str:
 
 def test_an_image_is_run_in_the_network_of_this_machine(tmp_path: Path) -> None:
     container = Container(image="registry/planner:2", engine="podman", options=("--memory=1g",))
-    made = container_commands(container, "riot-1-planner", command=["plan", "-v"], env=ENV, folder=tmp_path)
+    made = container_commands(
+        container, "riot-1-planner", command=["plan", "-v"], env=ENV, folder=tmp_path, cwd=tmp_path
+    )
     options = ["--rm", "--name", "riot-1-planner", "--env=GAIN=2", "--env=NAME=a b", f"--volume={tmp_path}:{tmp_path}"]
     assert made.run == [
         *("podman", "run", "--network=host", "--init"),
@@ -34,25 +35,54 @@ def test_an_image_is_run_in_the_network_of_this_machine(tmp_path: Path) -> None:
     assert made.remove[-2:] == ["podman", "riot-1-planner"]
 
 
+AS_RUN = """services:
+  "planner":
+    network_mode: host
+    init: true
+    extra_hosts: ["map:127.0.0.1", "planner:127.0.0.1"]
+"""
+
+
+@pytest.mark.parametrize("words", [["docker", "compose"], ["podman-compose"]])
 @pytest.mark.parametrize(
-    ("program", "compose"), [("/usr/bin/docker", ["/usr/bin/docker", "compose"]), ("podman", ["podman-compose"])]
+    ("networks", "reset"),
+    [
+        ("", ""),
+        ("    networks:\n      default: null\n", ""),
+        ("    networks:\n    - robot\n", "    networks: !reset null\n"),
+        ("    networks:\n      default: null\n      robot: null\n", "    networks: !reset null\n"),
+    ],
 )
 def test_a_service_is_run_alone_and_in_the_network_of_this_machine(
-    tmp_path: Path, program: str, compose: list[str]
+    tmp_path: Path, words: list[str], networks: str, reset: str
 ) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    shown = f"services:\n  map:\n    image: x\n    networks:\n    - robot\n  planner:\n{networks}    image: y\n"
+    (there / "stack.yaml").write_text(f"{shown}networks:\n  robot: {{}}\n")
+    answer = f'case "$*" in *"-f {there}/stack.yaml config") cat {there}/stack.yaml;; esac'
+    compose = [engine(tmp_path, answer, words[0]), *words[1:]]
+    program = compose[0].removesuffix("-compose")
     container = Container(image="planner", compose="stack.yaml", service="planner", engine=program)
-    made = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path)
-    changed = tmp_path / "riot-1-planner.compose.json"
+    made = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path, cwd=there)
+    changed = tmp_path / "riot-1-planner.compose.yaml"
     assert made.run[: len(compose)] == compose
     rest = made.run[len(compose) :]
     assert rest[:7] == ["-f", "stack.yaml", "-f", str(changed), "run", "--no-deps", "-T"]
     assert rest[-1] == "planner"
-    assert json.loads(changed.read_text()) == {"services": {"planner": {"network_mode": "host", "init": True}}}
+    assert changed.read_text() == AS_RUN + reset
+
+
+def test_a_compose_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+    container = Container(image="planner", compose="stack.yaml", service="planner", engine=engine(tmp_path, ""))
+    with pytest.raises(ConfigError, match=r"container.compose: cannot read '.*stack.yaml': .*No such file"):
+        container_commands(container, "one", command=[], env={}, folder=tmp_path, cwd=tmp_path)
 
 
 def test_removing_is_no_error_where_there_is_nothing(tmp_path: Path) -> None:
     program = engine(tmp_path, 'echo "$@" >> asked; exit 1')
-    made = container_commands(Container(image="x", engine=program), "one", command=[], env={}, folder=tmp_path)
+    one = Container(image="x", engine=program)
+    made = container_commands(one, "one", command=[], env={}, folder=tmp_path, cwd=tmp_path)
     subprocess.run(made.remove, cwd=tmp_path, check=True)
     assert (tmp_path / "asked").read_text() == "kill one\nrm -f one\n"
 

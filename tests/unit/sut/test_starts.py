@@ -13,7 +13,14 @@ ENDPOINT = "tcp/127.0.0.1:41234"
 def start(component: Component, folder: Path) -> Start:
     argv = list(component.command)
     return start_of(
-        component, "riot-12ab-planner", argv=argv, env={"A": "1"}, endpoint=ENDPOINT, there=ENDPOINT, folder=folder
+        component,
+        "riot-12ab-planner",
+        argv=argv,
+        env={"A": "1"},
+        endpoint=ENDPOINT,
+        there=ENDPOINT,
+        folder=folder,
+        cwd=folder,
     )
 
 
