@@ -73,7 +73,7 @@ Reports = Annotated[
     typer.Option(
         "--report",
         metavar="NAME[=FILE]",
-        help="Keep a report up to date: junit, sarif, markdown, github, or one of another package; repeatable.",
+        help="Keep a report up to date: junit, sarif, allure, markdown, github, or one of another package; repeatable.",
     ),
 ]
 Salvage = Annotated[

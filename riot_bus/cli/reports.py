@@ -32,8 +32,8 @@ def report(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="html, text, json: of one finding; junit, sarif, markdown, github: of a campaign, too; or a format of "
-            "another package.",
+            help="html, text, json: of one finding; junit, sarif, allure, markdown, github: of a campaign, too; or a "
+            "format of another package.",
         ),
     ] = "html",
     out: Annotated[
@@ -42,7 +42,7 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write. [default: by the format, a file in the folder or stdout]",
+            help="File to write, or folder (allure). [default: by the format, a file in the folder or stdout]",
         ),
     ] = None,
     baseline: Annotated[

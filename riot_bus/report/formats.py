@@ -6,8 +6,11 @@ Formats of other packages are found by the entry points `riot_bus.reports`; `rio
 from __future__ import annotations
 
 import os
+import shutil
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
@@ -15,11 +18,9 @@ from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_o
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 __all__ = [
     "CampaignFormat",
+    "Content",
     "ReportFormat",
     "SummaryFormat",
     "append_summary",
@@ -29,18 +30,21 @@ __all__ = [
     "write_file",
 ]
 
+Content = str | bytes | Mapping[str, str | bytes | Path]
+"""A report: a text, bytes, or the files of a folder by their names, some of which are copies of others."""
+
 
 @runtime_checkable
 class ReportFormat(Protocol):
     """A format for reports of one finding; a class without arguments.
 
     Attributes:
-        file: Name of the file in the finding's folder that it is written to; empty for stdout.
+        file: Name of the file, or folder, in the finding's folder that it is written to; empty for stdout.
     """
 
     file: str
 
-    def render(self, view: FindingView) -> str | bytes:
+    def render(self, view: FindingView) -> Content:
         """Return the report; texts in the view come from others, and may hold anything.
 
         Raises:
@@ -54,12 +58,12 @@ class CampaignFormat(Protocol):
     """A format for reports of all that a campaign has found; it may be a `ReportFormat`, too.
 
     Attributes:
-        file: Name of the file in the output folder that it is written to; empty for stdout.
+        file: Name of the file, or folder, in the output folder that it is written to; empty for stdout.
     """
 
     file: str
 
-    def render_campaign(self, view: CampaignView) -> str | bytes:
+    def render_campaign(self, view: CampaignView) -> Content:
         """Return the report; texts in the view come from others, and may hold anything.
 
         Raises:
@@ -92,7 +96,7 @@ def view_of(folder: Path) -> FindingView | CampaignView:
     return load(folder) if FindingRecord.exists(folder) else load_campaign(folder)
 
 
-def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> str | bytes:
+def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> Content:
     """Return a report of a finding or a campaign.
 
     A format that knows only campaigns gets a finding as a campaign that has found nothing else.
@@ -144,16 +148,25 @@ def append_summary(made: object, view: FindingView | CampaignView) -> None:
         raise ConfigError(f"cannot add to the summary: {error.strerror}", where=where) from error
 
 
-def write_file(content: str | bytes, path: Path) -> Path:
+def write_file(content: Content, path: Path) -> Path:
     """Write a report atomically, so that a reader never sees half of it; return its path.
+
+    Of a folder, each file is written so, and other files in it stay.
 
     Raises:
         ConfigError: It cannot be written there.
     """
-    partial = path.with_name(f"{path.name}.partial")
     try:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(partial, path)
+        if isinstance(content, Mapping):
+            path.mkdir(parents=True, exist_ok=True)
+        for name, each in content.items() if isinstance(content, Mapping) else [("", content)]:
+            whole = path / name
+            partial = whole.with_name(f"{whole.name}.partial")
+            if isinstance(each, Path):
+                shutil.copyfile(each, partial)
+            else:
+                partial.write_bytes(each.encode() if isinstance(each, str) else each)
+            os.replace(partial, whole)
     except OSError as error:
         raise ConfigError(f"cannot write the report: {error.strerror}", where=str(path)) from error
     return path

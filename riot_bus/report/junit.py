@@ -10,24 +10,18 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import riot_bus
-from riot_bus.findings.known import title_of
+from riot_bus.report.cases import LONGEST_LINE, LONGEST_NAME, as_text, cases_of, findings_of, suites_of
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place, unit_place
-from riot_bus.report.text import TextReport
-from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.campaign_view import CampaignView
+    from riot_bus.report.cases import ReportedCase
     from riot_bus.report.finding_view import FindingView
 
 __all__ = ["JunitReport"]
-
-_LONGEST_NAME = 300  # it tells cases apart, and signatures with 100 characters of source mostly fit
-_LONGEST_LINE = 600  # for attributes, which lists of failures show; the element has the whole text
-_MOST_LINES = 200  # of up to 4,000 characters each: a text stays below 1 MB
 
 
 class JunitReport:
@@ -37,8 +31,7 @@ class JunitReport:
 
     def render_campaign(self, view: CampaignView) -> str:
         """Return the document; untrusted texts stay text, and what XML cannot hold is escaped."""
-        units = dict.fromkeys([*([view.unit] if not view.alone else []), *(one.finding.unit for one in view.findings)])
-        suites = [_suite(view, unit) for unit in units]
+        suites = [_suite(view, unit) for unit in suites_of(view)]
         root = ElementTree.Element("testsuites", {"name": "riot", **_totals(suites)})
         root.extend(suites)
         ElementTree.indent(root)
@@ -46,85 +39,30 @@ class JunitReport:
 
 
 def _suite(view: CampaignView, unit: str) -> ElementTree.Element:
-    name = clean(unit, limit=_LONGEST_NAME) or "riot"
-    findings = [one for one in view.findings if one.finding.unit == unit]
-    of_it = unit == view.unit and not view.alone
+    name = clean(unit, limit=LONGEST_NAME) or "riot"
+    findings, cases = findings_of(view, unit), cases_of(view, unit)
     suite = ElementTree.Element("testsuite", name=name)
     source = findings[0].finding if findings else view.campaign
     if source is not None and source.system_file:
         suite.set("file", unit_place(source).path)
     properties = ElementTree.SubElement(suite, "properties")
-    for key, value in _properties(view, findings, of_it=of_it):
+    for key, value in _properties(view, findings, of_it=unit == view.unit and not view.alone):
         ElementTree.SubElement(properties, "property", name=key, value=value)
-    seconds = _campaign_cases(suite, view, f"riot.{name}") if of_it else 0.0
-    seconds += sum(_finding_case(suite, view, one, f"riot.{name}") for one in findings)
-    suite.attrib |= {**_counts(suite.iter("testcase")), "time": f"{seconds:.3f}"}
+    for case in cases:
+        _add(suite, case, f"riot.{name}")
+    suite.attrib |= {**_counts(suite.iter("testcase")), "time": f"{sum(each.seconds or 0.0 for each in cases):.3f}"}
     return suite
 
 
-def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: str) -> float:
-    """Add the cases of the nominal log and the campaign; return the seconds that the campaign took."""
-    campaign = view.campaign
-    nominal = ElementTree.SubElement(suite, "testcase", classname=classname, name="nominal log")
-    case = ElementTree.SubElement(suite, "testcase", classname=classname, name="campaign")
-    if campaign is None:
-        _add(nominal, "skipped", "not known before the campaign has ended", [view.verdict])
-        kind = "environment" if view.excused else "not finished"
-        _add(case, "error", view.verdict, [*view.remarks, *view.doubts], kind=kind)
-        return 0.0
-    case.set("time", f"{campaign.seconds:.3f}")
-    rates = [(one.finding, one.finding.nominal) for one in view.current if one.finding.unit == campaign.unit]
-    failing = [
-        f"{rate.count} of {counted(rate.total, 'trial')} of the nominal log failed: {finding.signature}"
-        for finding, rate in rates
-        if rate and rate.count
-    ]
-    if failing:
-        _add(nominal, "failure", failing[0], failing, kind="nominal")
-    elif doubts := _nominal_doubts(campaign):
-        _add(nominal, "skipped", doubts[0], doubts, kind="inconclusive")
-    if view.problem or campaign.unjudged or view.broken:
-        _add(case, "error", view.verdict, [*([view.problem] if view.problem else []), *view.doubts], kind="environment")
-    elif view.doubts:
-        _add(case, "skipped", view.verdict, view.doubts, kind="inconclusive")
-    elif campaign.stopped:
-        _add(case, "skipped", view.verdict, [campaign.stopped], kind="ended early")
-    unconfirmed = [f"not confirmed: {one.signature}" for one in campaign.unconfirmed]
-    untold = [f"not told: {each}" for each in campaign.untold]
-    told = ElementTree.SubElement(case, "system-out")
-    told.text = _lines([view.verdict, *view.remarks, *unconfirmed, *untold, *campaign.effects.lines()])
-    return campaign.seconds
-
-
-def _nominal_doubts(campaign: CampaignRecord) -> list[str]:
-    """Return what trials of the nominal log have shown besides findings: alarms, and unconfirmed failures."""
-    alarms = [f"not told: {each}" for each in campaign.untold if each.endswith(" show the same")]
-    own = [each.signature for each in campaign.unconfirmed if not each.injections and not each.history]
-    return [*alarms, *(f"failed in a trial of the nominal log, not confirmed: {each}" for each in own)]
-
-
-def _finding_case(suite: ElementTree.Element, view: CampaignView, one: FindingView, classname: str) -> float:
-    """Add the case of a finding; return the seconds of the steps that explained it."""
-    finding, name = one.finding, clean(title_of(one.finding), limit=_LONGEST_NAME)
-    seconds = sum(record.seconds for step, record in one.steps if record and step.name != "test")
-    case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name, time=f"{seconds:.3f}")
-    if one not in view.current and finding.fixed_in and finding.fixed_in == view.fingerprint:
-        told = ElementTree.SubElement(case, "system-out")
-        told.text = _lines(["fixed: fresh trials of its log do not fail any more", one.command("reproduce")])
-        return seconds
-    if one not in view.current:
-        why = "found with other code or another riot.toml, and not seen by this campaign"
-        _add(case, "skipped", why, [why, one.command("reproduce")], kind="earlier")
-        return seconds
-    verdict = "".join(part.text for part in one.verdict())
-    place, unit = find_place(one), unit_place(finding)
-    lines = [f"at {place}", f"unit {finding.unit} of {unit}", *finding.details[:1], TextReport().render(one)]
-    if view.standing(one) == "known":
-        _add(case, "skipped", view.told(one), [verdict, *lines], kind="known")
-    else:
-        back = [view.told(one)] if view.entry(one) else []
-        _add(case, "failure", verdict, [*back, *lines], kind=finding.monitor)
-    return seconds
+def _add(suite: ElementTree.Element, case: ReportedCase, classname: str) -> None:
+    element = ElementTree.SubElement(suite, "testcase", classname=classname, name=case.name)
+    if case.seconds is not None:
+        element.set("time", f"{case.seconds:.3f}")
+    if case.result != "passed":
+        about = {"type": clean(case.kind, limit=100)} if case.kind else {}
+        ElementTree.SubElement(element, case.result, {"message": case.line, **about}).text = case.text
+    if case.told:
+        ElementTree.SubElement(element, "system-out").text = as_text(case.told)
 
 
 def _properties(view: CampaignView, findings: Iterable[FindingView], *, of_it: bool) -> Iterator[tuple[str, str]]:
@@ -148,17 +86,7 @@ def _properties(view: CampaignView, findings: Iterable[FindingView], *, of_it: b
             "reproduce": one.command("reproduce"),
         }
         name = clean(one.directory.name, limit=100)
-        yield from ((f"{name}.{key}", clean(told, limit=_LONGEST_LINE)) for key, told in facts.items() if told)
-
-
-def _add(case: ElementTree.Element, tag: str, message: str, lines: Iterable[str], *, kind: str = "") -> None:
-    about = {"type": clean(kind, limit=100)} if kind else {}
-    told = clean(message, limit=_LONGEST_LINE)
-    ElementTree.SubElement(case, tag, {"message": told, **about}).text = _lines(lines) or told
-
-
-def _lines(lines: Iterable[str]) -> str:
-    return "\n".join(clean(line, limit=4000, lines=True).rstrip() for line in list(lines)[:_MOST_LINES])
+        yield from ((f"{name}.{key}", clean(told, limit=LONGEST_LINE)) for key, told in facts.items() if told)
 
 
 def _counts(cases: Iterable[ElementTree.Element]) -> dict[str, str]:
