@@ -105,6 +105,7 @@ def _as_run(service: str, program: tuple[str, ...], compose: Path) -> str:
     lines = ["services:", f"  {json.dumps(service)}:", "    network_mode: host", "    init: true"]
     lines += [f"    extra_hosts: {hosts}"]
     lines += ["    networks: !reset null"] if services.get(service) else []
+    lines += ["x-podman: { in_pod: false }"]  # else podman-compose leaves an empty pod, and prints its number
     return "\n".join(lines) + "\n"
 
 

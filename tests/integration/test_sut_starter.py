@@ -268,14 +268,15 @@ def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str,
     with stage(system(tmp_path, CONTAINER.format(**values, more=more))) as one:
         process = one.start("part", seed=0)
         one.wait_subscribed("part", ["ask"])
-        assert wait_until(lambda: process.printed().endswith("ready 3\n"), WAIT_S), (
-            process.printed()
-        )  # compose prints, too
+        assert prints(process, "ready 3\n"), process.printed()
         (*_, inside) = one.threads(["part"]).pids
         hosts = Path(f"/proc/{inside}/root/etc/hosts").read_text().splitlines()
         assert "127.0.0.1" in {line.split()[0] for line in hosts if "other" in line.split()}
         assert len(one.threads(["part"]).pids) >= 3
     assert not containers(engine)
+    if os.path.basename(engine) == "podman":
+        pods = subprocess.run([engine, "pod", "ls", "--format={{.Name}}"], capture_output=True, text=True, check=True)
+        assert f"pod_{tmp_path.name}" not in pods.stdout.split()
 
 
 def test_nothing_of_a_container_is_left_when_riot_is_killed(tmp_path: Path, engine: str) -> None:

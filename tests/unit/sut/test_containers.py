@@ -70,7 +70,7 @@ def test_a_service_is_run_alone_and_in_the_network_of_this_machine(
     rest = made.run[len(compose) :]
     assert rest[:7] == ["-f", "stack.yaml", "-f", str(changed), "run", "--no-deps", "-T"]
     assert rest[-1] == "planner"
-    assert changed.read_text() == AS_RUN + reset
+    assert changed.read_text() == f"{AS_RUN}{reset}x-podman: {{ in_pod: false }}\n"
 
 
 def test_a_compose_file_that_is_not_there_is_told(tmp_path: Path) -> None:
