@@ -367,6 +367,15 @@ def test_a_component_on_another_machine(tmp_path: Path, ssh: list[str]) -> None:
     assert wait_until(lambda: not of_command(tmp_path), WAIT_S)
 
 
+def test_a_component_on_another_machine_is_asked_to_end(tmp_path: Path, ssh: list[str]) -> None:
+    told = ["ssh", *ssh, "127.0.0.1", "pkill", "-f", f"'^{sys.executable} {tmp_path}/part.py'"]
+    with stage(remote(tmp_path, ssh, f"stop = {json.dumps(told)}\n")) as one:
+        one.start("part", seed=0)
+        one.wait_subscribed("part", ["ask"])
+        one.end(["part"])
+        assert one.processes["part"].status == -signal.SIGTERM
+
+
 def test_a_connection_that_is_lost_is_no_failure_of_the_component(tmp_path: Path, ssh: list[str]) -> None:
     path = remote(tmp_path, ["-p", "1", *ssh[2:]])
     begin = time.monotonic()
