@@ -50,6 +50,7 @@ def init_ros2(
     """
     from riot_bus.control.component import client_cfg
     from riot_bus.graph.survey import survey
+    from riot_bus.sut.dds_nodes import bridged_domain, nodes_of_domain
     from riot_bus.sut.scaffold import sketch_json, sketch_toml
     from riot_bus.sut.system_draft import sketch
 
@@ -57,6 +58,7 @@ def init_ros2(
     registry = TypeRegistry(load_adapters(["ros2"]))
     seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))
     shown = redacted(endpoint)
+    domains = {zid: bridged_domain(each) for zid, each in seen.started.items()}
     found = sketch(
         seen.announcements,
         offered=seen.offered,
@@ -64,6 +66,7 @@ def init_ros2(
         unit=unit,
         external=external,
         started=seen.started,
+        behind={zid: nodes_of_domain(domain) for zid, domain in domains.items() if domain is not None},
         where=shown,
     )
     write_system(path, sketch_toml(found, origin=f"what {shown} announced within {seconds:g} s"), force=force)

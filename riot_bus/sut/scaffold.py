@@ -95,12 +95,16 @@ def _component(part: DraftComponent, *, bridged: bool) -> str:
         )
         lines.append(f"command = {toml_value(part.started.command)}")
         lines.append(f"cwd = {toml_string(part.started.cwd)}")
+        if part.only:
+            lines.append(f"only = {toml_string(part.only)}")
     elif not part.nodes:
         lines.append(f"command = {toml_value(PROGRAM)}")
     else:
         lines.append("# FILL IN: how to start it (one process, not `ros2 launch` of the whole system).")
         lines.append(f"command = {toml_value((*PROGRAM, *_remaps(part)))}")
-    if part.nodes:
+    if part.dds:
+        lines.append("dds = true")
+    elif part.nodes:
         settings = environment(["{endpoint}"], "rmw_zenoh")
         inside = ", ".join(f"{name} = {toml_string(value)}" for name, value in settings.items())
         lines.append(f"env = {{ {inside} }}")

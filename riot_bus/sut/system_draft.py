@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from riot_bus.graph.survey import Started
+    from riot_bus.sut.dds_nodes import NodeStart
     from riot_bus.types.capabilities import Announcement
 
 __all__ = ["INSIDE", "OUTSIDE", "DraftComponent", "SystemDraft", "Used", "described", "free_name", "sketch"]
@@ -49,7 +50,7 @@ class Used:
 
 @dataclass(frozen=True, slots=True)
 class DraftComponent:
-    """A component: what one Zenoh session announces, which is one process.
+    """A component: what one Zenoh session announces, which is one process, or a node behind `riot bridge ros2`.
 
     Attributes:
         name: Name in the system file.
@@ -59,6 +60,8 @@ class DraftComponent:
         actions: Actions that it offers and calls, as text.
         external: Why it counts as external; empty if it does not.
         started: How its process was started, if that is known.
+        only: Which of the processes that `started` has started it is; empty if it is `started` itself.
+        dds: Whether it is a node of DDS behind a `riot bridge ros2`.
     """
 
     name: str
@@ -70,6 +73,8 @@ class DraftComponent:
     actions: tuple[str, ...] = ()
     external: str = ""
     started: Started | None = None
+    only: str = ""
+    dds: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +103,7 @@ def sketch(
     unit: str | None = None,
     external: Collection[str] = (),
     started: Mapping[str, Started] | None = None,
+    behind: Mapping[str, Mapping[str, NodeStart]] | None = None,
     where: str = "",
 ) -> SystemDraft:
     """Return the system that nodes and bridges announce.
@@ -113,6 +119,8 @@ def sketch(
         unit: Node to test: its full name, the last part of that, or the component's name.
         external: Nodes that play the outside world, named in the same way.
         started: How processes were started, by session id.
+        behind: Processes of the ROS domain behind each `riot bridge ros2`, by session id and name, as
+            `dds_nodes.nodes_of_domain` returns them.
         where: Name of the network in errors.
 
     Raises:
@@ -120,7 +128,7 @@ def sketch(
         ConfigError: A node named by the user was not seen.
     """
     seen = [each for each in announcements if each.source != "advanced token" and not _hidden(each.node)]
-    parts = _parts(seen, offered or {})
+    parts = _parts(seen, offered or {}, behind or {})
     if not parts:
         raise EnvironmentFaultError(
             "no ROS 2 nodes were seen",
@@ -128,7 +136,7 @@ def sketch(
             hint="do they run with RMW_IMPLEMENTATION=rmw_zenoh_cpp (or behind zenoh-bridge-ros2dds) and connect to "
             "this router? Give it more time with --seconds, or name the router's endpoint with -e",
         )
-    parts = [replace(each, started=(started or {}).get(each.zid)) for each in parts]
+    parts = [each if each.dds else replace(each, started=(started or {}).get(each.zid)) for each in parts]
     types = sorted({used.type_name for part in parts for used in (*part.inputs, *part.outputs)} - {""})
     return replace(
         described(parts, unit=unit, external=external),
@@ -145,7 +153,9 @@ def described(
     chosen = None if unit is None else _find(unit, parts)
     parts = [replace(each, external="you said so") if each.name in named else each for each in parts]
     if chosen in named:
-        raise ConfigError(f"{unit!r} cannot be under test and external", where="--external")
+        (both,) = (each for each in parts if each.name == chosen)
+        nodes = f": {', '.join(both.nodes)} are one process, or behind one bridge" if len(both.nodes) > 1 else ""
+        raise ConfigError(f"{unit!r} cannot be under test and external{nodes}", where="--external")
     if not named:
         parts = _guess(parts, chosen)
     return SystemDraft(tuple(parts), _external(parts, chosen), chosen)
@@ -155,17 +165,23 @@ def _hidden(name: str) -> bool:
     return any(part.startswith("_") for part in name.split("/"))
 
 
-def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]]) -> list[DraftComponent]:
-    by_session: defaultdict[str, list[Announcement]] = defaultdict(list)
+def _parts(
+    seen: Sequence[Announcement],
+    offered: Mapping[str, Mapping[str, str]],
+    behind: Mapping[str, Mapping[str, NodeStart]],
+) -> list[DraftComponent]:
+    by_process: defaultdict[tuple[str, str], list[Announcement]] = defaultdict(list)
     for each in seen:
-        by_session[each.zid].append(each)
+        by_process[each.zid, each.node if each.zid in behind else ""].append(each)
     drafts = []
-    for zid, told in by_session.items():
+    for (zid, _), told in by_process.items():
         nodes = tuple(sorted({each.node for each in told} - {""}))
         drafts.append((nodes or (f"/bridge_{zid[:6]}",), nodes, zid, told))
     taken: set[str] = set()
     parts = []
     for names, nodes, zid, told in sorted(drafts, key=lambda each: (each[0], each[2])):
+        starts = behind.get(zid, {})
+        start = starts.get(names[0]) or starts.get(f"/{names[0].rpartition('/')[2]}")
         data = [each for each in told if not each.action and each.topic not in _PLUMBING and not _hidden(each.topic)]
         parts.append(
             DraftComponent(
@@ -176,6 +192,9 @@ def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]
                 outputs=_used(data, "publishes", offered),
                 services=tuple(sorted({f"{each.role} {each.topic}" for each in data if _asks(each)})),
                 actions=tuple(sorted({each.action for each in told} - {""})),
+                started=start.started if start else None,
+                only=start.only if start else "",
+                dds=zid in behind,
             )
         )
     return parts

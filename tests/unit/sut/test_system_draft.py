@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.graph.survey import Started
+from riot_bus.sut.dds_nodes import NodeStart
 from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
 from riot_bus.sut.system_draft import SystemDraft, sketch
@@ -102,6 +103,32 @@ def test_nodes_of_one_session_are_one_component() -> None:
     assert not part.external
     twice = sketch([*node("/one", "a", pub=[("/x", SCAN)]), *node("/one", "b", pub=[("/x", SCAN)])])
     assert [each.name for each in twice.parts] == ["one", "one_2"]
+
+
+def test_nodes_behind_one_bridge_are_components_that_their_launch_file_starts() -> None:
+    launch = Started(7, ("/usr/bin/python3", "/opt/ros/bin/ros2", "launch", "robot.launch.py"), "/home/me")
+    seen = [
+        *node("/lidar", "a", pub=[("/scan", SCAN)]),
+        *node("/robot1/planner", "a", sub=[("/scan", SCAN)], pub=[("/plan", PATH)]),
+        *node("/elsewhere", "a", sub=[("/plan", PATH)]),
+    ]
+    starts = {"/lidar": NodeStart(Started(9, ("lidar",), "/")), "/planner": NodeStart(launch, "planner")}
+    bridge = {"a": Started(3, ("riot", "bridge", "ros2"), "/")}
+    found = sketch(seen, unit="planner", external=["lidar"], started=bridge, behind={"a": starts})
+    file = parsed(found)
+    assert list(file.components) == ["elsewhere", "lidar", "robot1_planner"]
+    assert all(each.dds and not each.env for each in file.components.values())
+    planner, lidar = file.components["robot1_planner"], file.components["lidar"]
+    assert (planner.command, planner.cwd, planner.only) == (launch.command, "/home/me", "planner")
+    assert (lidar.command, lidar.only, lidar.segment, lidar.external) == (("lidar",), None, "outside", True)
+    assert file.components["elsewhere"].command[:2] == ("ros2", "run")
+    assert file.external.topics == ("/scan",)
+
+
+def test_what_is_one_process_cannot_be_under_test_and_external() -> None:
+    both = [*node("/one", "a", pub=[("/x", SCAN)]), *node("/two", "a", sub=[("/y", TWIST)])]
+    with pytest.raises(ConfigError, match="cannot be under test and external: /one, /two are one process"):
+        sketch(both, unit="two", external=["one"])
 
 
 def test_bridges_tell_types_that_keys_do_not() -> None:
