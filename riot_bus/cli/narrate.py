@@ -44,8 +44,9 @@ class ConsoleNarrator:
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         self._console = console
         self._now = now
-        self._last = now(), 0
+        self._measured: list[tuple[float, int]] = []
         self._rate: float | None = None
+        self._end: tuple[float, float] | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
 
@@ -60,7 +61,7 @@ class ConsoleNarrator:
         match event:
             case StepStarted():
                 self._stop()
-                self._last, self._rate = (self._now(), 0), None
+                self._measured, self._rate = [], None
                 self._start(event.step)
             case StepProgress() if self._bar is not None and self._task is not None:
                 self._measure(event)
@@ -74,6 +75,7 @@ class ConsoleNarrator:
             case StepStopped():
                 self._say(event.step, event.text)
             case TimeLeft():
+                self._end = self._now() + event.seconds, event.total
                 at = datetime.now().astimezone() + timedelta(seconds=event.seconds)
                 left, total = (_minutes(each) for each in (event.seconds, event.total))
                 self._say("time", f"{left} of {total} left, until {at:%H:%M:%S}")
@@ -108,23 +110,36 @@ class ConsoleNarrator:
             self._bar.start()
 
     def _measure(self, event: StepProgress) -> bool:
-        """Note how far a step is; return whether its rate was measured again, which is every ten seconds."""
-        now, (then, done) = self._now(), self._last
-        if event.done < done:  # the step has restarted its count
-            self._last, self._rate = (now, event.done), None
+        """Note how far a step is; return whether its rate was measured again, which is every ten seconds.
+
+        The first result is the beginning, so starting processes does not count as slow. The rate is that of the later
+        half of the time since then: one of ten seconds alone would swing with each failure that is repeated.
+        """
+        now = self._now()
+        if not self._measured or event.done < self._measured[-1][1]:  # or the step has restarted its count
+            self._measured, self._rate = [(now, event.done)], None
             return False
-        if now - then < _EVERY:
+        if now - self._measured[-1][0] < _EVERY:
             return False
-        self._last, self._rate = (now, event.done), (event.done - done) / (now - then)
+        middle = (self._measured[0][0] + now) / 2
+        then, done = max(each for each in self._measured if each[0] <= middle)
+        self._measured.append((now, event.done))
+        self._rate = (event.done - done) / (now - then)
         return True
 
     def _pace(self, event: StepProgress) -> str:
-        """Return the current activity, its rate, and the time left at that rate, or until an earlier end."""
-        ends = [] if event.left is None else [event.left]
+        """Return the current activity, its rate, the time for the rest of it or until an earlier end, and for all."""
+        ends = [] if event.left is None else [(event.left, "to go")]
         if event.total and self._rate:
-            ends.append((event.total - event.done) / self._rate)
+            ends.append(((event.total - event.done) / self._rate, "for the rest"))
         text = event.note if self._rate is None else f"{event.note}; {self._rate:.2g}/s"
-        return f"{text}, about {min(ends):.0f} s to go" if ends and min(ends) >= 1 else text
+        seconds, what = min(ends, default=(0.0, ""))
+        if seconds >= 1:
+            text += f", about {seconds:.0f} s {what}"
+        if self._end is not None:
+            left, total = max(0.0, self._end[0] - self._now()), self._end[1]
+            text += f"; {_minutes(left)} of {_minutes(total)} left"
+        return text
 
     def _say(self, step: str, text: str) -> None:
         self._stop()

@@ -168,6 +168,9 @@ def test_choosing_a_unit(tmp_path: Path) -> None:
         file.choose_unit(None)
     with pytest.raises(ConfigError, match="did you mean 'two'"):
         file.choose_unit("tow")
+    file = load_system(write(tmp_path, GOOD + '[components.two]\ncommand = ["true"]\n'))
+    with pytest.raises(ConfigError, match=r"add a table \[unit.two\]"):
+        file.choose_unit("two")
 
 
 def test_what_comes_from_outside_must_not_reach_the_system_within_a_segment(tmp_path: Path) -> None:
