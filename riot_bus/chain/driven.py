@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import StepRun
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Runner
+    from riot_bus.vocabulary.trial import Outcome, Progress, Runner
 
 __all__ = [
     "ConstantRuns",
@@ -407,7 +407,13 @@ def _promising(edges: Sequence[EdgeRecord]) -> bool:
 
 
 def analysed(
-    runs: Sequence[Run], *, alpha: float, seed: int, lags: int = 12, intermediate: bool = False
+    runs: Sequence[Run],
+    *,
+    alpha: float,
+    seed: int,
+    lags: int = 12,
+    intermediate: bool = False,
+    progress: Progress | None = None,
 ) -> PermeabilityResult:
     """Return the result of `analyse`, with one error rate for all numbers made from a field."""
     draws = _FEWER_DRAWS if intermediate else _DRAWS
@@ -416,9 +422,16 @@ def analysed(
         groups.setdefault(internal_of(name), set()).add(name)
     edges: list[PermeabilityEdge] = []
     skipped: list[Skipped] = []
+    total, before = sum(map(len, groups.values())), 0
+
+    def told(done: int, _: int | None, doing: str) -> None:
+        if progress is not None:
+            progress(before + done, total, doing)
+
     for _, names in sorted(groups.items()):
         some = [Run(run.inputs, {name: one for name, one in run.outputs.items() if name in names}) for run in runs]
-        found = analyse(some, lags=lags, alpha=alpha / len(names), draws=draws * len(names), seed=seed)
+        found = analyse(some, lags=lags, alpha=alpha / len(names), draws=draws * len(names), seed=seed, progress=told)
+        before += len(names)
         edges += found.edges
         skipped += found.skipped
     return PermeabilityResult(tuple(edges), tuple(skipped), alpha=alpha, runs=len(runs))

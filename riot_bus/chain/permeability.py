@@ -113,14 +113,22 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         if field.name not in apart and (why := system.why_undriven(field, outcomes)):
             apart[field.name] = why
     driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
-    result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)
+    result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed, progress=step.progress)
     if result.doubtful():
         fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
         done, count = done + fresh, count + len(fresh)
-        again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
-        result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
+        again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed, progress=step.progress)
+        result = result.confirmed_by(
+            again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed, progress=step.progress)
+        )
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    beside = analysed(system.runs(done, intermediate=True), alpha=_ALPHA, seed=workspace.seed, intermediate=True)
+    beside = analysed(
+        system.runs(done, intermediate=True),
+        alpha=_ALPHA,
+        seed=workspace.seed,
+        intermediate=True,
+        progress=step.progress,
+    )
     intermediate = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in beside.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from riot_bus.chain.permeability import permeability
+from riot_bus.events import StepProgress
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.inject.apply import inject_log
@@ -67,6 +68,10 @@ def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path
     assert len(driven) == 32
     assert all(isinstance(injection.value, Signal) for case in driven[:8] for injection in case.injections)
     assert len({case.seed for case in driven}) == 32
+    said_of = [event for event in one.told(StepProgress) if event.note.startswith("permeability of ")]
+    inner = [(event.done, event.total) for event in said_of if "command" in event.note]
+    assert inner[0][0] == 1  # what is computed from the runs takes long, too
+    assert inner[-1][0] == inner[-1][1] == len({event.note for event in said_of if "command" in event.note})
 
 
 def hangs_of(case: TestCase) -> bool:
