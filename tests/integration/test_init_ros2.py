@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from riot_bus.sut.context import open_system
+from riot_bus.sut.domains import free_domains
 from riot_bus.zenoh.session import free_endpoint, wait_until
+from tests.integration.bridge_process import BridgeProcess
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode
+from tests.ros2_env import ros2_environment, ros2_interpreter
 
 pytestmark = pytest.mark.integration
 
@@ -98,3 +104,64 @@ def test_nobody_and_nothing(tmp_path: Path) -> None:
         code, _, err = riot("init", "--ros2", "-e", endpoint, "--seconds=0.5", "-o", path)
         assert (code, "no ROS 2 nodes were seen" in err, "rmw_zenoh_cpp" in err) == (4, True, True), err
     assert not path.exists()
+
+
+TALKER = """
+import rclpy
+from std_msgs.msg import String
+
+rclpy.init()
+node = rclpy.create_node("unnamed")
+publisher = node.create_publisher(String, "/chatter", 10)
+node.create_timer(0.05, lambda: publisher.publish(String(data="hello")))
+rclpy.spin(node)
+"""
+LISTENER = """
+import rclpy
+from std_msgs.msg import String
+
+rclpy.init()
+node = rclpy.create_node("listener")
+node.create_subscription(String, "/chatter", print, 10)
+rclpy.spin(node)
+"""
+LAUNCH = """
+import subprocess, sys
+
+nodes = [["talker.py", "--ros-args", "-r", "__node:=mouth"], ["listener.py"]]
+for each in [subprocess.Popen([sys.executable, *node]) for node in nodes]:
+    each.wait()
+"""
+
+
+def test_nodes_of_dds_behind_a_bridge_are_started_by_what_has_started_them(tmp_path: Path) -> None:
+    ros2_python = ros2_interpreter()
+    for name, text in (("talker", TALKER), ("listener", LISTENER), ("launch", LAUNCH)):
+        (tmp_path / f"{name}.py").write_text(text)
+    path = tmp_path / "riot.toml"
+    with RouterProcess() as router, contextlib.ExitStack() as stack:
+        endpoint = router.endpoints["system"]
+        (domain,) = stack.enter_context(free_domains(1))
+        environment = ros2_environment(domain, tmp_path)
+        stack.enter_context(BridgeProcess(ros2_python, environment, endpoint))
+        command = [str(ros2_python), "launch.py"]
+        launch = stack.enter_context(
+            subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, start_new_session=True)
+        )
+        stack.callback(os.killpg, launch.pid, signal.SIGKILL)
+        found: dict = {}
+
+        def complete() -> bool:
+            options = ("-e", endpoint, "--seconds=1", "-o", path, "--force", "--format=json")
+            code, out, _ = riot("init", "--ros2", *options)
+            found.update(json.loads(out) if code == 0 else {})
+            return len(found.get("components", ())) == 2 and all(
+                each["inputs"] or each["outputs"] for each in found["components"]
+            )
+
+        assert wait_until(complete, 60, interval=0.1), found
+    parts = open_system(path).file.components
+    assert set(parts) == {"mouth", "listener"}
+    for name, part in parts.items():
+        assert (part.command, part.cwd, part.only, part.dds) == (tuple(command), str(tmp_path), name, True)
+    assert (parts["mouth"].external, parts["listener"].inputs) == (True, ("/chatter",))
