@@ -610,8 +610,8 @@ class SystemFile(_Table):
             hint = "add a [unit.NAME] table" if not self.unit else f"choose with --unit: {', '.join(sorted(self.unit))}"
             raise ConfigError(f"{len(self.unit)} units are described", where=str(self.path), hint=hint)
         if name not in self.unit:
-            hint = f"add a table [unit.{name}]" if name in self.components else did_you_mean(name, self.unit)
-            raise ConfigError(f"no unit {name!r}", where=str(self.path), hint=hint)
+            add = f"add a table [unit.{name}]" if name in self.components else None
+            raise ConfigError(f"no unit {name!r}", where=str(self.path), hint=add or did_you_mean(name, self.unit))
         return name
 
 
