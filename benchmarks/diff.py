@@ -1,6 +1,7 @@
 """What `riot diff` finds in long logs and how long it takes, and whether it calls nominal runs the same.
 
-python benchmarks/diff.py [--count 100000] [--pairs 20] [--learn 3] [--system riot.toml] [--out DIR] [--json]
+python benchmarks/diff.py [--count 100000] [--pairs 20] [--learn 3] [--system riot.toml] [--seed 0]
+                          [--field TOPIC:PATH] [--out DIR] [--json]
 
 First two logs of as many messages each, JSON and CDR, into which one difference was planted or that differ all over.
 Then nominal runs of a system (the rover), as `riot test` records them: tolerances are proposed from the first ones, and
@@ -36,7 +37,6 @@ TYPES = {"cmd_vel": "geometry_msgs/msg/TwistStamped"}
 BEGIN, MS = 1_700_000_000 * 10**9, 10**6
 Row = tuple[float, ...]
 """Time in the message, a number that grows, and a random one."""
-CHANGED = "/goal:pose.position.x"
 
 
 def as_json(row: Row) -> bytes:
@@ -118,30 +118,30 @@ def long_logs(count: int) -> list[dict[str, Any]]:
     return found
 
 
-def nominal_runs(system: Path, out: Path, count: int) -> list[Path]:
+def nominal_runs(system: Path, out: Path, count: int, seed: int) -> list[Path]:
     """Record nominal runs of a system, as far as they are not there."""
     logs = []
     for number in range(count):
-        with Workspace(system, out / f"{number:02d}", jobs=1, seed=0) as workspace:
+        with Workspace(system, out / f"{number:02d}", jobs=1, seed=seed) as workspace:
             logs.append(workspace.nominal_log())
     return logs
 
 
-def nominal_pairs(logs: list[Path], learn: int, out: Path) -> dict[str, Any]:
+def nominal_pairs(logs: list[Path], learn: int, field: str, out: Path) -> dict[str, Any]:
     proposal = propose_tolerances(logs[:learn])
     wishes = Wishes(tolerances=proposal.given())
     same = found = 0
     differing = []
+    key, _, path = field.rpartition(":")
     rest = logs[learn:]
     for a, b in zip(rest[::2], rest[1::2], strict=True):
         told = compare_logs(a, b, wishes)
         same += told.same
         differing += [] if told.same else [[topic.topic for topic in told.topics if not topic.same]]
         changed = out / "changed.mcap"
-        edit(EditOptions(inputs=[b], output=changed, force=True, changes=[f"{CHANGED} += 0.5 index 40"]))
+        edit(EditOptions(inputs=[b], output=changed, force=True, changes=[f"{field} += 0.5 index 40"]))
         topics = {each.topic: each for each in compare_logs(a, changed, wishes).topics}
-        fields = topics[CHANGED.partition(":")[0]].fields
-        found += [(field.name, field.messages) for field in fields] == [(CHANGED.partition(":")[2], 1)]
+        found += [(one.name, one.messages) for one in topics[key].fields] == [(path, 1)]
     pairs = len(rest) // 2
     return {
         "learnt_from": learn,
@@ -159,6 +159,8 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=20, help="of nominal runs; 0 for none")
     parser.add_argument("--learn", type=int, default=3, help="runs that tolerances are proposed from")
     parser.add_argument("--system", type=Path, default=ROOT / "examples/rover/riot.toml")
+    parser.add_argument("--seed", type=int, default=0, help="of the runs")
+    parser.add_argument("--field", default="/goal:pose.position.x", help="field of which one value is changed")
     parser.add_argument("--out", type=Path, help="keep the runs there, and take those that are there")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
@@ -166,8 +168,8 @@ def main() -> None:
     if options.pairs:
         with tempfile.TemporaryDirectory() as folder:
             out = options.out or Path(folder)
-            logs = nominal_runs(options.system, out, options.learn + 2 * options.pairs)
-            results["nominal"] = nominal_pairs(logs, options.learn, out)
+            logs = nominal_runs(options.system, out, options.learn + 2 * options.pairs, options.seed)
+            results["nominal"] = nominal_pairs(logs, options.learn, options.field, out)
     results["megabytes"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     if options.json:
         print(json.dumps(results, indent=2))

@@ -26,7 +26,7 @@ __all__ = ["LONGEST", "MarkdownReport", "bounded", "cell", "code"]
 
 LONGEST = 65_536
 """Largest number of characters in a comment on GitHub."""
-_PLAIN = re.compile(r"(?!.*www\.)[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+-]*", re.IGNORECASE)
+_PLAIN = re.compile(r"(?!.*(?:www\.|//))[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+/-]*", re.IGNORECASE)
 _ENTITY = re.compile(r"[!-/:-@\[-`{-~]")
 _LONGEST_CELL = 300  # rows have up to seven cells: 30 of the longest fit into a comment
 _MOST_DETAILS = 20  # lines of up to 1,000 characters: less than a third of a comment

@@ -312,7 +312,7 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
         open_questions: Questions that the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
-    gaps += [f"The step `{step.name}` has no result yet." for step, record in view.steps if record is None]
+    gaps += [f"The step {step.name} has no result yet." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
     orders = view.fields is not None and any(order_of(name) for name in view.fields.considered)
     if view.fields and (unknown := _unknown_parts(view, view.fields, orders=orders)):

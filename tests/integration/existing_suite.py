@@ -42,10 +42,15 @@ def test_poses_are_finite():
 """
 
 
-def write_suite(folder: Path) -> None:
-    """Write the suite into a folder, as `test_poses.py` and what it starts."""
+def write_suite(folder: Path, *, config: str = "zenoh.Config.from_env()") -> None:
+    """Write the suite into a folder, as `test_poses.py` and what it starts.
+
+    Args:
+        folder: Target folder.
+        config: Expression for the configuration of the programs' sessions.
+    """
     for name, text in {"listener": LISTENER, "talker": TALKER, "test_poses": TESTS}.items():
-        (folder / f"{name}.py").write_text(text, encoding="utf-8")
+        (folder / f"{name}.py").write_text(text.replace("zenoh.Config.from_env()", config), encoding="utf-8")
 
 
 def ros_test(

@@ -42,6 +42,13 @@ def test_one_field_that_is_no_number_is_seen_and_recorded(suite: Path) -> None:
     assert {message.payload for message in found if message.key == "pose"} == {b'{"x": NaN}'}
 
 
+def test_sessions_that_would_look_for_others_by_scouting_use_the_router(tmp_path: Path) -> None:
+    write_suite(tmp_path, config="zenoh.Config()")
+    code, out, said = ros_test(tmp_path, "--unit-nodes=listener", "--interceptor", NAN)
+    assert (code, said[1:]) == (1, ["in segment unit: listener"])
+    assert "[nan, nan, nan]" in out
+
+
 @pytest.mark.parametrize("recorded", [[], ["--record=logs"]])
 def test_who_is_in_one_segment_gets_nothing_of_riot_which_is_said(recorded: list[str], suite: Path) -> None:
     code, _, said = ros_test(suite, "--interceptor", NAN, *recorded)

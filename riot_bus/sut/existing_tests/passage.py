@@ -98,8 +98,8 @@ class Passage:
     def _hints(self) -> Iterable[str]:
         if not self.components and not self.domains:
             yield (
-                "no component has connected to this router: nodes of DDS need --dds; programs that call Zenoh "
-                "themselves read ZENOH_CONFIG (Config.from_env) or take an endpoint, such as $RIOT_ENDPOINT"
+                "no component has connected to this router: nodes of DDS need --dds; programs that are not Python "
+                "read ZENOH_CONFIG (Config::from_env) or take an endpoint, such as $RIOT_ENDPOINT"
             )
         if self.nodes is None and "unit" not in self.components:
             yield "all processes are in the segment system: name those for the segment unit with --unit-nodes"

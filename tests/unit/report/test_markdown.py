@@ -67,7 +67,7 @@ def test_a_finding_has_what_its_page_has(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("inconclusive", "**Doubts**\n\n- `rate: nothing came on /plan`\n"),
+        ("inconclusive", "**Doubts**\n\n- rate: nothing came on /plan\n"),
         ("not judged", "**Doubts**\n\n- 3 test cases could not be judged: its process was killed\n"),
         ("not finished", "## riot: not finished: 1 finding of planner so far\n"),
     ],
@@ -119,6 +119,11 @@ def test_nobody_is_called_and_nothing_linked(text: str, tmp_path: Path) -> None:
     ]
     assert not any(text in each for each in plain) or text == "<b>"
     assert "<b>" not in MARKDOWN.render(made)
+
+
+def test_a_topic_does_not_make_code_of_a_sentence() -> None:
+    assert cell("267 on press/drive/command") == "267 on press/drive/command"
+    assert cell("see //x.y") == "`see //x.y`"
 
 
 def test_a_block_is_not_ended_by_what_is_in_it(tmp_path: Path) -> None:

@@ -3,8 +3,9 @@
 Python imports this by itself, as `riot ros-test` and components with `only` put this folder first on PYTHONPATH. The
 file that `RIOT_PLACEMENT` names says what to do. The hook changes `subprocess.Popen`, with which launch,
 launch_testing, launch_pytest, `ros2 run`, colcon and most test suites start processes: commands, their names and
-prefixes stay as they are, only variables are added; the tests of each package get a router. Nothing else changes:
-another `sitecustomize` is imported as it would be without this one. Standard library only.
+prefixes stay as they are, only variables are added; the tests of each package get a router. A Zenoh session that would
+look for others by scouting connects to its segment. Nothing else changes: another `sitecustomize` is imported as it
+would be without this one. Standard library only.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ _WITH_VALUE = ("-W", "-X")
 _WAITS = {"run", "call"}
 """Functions of `subprocess` that wait for the end of the process; other such functions call one of these."""
 _TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
+_SEARCHES = ("connect/endpoints", "listen/endpoints", "scouting/multicast/enabled")
+"""Keys of Zenoh's configuration that have their defaults where a session looks for others by scouting."""
 _LARGEST = 1 << 18
 """Size limit of the file of reports, in bytes."""
 
@@ -171,6 +174,54 @@ def patch(plan: Mapping[str, Any]) -> None:
     subprocess.Popen.__init__ = begin  # type: ignore[method-assign]
 
 
+def joined(zenoh: Any) -> None:
+    """Make sessions that would look for others by scouting connect as the file in `ZENOH_CONFIG` says.
+
+    `zenoh.Config()` does not read that file. A session whose configuration says where to connect or listen, or that
+    must not look for others, is opened as it is.
+
+    Args:
+        zenoh: The module, whose `open` is replaced.
+    """
+    import functools
+
+    original = zenoh.open
+
+    @functools.wraps(original)
+    def begin(config: Any, *arguments: Any, **options: Any) -> Any:
+        with contextlib.suppress(Exception):  # errors here must not reach the program
+            usual, ours = zenoh.Config(), zenoh.Config.from_env()
+            alike = all(config.get_json(key) == usual.get_json(key) for key in _SEARCHES)
+            if alike and config.get_json("mode") != '"router"':
+                config = type(config).from_json5(str(config))  # the program may use its own again
+                for key in ("mode", *_SEARCHES):
+                    config.insert_json5(key, ours.get_json(key))
+        return original(config, *arguments, **options)
+
+    zenoh.open = begin
+
+
+class _Zenoh:
+    """Finder that applies `joined` to zenoh when it is imported."""
+
+    def find_spec(self, name: str, _path: object = None, _target: object = None) -> Any:
+        if name != "zenoh" or self not in sys.meta_path:
+            return None
+        import importlib.util
+
+        sys.meta_path.remove(self)  # type: ignore[arg-type]
+        found = importlib.util.find_spec(name)
+        if found is not None and found.loader is not None:
+            load = found.loader.exec_module
+
+            def exec_module(module: Any) -> None:
+                load(module)
+                joined(module)
+
+            found.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return found
+
+
 def _chain() -> None:
     """Import the `sitecustomize` that would have been found without this one."""
     import importlib.machinery
@@ -184,7 +235,10 @@ def _chain() -> None:
 
 def _begin(file: str) -> None:
     with contextlib.suppress(OSError, ValueError), open(file, encoding="utf-8") as stream:  # else riot is gone
-        patch(json.load(stream))
+        plan = json.load(stream)
+        patch(plan)
+        if "nodes" in plan and "ZENOH_CONFIG" in os.environ:
+            sys.meta_path.insert(0, _Zenoh())
 
 
 if not hasattr(sys, "_riot_placement"):  # else a chained hook imports this one again

@@ -7,9 +7,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import zenoh
 
 from riot_bus.sut.existing_tests.hook import sitecustomize
 from riot_bus.sut.existing_tests.hook.sitecustomize import names_of, words_of
@@ -138,6 +140,47 @@ def test_what_is_told_is_bounded(tmp_path: Path) -> None:
     (tmp_path / "started.jsonl").write_bytes(b"x" * (sitecustomize._LARGEST - 10))
     run(tmp_path, "import subprocess\nfor _ in range(9): subprocess.run(['true'])", placed)
     assert (tmp_path / "started.jsonl").stat().st_size < sitecustomize._LARGEST + 100
+
+
+ROUTER = '["tcp/127.0.0.1:7448"]'
+LISTEN = '["tcp/127.0.0.1:0"]'
+
+
+@pytest.mark.parametrize(
+    ("own", "mode", "connect"),
+    [
+        ({}, '"client"', ROUTER),
+        ({"mode": '"peer"', "timestamping/enabled": "true"}, '"client"', ROUTER),
+        ({"mode": '"router"'}, '"router"', "[]"),
+        ({"mode": '"peer"', "listen/endpoints": LISTEN}, '"peer"', "[]"),
+        ({"connect/endpoints": LISTEN}, "null", LISTEN),
+        ({"scouting/multicast/enabled": "false"}, "null", "[]"),
+    ],
+)
+def test_a_session_that_would_look_for_others_connects_to_its_segment(
+    own: dict[str, str], mode: str, connect: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "unit.json5").write_text(
+        f'{{mode: "client", connect: {{endpoints: {ROUTER}}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    )
+    monkeypatch.setenv("ZENOH_CONFIG", str(tmp_path / "unit.json5"))
+    config = zenoh.Config()
+    for key, value in own.items():
+        config.insert_json5(key, value)
+    before, module = str(config), SimpleNamespace(open=lambda found: found, Config=zenoh.Config)
+    sitecustomize.joined(module)
+    found = module.open(config)
+    assert (found.get_json("mode"), found.get_json("connect/endpoints")) == (mode, connect)
+    assert found.get_json("timestamping/enabled") == own.get("timestamping/enabled", "null")
+    assert str(config) == before
+
+
+def test_without_a_file_of_riot_sessions_are_opened_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZENOH_CONFIG", raising=False)
+    module = SimpleNamespace(open=lambda found: found, Config=zenoh.Config)
+    sitecustomize.joined(module)
+    config = zenoh.Config()
+    assert module.open(config) is config
 
 
 WRAP = {"wrap": ["riot", "ros-test", "--package", "{package}", "--in", "{folder}", "--"], "cwd": "/home"}
