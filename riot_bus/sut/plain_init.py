@@ -11,7 +11,7 @@ from riot_bus.sut.init import check_path, write_system
 from riot_bus.sut.plain_draft import plain_draft
 from riot_bus.sut.plain_look import look_at_log, look_at_network
 from riot_bus.sut.plain_scaffold import draft_json, draft_toml
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
@@ -64,12 +64,17 @@ def init_plain(
         raise ConfigError("there is a recording already", where=str(record), hint="name another, or use --force")
     config = client_cfg(cfg)
     facts = look_at_network(endpoint, seconds=seconds, record=record, config=config, router=router, force=force)
-    inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}
-    facts = replace(facts, commands=inside)
-    found = plain_draft(facts, unit=unit, external=external)
-    _write_files(path.resolve().parent, facts.commands.values(), force=force)
-    origin = f"what {redacted(endpoint)} showed within {seconds:g} s"
-    _write(path, found, origin, record, force=force)
+    try:
+        inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}
+        facts = replace(facts, commands=inside)
+        found = plain_draft(facts, unit=unit, external=external)
+        _write_files(path.resolve().parent, facts.commands.values(), force=force)
+        origin = f"what {redacted(endpoint)} showed within {seconds:g} s"
+        _write(path, found, origin, record, force=force)
+    except RiotError:
+        if record is not None:  # else a second attempt would be refused because of it
+            record.unlink(missing_ok=True)
+        raise
     if start:
         found = _started(path, facts, found, seconds, unit=unit, external=external)
         _write(path, found, f"{origin}, and what its components did when riot started them", record, force=True)

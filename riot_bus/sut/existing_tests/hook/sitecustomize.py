@@ -209,7 +209,7 @@ class _Zenoh:
             return None
         import importlib.util
 
-        sys.meta_path.remove(self)  # type: ignore[arg-type]
+        sys.meta_path.remove(self)
         found = importlib.util.find_spec(name)
         if found is not None and found.loader is not None:
             load = found.loader.exec_module
