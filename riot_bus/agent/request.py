@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from collections.abc import Sequence
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
+from riot_bus.config.arguments import flags_of
+from riot_bus.play.options import PlayOptions
+from riot_bus.record.options import CaptureOptions
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
     from riot_bus.agent.options import AgentOptions
-    from riot_bus.play.options import PlayOptions
-    from riot_bus.record.options import CaptureOptions
 
 __all__ = ["DEFAULT_GRACE_S", "Lead", "PlayRequest", "Policy", "RecordRequest", "check_key", "parse_request"]
 
@@ -31,7 +34,7 @@ _Id = Annotated[str, Field(pattern=r"^[0-9a-f]{8,32}$")]
 _Secret = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=1000)]
-_Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+_LIMITS = {float: (0, 1e9), int: (-(1 << 63), (1 << 63) - 1)}  # seconds as in `riot play`; what 64 bits hold
 _MOST_INJECTIONS = 1000  # a guess: each one costs the robot time for every message of its topic
 _MOST_COPIES = 1000  # a guess: a single injection could flood the robot's bus
 _LONGEST_DELAY_S = 3600.0  # a guess: delayed messages take memory until they are due
@@ -66,32 +69,36 @@ class Lead(BaseModel):
         return self
 
 
+def _with_options(kind: type) -> Callable[[type[RequestT]], type[RequestT]]:
+    """Add the options that may be requested of a robot to a request, with their types and limits."""
+
+    def decorate(base: type[RequestT]) -> type[RequestT]:
+        options: dict[str, Any] = {
+            each.name: (_checked(get_args(each.type)[0], limits=flag.remote), each.default)
+            for each, flag, _ in flags_of(kind)
+            if flag.remote
+        }
+        return create_model(base.__name__, __base__=base, __module__=__name__, **options)
+
+    return decorate
+
+
+def _checked(kind: Any, *, limits: bool | tuple[float, float]) -> Any:
+    first, *others = get_args(kind) or (kind,)
+    if NoneType in others:
+        return _checked(first, limits=limits) | None
+    if kind in _LIMITS:
+        least, most = limits if isinstance(limits, tuple) else _LIMITS[kind]
+        return Annotated[kind, Field(ge=least, le=most)]
+    return {str: _Text, Sequence[str]: _Texts}.get(kind, kind)
+
+
+@_with_options(PlayOptions)
 class PlayRequest(Lead):
     """Request to play, with the options of `riot play` but those that name files or code."""
 
     logs: Annotated[list[_Text], Field(min_length=1, max_length=16)]
     inject: Annotated[str, Field(max_length=1 << 19)] | None = None
-    rate: Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)] = 1.0
-    loop: bool = False
-    delay: _Seconds = 0.0
-    start_offset: _Seconds = 0.0
-    duration: _Seconds | None = None
-    until: _Text | None = None
-    align: bool = False
-    topics: _Texts = []
-    exclude: _Texts = []
-    remap: _Texts = []
-    paused: bool = False
-    clock: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
-    wait: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] = 2.0
-    lockstep: _Texts = []
-    ack: _Text | None = None
-    quiet: _Seconds = 0.05
-    settle_timeout: _Seconds = 5.0
-    types: _Texts = []
-    seed: Annotated[int, Field(ge=-(1 << 63), lt=1 << 63)] = 0
-    domain: Annotated[int, Field(ge=0, le=232)] | None = None
-    latched: _Texts = []
 
     def options(self, agent: AgentOptions, files: Sequence[Path], plan: Path | None) -> PlayOptions:
         """Return the options of the player.
@@ -105,7 +112,7 @@ class PlayRequest(Lead):
             ConfigError: An option is wrong, or publishes at a key that is closed to remote users.
         """
         from riot_bus.log.limits import tight_limits
-        from riot_bus.play.options import PlayOptions, parse_remaps
+        from riot_bus.log.naming import parse_remaps
 
         own = {*Lead.model_fields, "logs", "inject"}
         options = PlayOptions(
@@ -118,7 +125,7 @@ class PlayRequest(Lead):
             **{name: getattr(self, name) for name in type(self).model_fields if name not in own},
         )
         options.check()
-        for target in parse_remaps(self.remap).values():
+        for target in parse_remaps(options.remap).values():
             check_key(target, where="remap")
         return options
 
@@ -137,23 +144,13 @@ class PlayRequest(Lead):
                 raise ConfigError("this is too much for a robot", where=f"inject[{number}]", hint=hint)
 
 
+@_with_options(CaptureOptions)
 class RecordRequest(Lead):
     """Request to record, with options of `riot record`."""
 
     on_lost_controller: Policy = "continue"
     keys: _Texts = ["**"]
-    exclude: _Texts = []
     output: _Text | None = None
-    compression: Literal["zstd", "lz4", "none"] = "zstd"
-    split_bytes: Annotated[int, Field(ge=0, lt=1 << 60)] = 0
-    split_seconds: _Seconds = 0.0
-    max_files: Annotated[int, Field(ge=0, le=100_000)] = 0
-    duration: _Seconds = 0.0
-    paused: bool = False
-    throttle: _Texts = []
-    latched: bool = True
-    types: _Texts = []
-    seed: Annotated[int, Field(ge=-(1 << 63), lt=1 << 63)] = 0
 
     def options(self, agent: AgentOptions) -> CaptureOptions:
         """Return the options of the recorder.
@@ -162,7 +159,6 @@ class RecordRequest(Lead):
             ConfigError: An option is wrong, or the file exists or would be outside of the folder of logs.
         """
         from riot_bus.control.log_paths import safe_path
-        from riot_bus.record.options import CaptureOptions
 
         own = {*Lead.model_fields, "output"}
         output = None if self.output is None else safe_path(agent.folder, self.output)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["register"]
 

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from riot_bus.cli import ctl_play, ctl_record
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     Lines = Callable[[Mapping[str, Any]], list[str]]
 
 __all__ = ["Cfg", "Endpoint", "RouterName", "register"]
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 Endpoint = Annotated[
     str,

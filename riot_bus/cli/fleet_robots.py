@@ -10,8 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg
+from riot_bus.cli.ctl import Cfg
+from riot_bus.cli.declared import declared
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.play import PlayCommand
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus.play.options import PlayOptions
+from riot_bus.record.options import CaptureOptions
 
 __all__ = ["register"]
 
@@ -46,7 +51,7 @@ OnLost = Annotated[Lost | None, typer.Option(help="What the robot does when this
 def register(fleet: typer.Typer) -> None:
     """Add this module's commands."""
     for command in (robots, logs, play, record, status, pause, resume, seek, rate, stop):
-        fleet.command()(command)
+        fleet.command(cls=PlayCommand if command is play else None)(command)
 
 
 def robots(*, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT) -> None:
@@ -84,6 +89,7 @@ def logs(
     typer.echo(json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join(log_lines(answer)))
 
 
+@declared(PlayOptions, before="on_lost_controller", remote=True)
 def play(
     robot: Robot,
     log: Annotated[list[str], typer.Argument(metavar="LOG...", help="Logs in the robot's folder of logs.")],
@@ -91,34 +97,6 @@ def play(
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Injections; the plan is read here and sent along.")
     ] = None,
-    rate_: Annotated[float, typer.Option("--rate", "-r", help="Speed; 0 is as fast as possible.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
-    delay: Annotated[float, typer.Option("--delay", "-d", metavar="SECONDS", help="Wait before each pass.")] = 0.0,
-    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out this much at the beginning.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play this much of the logs' time.")] = None,
-    until: Annotated[str | None, typer.Option(metavar="TIME", help="End there, as for riot play.")] = None,
-    align: Annotated[bool, typer.Option("--align", help="Let all logs begin at the same time.")] = False,
-    topics: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Play these; repeatable.")] = None,
-    exclude: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out; repeatable.")] = None,
-    remap: Annotated[
-        list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic; repeatable.")
-    ] = None,
-    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
-    clock: Annotated[
-        float, typer.Option(metavar="HZ", min=0.0, help="Publish /clock at this frequency; 0: do not.")
-    ] = 0.0,
-    wait: Annotated[
-        float,
-        typer.Option(metavar="SECONDS", min=0.0, help="Wait at most this long until all topics have subscribers."),
-    ] = 2.0,
-    lockstep: Annotated[list[str] | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
-    ack: Annotated[str | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
-    quiet: Annotated[float, typer.Option(metavar="SECONDS", help="As for riot play.")] = 0.05,
-    settle_timeout: Annotated[float, typer.Option(metavar="SECONDS", help="As for riot play.")] = 5.0,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
-    domain: Annotated[int | None, typer.Option(help="ROS domain to publish in.")] = None,
-    latched: Annotated[list[str] | None, typer.Option(metavar="TOPIC[=DEPTH]", help="As for riot play.")] = None,
-    type_: Annotated[list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="As for riot play.")] = None,
     on_lost_controller: OnLost = None,
     grace: Grace = 10.0,
     detach: Detach = False,
@@ -126,6 +104,7 @@ def play(
     endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Make a robot play logs that it holds into its own bus, and follow its progress; Ctrl-C stops it.
 
@@ -133,35 +112,12 @@ def play(
     --on-lost-controller says otherwise. With --detach nobody watches, and it plays to the end. Exit code 3: messages
     were lost. 4: no answer, busy, or stopped by somebody else.
     """
-    arguments = {
-        "logs": log,
-        "inject": None if inject is None else _plan(inject),
-        "rate": rate_,
-        "loop": loop,
-        "delay": delay,
-        "start_offset": start_offset,
-        "duration": duration,
-        "until": until,
-        "align": align,
-        "topics": topics or [],
-        "exclude": exclude or [],
-        "remap": remap or [],
-        "paused": start_paused,
-        "clock": clock,
-        "wait": wait,
-        "lockstep": lockstep or [],
-        "ack": ack,
-        "quiet": quiet,
-        "settle_timeout": settle_timeout,
-        "seed": seed,
-        "domain": domain,
-        "latched": latched or [],
-        "types": type_ or [],
-    }
+    arguments = {"logs": log, "inject": None if inject is None else _plan(inject), **given}
     policy = _policy(on_lost_controller, Lost.STOP, grace=grace, detach=detach)
     _drive(endpoint, cfg, robot, "play", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
 
 
+@declared(CaptureOptions, before="on_lost_controller", remote=True)
 def record(
     robot: Robot,
     keys: Annotated[
@@ -174,27 +130,6 @@ def record(
             "--output", "-o", metavar="FILE.mcap", help="File in the robot's folder of logs. [default: named by date]"
         ),
     ] = None,
-    exclude: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out; repeatable.")] = None,
-    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after this time, such as 10min.")] = None,
-    split_size: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
-    ] = None,
-    split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after this time.")
-    ] = None,
-    max_files: Annotated[
-        int, typer.Option(min=0, help="Keep only this many files of this recording, the newest; 0: all.")
-    ] = 0,
-    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Compression of chunks.")] = "zstd",
-    throttle: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC=HZ", help="Record at most this many messages per second.")
-    ] = None,
-    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
-    latched: Annotated[
-        bool, typer.Option("--latched/--no-latched", help="Fetch what publishers keep for late joiners.")
-    ] = True,
-    type_: Annotated[list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="As for riot record.")] = None,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of the run, for the log.")] = 0,
     on_lost_controller: OnLost = None,
     grace: Grace = 10.0,
     detach: Detach = False,
@@ -202,29 +137,14 @@ def record(
     endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Make a robot record its own bus into its folder of logs, and follow its progress; Ctrl-C ends the recording.
 
     When the robot loses this command, it goes on recording, unless --on-lost-controller says otherwise. Exit code 3:
     messages were lost. 4: no answer, busy, or ended by somebody else.
     """
-    from riot_bus.config.arguments import parse_seconds, parse_size
-
-    arguments = {
-        "keys": keys or ["**"],
-        "exclude": exclude or [],
-        "output": output,
-        "compression": compression,
-        "split_bytes": parse_size(split_size, "--split-size") if split_size else 0,
-        "split_seconds": parse_seconds(split_duration, "--split-duration") if split_duration else 0.0,
-        "max_files": max_files,
-        "duration": parse_seconds(duration, "--duration") if duration else 0.0,
-        "paused": start_paused,
-        "throttle": throttle or [],
-        "latched": latched,
-        "types": type_ or [],
-        "seed": seed,
-    }
+    arguments = {"keys": keys or ["**"], "output": output, **given}
     policy = _policy(on_lost_controller, Lost.CONTINUE, grace=grace, detach=detach)
     _drive(endpoint, cfg, robot, "record", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint, RouterName
+from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["register"]
 

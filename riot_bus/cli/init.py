@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint, RouterName
+from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["register"]
 

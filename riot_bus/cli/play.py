@@ -8,9 +8,12 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.ctl import Cfg, Endpoint
+from riot_bus.cli.declared import declared
 from riot_bus.cli.diff import end_with, print_difference
-from riot_bus.cli.options import Format, OutputFormat, Salvage, Tolerance, ToleranceFile
+from riot_bus.cli.options import Format, OutputFormat, Tolerance, ToleranceFile
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus.play.options import PlayOptions
 
 __all__ = ["register"]
 
@@ -18,7 +21,7 @@ INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT:
 _CLOCK_HZ = "40"
 
 
-class _Play(TyperCommand):
+class PlayCommand(TyperCommand):
     """Takes `--clock` without a number, as `ros2 bag play` does."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -32,9 +35,10 @@ class _Play(TyperCommand):
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    app.command(cls=_Play)(play)
+    app.command(cls=PlayCommand)(play)
 
 
+@declared(PlayOptions, before="expect")
 def play(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="MCAP files, or folders of them; merged by time.")
@@ -42,66 +46,6 @@ def play(
     *,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
-    rate: Annotated[float, typer.Option("--rate", "-r", help="Speed; 0 is as fast as possible.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
-    delay: Annotated[float, typer.Option("--delay", "-d", metavar="SECONDS", help="Wait before each pass.")] = 0.0,
-    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out this much at the beginning.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play this much of the logs' time.")] = None,
-    until: Annotated[
-        str | None, typer.Option(metavar="TIME", help="End there: seconds from the beginning, or a date and time.")
-    ] = None,
-    align: Annotated[bool, typer.Option("--align", help="Let all logs begin at the same time.")] = False,
-    topics: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="Play these: names or key expressions; repeatable.")
-    ] = None,
-    exclude: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out: likewise; repeatable.")
-    ] = None,
-    remap: Annotated[
-        list[str] | None,
-        typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic, or all below it: '/a/**:=/b/**'."),
-    ] = None,
-    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
-    hold: Annotated[bool, typer.Option("--hold", help="Stay at the end, for late joiners of latched topics.")] = False,
-    clock: Annotated[
-        float,
-        typer.Option(metavar="[HZ]", help="Publish /clock for ROS 2's simulated time; without HZ, 40 times a second."),
-    ] = 0.0,
-    wait: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Wait at most this long until all topics have subscribers.")
-    ] = 2.0,
-    lockstep: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEYEXPR", help="Wait after each message until this key is quiet (--quiet); repeatable."),
-    ] = None,
-    ack: Annotated[
-        str | None, typer.Option(metavar="KEYEXPR", help="Wait after each message until one comes on this key.")
-    ] = None,
-    quiet: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time without a message that counts as quiet, for --lockstep.")
-    ] = 0.05,
-    settle_timeout: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Longest wait after a message, for --lockstep and --ack.")
-    ] = 5.0,
-    inject: Annotated[
-        Path | None, typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections into what is played.")
-    ] = None,
-    interceptor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="'NAME key=value ...'|FILE.py[:NAME]",
-            help="A shipped interceptor, or your own class; repeatable, carried out in this order.",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
-    domain: Annotated[
-        int | None,
-        typer.Option(help="ROS domain to publish in. [default: as recorded; for bags ROS_DOMAIN_ID, else 0]"),
-    ] = None,
-    latched: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TOPIC[=DEPTH]", help="Keep the last messages for late joiners, whatever was recorded."),
-    ] = None,
     expect: Annotated[
         Path | None, typer.Option(metavar="LOG", help="Record the system's answers, and compare them with this log.")
     ] = None,
@@ -120,14 +64,8 @@ def play(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="With --expect: also write the result as an HTML page.")
     ] = None,
-    salvage: Salvage = False,
-    type_: Annotated[
-        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
-    ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
-    name: Annotated[str, typer.Option(envvar="RIOT_PLAYER", help="Name for riot ctl play.")] = "player",
-    control: Annotated[bool, typer.Option("--control/--no-control", help="Obey riot ctl play.")] = True,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Play logs to the components of a Zenoh router, with the recorded timing and quality of service.
 
@@ -137,43 +75,10 @@ def play(
     """
     from riot_bus.cli.terminal import Terminal
     from riot_bus.control.component import client_cfg
-    from riot_bus.play.options import PlayOptions
     from riot_bus.play.running import run_play
     from riot_bus.vocabulary.errors import ConfigError
 
-    options = PlayOptions(
-        logs=logs,
-        endpoint=endpoint,
-        config=client_cfg(cfg or ()),
-        name=name,
-        rate=rate,
-        loop=loop,
-        delay=delay,
-        start_offset=start_offset,
-        duration=duration,
-        until=until,
-        align=align,
-        topics=topics or (),
-        exclude=exclude or (),
-        remap=remap or (),
-        paused=start_paused,
-        hold=hold,
-        clock=clock,
-        wait=wait,
-        lockstep=lockstep or (),
-        ack=ack,
-        quiet=quiet,
-        settle_timeout=settle_timeout,
-        inject=inject,
-        interceptors=interceptor or (),
-        salvage=salvage,
-        types=type_ or (),
-        definitions=msg or (),
-        seed=seed,
-        domain=domain,
-        latched=latched or (),
-        control=control,
-    )
+    options = PlayOptions(logs=logs, endpoint=endpoint, config=client_cfg(cfg or ()), **given)
     how: dict[str, Any] = {
         "say": typer.echo,
         "warn": lambda line: typer.echo(line, err=True),
@@ -181,9 +86,9 @@ def play(
         "as_json": form is OutputFormat.JSON,
     }
     if expect is None:
-        given: dict[str, object] = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
-        given |= {"--tolerance": tolerance, "--tolerances": tolerances}
-        unfit = [option for option, value in given.items() if value]
+        more: dict[str, object] = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
+        more |= {"--tolerance": tolerance, "--tolerances": tolerances}
+        unfit = [option for option, value in more.items() if value]
         if unfit:
             raise ConfigError(
                 f"{', '.join(unfit)} cannot be used without --expect", hint="name the log to compare with"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.ctl import Cfg, Endpoint
+from riot_bus.cli.declared import declared
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus.record.options import CaptureOptions
 
 __all__ = ["register"]
 
@@ -21,6 +24,7 @@ def register(app: typer.Typer) -> None:
     app.command()(record)
 
 
+@declared(CaptureOptions, before="monitors")
 def record(
     keys: Annotated[
         list[str] | None, typer.Argument(metavar="[KEYEXPR...]", help="Key expressions, or ROS names such as /odom.")
@@ -29,82 +33,23 @@ def record(
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
     all_: Annotated[bool, typer.Option("--all", "-a", help="Record everything, as without any KEYEXPR.")] = False,
-    exclude: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out: names or key expressions; repeatable.")
-    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE.mcap", help="File to write. [default: named by date and time]"),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     bag: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Write a ROS 2 bag: a folder with metadata.yaml; ROS topics only."),
-    ] = None,
-    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Compression of chunks.")] = "zstd",
-    chunk_size: Annotated[
-        str, typer.Option(metavar="SIZE", help="Write a chunk at this size; a crash costs at most one chunk.")
-    ] = "1MiB",
-    chunk_duration: Annotated[
-        str, typer.Option(metavar="TIME", help="Write a chunk at this age, even if it is smaller.")
-    ] = "1s",
-    durable: Annotated[
-        bool, typer.Option("--durable/--no-durable", help="Make sure that the file survives a power failure.")
-    ] = True,
-    queue_size: Annotated[
-        str, typer.Option(metavar="SIZE", help="Memory for messages that wait for a slow disk.")
-    ] = "256MiB",
-    split_size: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
-    ] = None,
-    split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after this time, such as 10min.")
-    ] = None,
-    max_files: Annotated[
-        int, typer.Option(min=0, help="Keep only this many files of this recording, the newest; 0: all.")
-    ] = 0,
-    ring: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Keep only the last TIME, in memory; write it only when told.")
-    ] = None,
-    ring_size: Annotated[str, typer.Option(metavar="SIZE", help="Maximum memory for the ring.")] = "256MiB",
-    dump_on: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="'TOPIC where PREDICATE'", help="Write the ring when a message meets this condition; repeatable."
-        ),
     ] = None,
     monitors: Annotated[
         Path | None,
         typer.Option(metavar="riot.toml", help="Write the ring when one of the [[monitors]] of this file is violated."),
     ] = None,
-    dump_after: Annotated[
-        str, typer.Option(metavar="TIME", help="Wait this long before writing the ring, to include what follows.")
-    ] = "0s",
-    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
-    throttle: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TOPIC=HZ", help="Record at most this many messages per second; repeatable."),
-    ] = None,
-    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after this time.")] = None,
-    latched: Annotated[
-        bool, typer.Option("--latched/--no-latched", help="Fetch what publishers keep for late joiners.")
-    ] = True,
-    graph: Annotated[bool, typer.Option("--graph/--no-graph", help="Write down who talks to whom.")] = True,
-    profile: Annotated[
-        str | None, typer.Option(metavar="ros2|none", help="MCAP profile. [default: ros2 if there are ROS nodes]")
-    ] = None,
-    robot: Annotated[str, typer.Option(envvar="RIOT_ROBOT", help="The robot's name, for the log.")] = "",
     note: Annotated[
         list[str] | None, typer.Option(metavar="KEY=TEXT", help="Something else for the log; repeatable.")
     ] = None,
-    type_: Annotated[
-        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
-    ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of the run, for the log.")] = 0,
-    name: Annotated[str, typer.Option(envvar="RIOT_RECORDER", help="Name for riot ctl record.")] = "recorder",
-    control: Annotated[bool, typer.Option("--control/--no-control", help="Obey riot ctl record.")] = True,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Record a Zenoh network as MCAP: everything, or what is named; until Ctrl-C.
 
@@ -112,9 +57,7 @@ def record(
     of each topic and why is said at the end and written into the log. 4: nobody answers at the endpoint.
     """
     from riot_bus.cli.terminal import Terminal
-    from riot_bus.config.arguments import parse_seconds, parse_size
     from riot_bus.control.component import client_cfg
-    from riot_bus.record.options import CaptureOptions
     from riot_bus.record.running import run_capture
     from riot_bus.sut.context import invariants_of
     from riot_bus.vocabulary.errors import ConfigError
@@ -126,37 +69,12 @@ def record(
     options = CaptureOptions(
         endpoint=endpoint,
         config=client_cfg(cfg or ()),
-        name=name,
         keys=keys or ("**",),
-        exclude=exclude or (),
         output=output if bag is None else bag,
-        overwrite=overwrite,
         bag=bag is not None,
-        profile="" if profile == "none" else profile,
-        compression=compression,
-        chunk_bytes=parse_size(chunk_size, "--chunk-size"),
-        chunk_seconds=parse_seconds(chunk_duration, "--chunk-duration"),
-        durable=durable,
-        queue_bytes=parse_size(queue_size, "--queue-size"),
-        split_bytes=parse_size(split_size, "--split-size") if split_size else 0,
-        split_seconds=parse_seconds(split_duration, "--split-duration") if split_duration else 0.0,
-        max_files=max_files,
-        ring_seconds=parse_seconds(ring, "--ring") if ring else 0.0,
-        ring_bytes=parse_size(ring_size, "--ring-size"),
-        dump_on=dump_on or (),
         monitors=invariants_of(monitors) if monitors is not None else (),
-        dump_after=parse_seconds(dump_after, "--dump-after"),
-        paused=start_paused,
-        throttle=throttle or (),
-        duration=parse_seconds(duration, "--duration") if duration else 0.0,
-        latched=latched,
-        graph=graph,
-        types=type_ or (),
-        definitions=msg or (),
-        seed=seed,
-        robot=robot,
         notes={**_notes(note or ()), "command": _command(sys.argv)},
-        control=control,
+        **given,
     )
     run_capture(
         options,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.ctl import Cfg, Endpoint
 from riot_bus.cli.options import CatalogueFile, Format, OutputFormat
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

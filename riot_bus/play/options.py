@@ -1,114 +1,125 @@
 """Options of a playback as plain values: from a command line, or sent to an agent."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-from riot_bus.log.limits import LogLimits
-from riot_bus.log.naming import parse_remaps, parse_time
-from riot_bus.log.playback.player import check_rate
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, flags_of
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.session_config import OWN_CHUNK
 
-__all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "parse_latched", "parse_remaps", "parse_until"]
+if TYPE_CHECKING:
+    from riot_bus.log.limits import LogLimits
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+__all__ = ["PlayOptions", "parse_latched"]
+
 _LONGEST_S = 1e9  # 32 years, which fit into 64 bits as nanoseconds, too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlayOptions:
-    """What to play, and how.
+    """What to play, and how: the options of `riot play`, declared here alone.
 
     Attributes:
         logs: MCAP files, or folders that hold the files of one recording; merged by time.
         endpoint: The router to publish to.
         config: Further Zenoh configuration of the client.
-        name: Name under which it is controlled.
-        rate: Speed; 0 is as fast as possible.
-        loop: Whether to start again at the end.
-        delay: Seconds before each pass.
-        start_offset: Seconds of the logs that are left out at the beginning.
-        duration: Seconds of the logs to play.
-        until: Where to end: seconds from the beginning, or a point in time.
-        align: Whether all logs begin at the same time, whenever they were recorded.
-        topics: Names or key expressions of the topics to play; empty for all.
-        exclude: Names or key expressions of the topics not to play.
-        remap: New names of topics, `OLD:=NEW`.
-        paused: Whether to begin paused.
-        hold: Whether to stay after the end, so that late joiners get latched messages.
-        clock: Frequency of `/clock`, hertz; 0 not to publish it.
-        wait: Longest time in seconds to wait for subscribers of all topics.
-        lockstep: Keys that must be quiet before the next message.
-        ack: A key on which each message is acknowledged before the next one.
-        quiet: Seconds for which these keys must be quiet.
-        settle_timeout: Seconds after which the next message comes anyway.
-        inject: File of an injection plan.
-        interceptors: Interceptors, as for `riot router --interceptor`.
-        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
         limits: Limits for reading each log; None for the usual ones.
-        types: Types of topics, `TOPIC=TYPE`.
-        definitions: Files that define message types.
-        seed: Seed of everything that is random.
-        domain: ROS domain to publish in.
-        latched: Topics to latch whatever was recorded, `TOPIC` or `TOPIC=DEPTH`.
-        control: Whether it can be controlled while it plays.
     """
 
     logs: Sequence[Path]
     endpoint: str = DEFAULT_ENDPOINT
     config: Mapping[str, Any] = field(default_factory=dict)
-    name: str = "player"
-    rate: float = 1.0
-    loop: bool = False
-    delay: float = 0.0
-    start_offset: float = 0.0
-    duration: float | None = None
-    until: str | None = None
-    align: bool = False
-    topics: Sequence[str] = ()
-    exclude: Sequence[str] = ()
-    remap: Sequence[str] = ()
-    paused: bool = False
-    hold: bool = False
-    clock: float = 0.0
-    wait: float = 2.0
-    lockstep: Sequence[str] = ()
-    ack: str | None = None
-    quiet: float = 0.05
-    settle_timeout: float = 5.0
-    inject: Path | None = None
-    interceptors: Sequence[str] = ()
-    salvage: bool = False
-    limits: LogLimits | None = None
-    types: Sequence[str] = ()
-    definitions: Sequence[Path] = ()
-    seed: int = 0
-    domain: int | None = None
-    latched: Sequence[str] = ()
-    control: bool = True
+    limits: "LogLimits | None" = None
+    rate: Annotated[float, Flag("Speed; 0 is as fast as possible.", "-r", remote=(0, 1e6))] = 1.0
+    loop: Annotated[bool, Flag("Begin again at the end.", "-l", remote=True)] = False
+    delay: Annotated[float, Flag("Wait before each pass.", "-d", "SECONDS", remote=True)] = 0.0
+    start_offset: Annotated[float, Flag("Leave out this much at the beginning.", metavar="SECONDS", remote=True)] = 0.0
+    duration: Annotated[float | None, Flag("Play this much of the logs' time.", metavar="SECONDS", remote=True)] = None
+    until: Annotated[
+        str | None, Flag("End there: seconds from the beginning, or a date and time.", metavar="TIME", remote=True)
+    ] = None
+    align: Annotated[bool, Flag("Let all logs begin at the same time.", remote=True)] = False
+    topics: Annotated[
+        Sequence[str], Flag("Play these: names or key expressions; repeatable.", metavar="TOPIC", remote=True)
+    ] = ()
+    exclude: Annotated[Sequence[str], Flag("Leave these out: likewise; repeatable.", metavar="TOPIC", remote=True)] = ()
+    remap: Annotated[
+        Sequence[str], Flag("Rename a topic, or all below it: '/a/**:=/b/**'.", "-m", "OLD:=NEW", remote=True)
+    ] = ()
+    paused: Annotated[bool, Flag("Begin paused.", "--start-paused -p", remote=True)] = False
+    hold: Annotated[bool, Flag("Stay at the end, for late joiners of latched topics.")] = False
+    clock: Annotated[
+        float,
+        Flag(
+            "Publish /clock for ROS 2's simulated time; without HZ, 40 times a second.",
+            metavar="[HZ]",
+            remote=(0, 1000),
+        ),
+    ] = 0.0
+    wait: Annotated[
+        float,
+        Flag("Wait at most this long until all topics have subscribers.", metavar="SECONDS", remote=(0, 600)),
+    ] = 2.0
+    lockstep: Annotated[
+        Sequence[str],
+        Flag("Wait after each message until this key is quiet (--quiet); repeatable.", metavar="KEYEXPR", remote=True),
+    ] = ()
+    ack: Annotated[
+        str | None, Flag("Wait after each message until one comes on this key.", metavar="KEYEXPR", remote=True)
+    ] = None
+    quiet: Annotated[
+        float,
+        Flag("Time without a message that counts as quiet, for --lockstep.", metavar="SECONDS", remote=True),
+    ] = 0.05
+    settle_timeout: Annotated[
+        float, Flag("Longest wait after a message, for --lockstep and --ack.", metavar="SECONDS", remote=True)
+    ] = 5.0
+    inject: Annotated[Path | None, Flag("Injections into what is played.", metavar="PLAN.toml", env="RIOT_INJECT")] = (
+        None
+    )
+    interceptors: Annotated[
+        Sequence[str],
+        Flag(
+            "A shipped interceptor, or your own class; repeatable, carried out in this order.",
+            "--interceptor",
+            "'NAME key=value ...'|FILE.py[:NAME]",
+        ),
+    ] = ()
+    seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED", remote=True)] = 0
+    domain: Annotated[
+        int | None,
+        Flag("ROS domain to publish in. [default: as recorded; for bags ROS_DOMAIN_ID, else 0]", remote=(0, 232)),
+    ] = None
+    latched: Annotated[
+        Sequence[str],
+        Flag("Keep the last messages for late joiners, whatever was recorded.", metavar="TOPIC[=DEPTH]", remote=True),
+    ] = ()
+    salvage: Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")] = False
+    types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)] = ()
+    definitions: Annotated[Sequence[Path], Flag("Definitions of message types.", "--msg", "FILE")] = ()
+    name: Annotated[str, Flag("Name for riot ctl play.", env="RIOT_PLAYER")] = "player"
+    control: Annotated[bool, Flag("Obey riot ctl play.")] = True
 
     def check(self) -> None:
         """Raise ConfigError if a value is out of range or two contradict each other."""
+        from riot_bus.log.playback.player import check_rate
+        from riot_bus.zenoh.session_config import check_own_name
+
         if not self.logs:
             raise ConfigError("no log to play is named", hint="write riot play LOG.mcap")
         check_rate(self.rate)
-        for name in ("delay", "start_offset", "duration", "clock", "wait", "quiet", "settle_timeout"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= _LONGEST_S:
-                raise ConfigError(f"{value} is not from 0 to 1e9", where=f"--{name.replace('_', '-')}")
+        for each, _, names in flags_of(PlayOptions):
+            kind, value = get_args(each.type)[0], getattr(self, each.name)
+            if float in (kind, *get_args(kind)) and value is not None and not 0.0 <= value <= _LONGEST_S:
+                raise ConfigError(f"{value} is not from 0 to 1e9", where=names[0])
         if not 0.0 <= self.clock <= 1000.0:
             raise ConfigError(f"{self.clock:g} Hz is too high", where="--clock", hint="at most 1000")
         if self.duration is not None and self.until is not None:
             raise ConfigError("--duration and --until both say where to end", hint="choose one")
         if self.ack is not None and self.lockstep:
             raise ConfigError("--ack and --lockstep both say when to go on", hint="choose one")
-        if not self.name or not all(each.isalnum() or each in "-_." for each in self.name):
-            hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/play"
-            raise ConfigError(f"{self.name!r} is no name", where="--name", hint=hint)
+        check_own_name(self.name, "play")
 
 
 def parse_latched(texts: Sequence[str]) -> dict[str, int]:
@@ -121,8 +132,3 @@ def parse_latched(texts: Sequence[str]) -> dict[str, int]:
             raise ConfigError(f"{text!r} does not say what to latch", where="--latched", hint=hint)
         found[topic] = int(depth)
     return found
-
-
-def parse_until(text: str, start: int) -> int:
-    """Return a time of the logs in nanoseconds; see `riot_bus.log.naming.parse_time`."""
-    return parse_time(text, start, where="--until")

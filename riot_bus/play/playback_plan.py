@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_types
 from riot_bus.log.channels import recorded_topics, span_of
+from riot_bus.log.naming import parse_time
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.recall import RecallingSource
 from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.play.options import parse_until
 from riot_bus.play.topic_selection import cast
 from riot_bus.router.interception import topics_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -128,7 +128,7 @@ class PlaybackPlan:
         if options.duration is not None:
             end = start + int(options.duration * 1e9)
         elif options.until is not None:
-            end = parse_until(options.until, self.origin)
+            end = parse_time(options.until, self.origin, where="--until")
             if end <= start:
                 raise ConfigError(f"{options.until} is not after the beginning", where="--until")
         last = max((source.end for source in sources), default=start)

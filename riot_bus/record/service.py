@@ -299,7 +299,8 @@ class CaptureService:
 
     def _open_tape(self) -> RotatingSink | RingSink:
         options, naming = self.options, Naming(self.options)
-        profile = options.profile or ("ros2" if options.bag or self._announcements else "")
+        profile = "ros2" if options.bag else options.profile or ("ros2" if self._announcements else "none")
+        profile = "" if profile == "none" else profile
         if options.ring_seconds:
             return RingSink(
                 options,

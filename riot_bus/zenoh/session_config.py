@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_files import endpoint_files
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ __all__ = [
     "WAIT_BEFORE_CLOSE_S",
     "SessionConfig",
     "access_control",
+    "check_own_name",
     "client_config",
     "control_id",
     "is_control",
@@ -35,6 +37,18 @@ _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _FLOWS = ["ingress"]  # one direction is enough, and each costs time for all messages on all links
 _CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"]
+
+
+def check_own_name(name: str, kind: str) -> None:
+    """Raise ConfigError if a player or recorder cannot have this name, as part of its key.
+
+    Args:
+        name: The name.
+        kind: Last chunk of the key.
+    """
+    if not name or not all(each.isalnum() or each in "-_." for each in name):
+        hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/{kind}"
+        raise ConfigError(f"{name!r} is no name", where="--name", hint=hint)
 
 
 def router_config(

@@ -30,8 +30,7 @@ def test_a_request_becomes_options_of_the_player() -> None:
     options = request.options(AGENT, [Path("/logs/a.mcap")], Path("/plan.toml"))
     assert options == PlayOptions(
         logs=[Path("/logs/a.mcap")], endpoint=AGENT.endpoint, name="r7", rate=2.0, topics=["/odom"], clock=40.0,
-        paused=True, remap=["/a:=/b"], seed=3, until="5", inject=Path("/plan.toml"), types=[], exclude=[], lockstep=[],
-        latched=[], limits=tight_limits(),
+        paused=True, remap=["/a:=/b"], seed=3, until="5", inject=Path("/plan.toml"), limits=tight_limits(),
     )  # fmt: skip
     assert (request.on_lost_controller, request.grace) == ("stop", 10.0)
 

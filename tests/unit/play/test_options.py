@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.play.options import PlayOptions, parse_latched, parse_remaps, parse_until
+from riot_bus.log.naming import parse_remaps, parse_time
+from riot_bus.play.options import PlayOptions, parse_latched
 from riot_bus.vocabulary.errors import ConfigError
 
 SECOND = 10**9
@@ -81,17 +82,17 @@ def test_what_is_not_to_be_latched(text):
     ],
 )
 def test_until(text, expected):
-    assert parse_until(text, BEGIN) == expected
+    assert parse_time(text, BEGIN, where="--until") == expected
 
 
 @pytest.mark.parametrize("text", ["", "soon", "-1", "nan", "inf", "1e300", "2023-13-01"])
 def test_what_is_no_time(text):
     with pytest.raises(ConfigError, match="is no time"):
-        parse_until(text, BEGIN)
+        parse_time(text, BEGIN, where="--until")
 
 
 @given(st.datetimes(datetime(1980, 1, 1), datetime(2200, 1, 1)), st.integers(-14, 14))
 def test_until_any_moment(moment, hours):
     moment = moment.replace(tzinfo=timezone(timedelta(hours=hours)))
     exact = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
-    assert abs(parse_until(moment.isoformat(), 0) - exact) <= 2000
+    assert abs(parse_time(moment.isoformat(), 0, where="--until") - exact) <= 2000

@@ -1,0 +1,65 @@
+"""Options of commands from their declarations, the fields of dataclasses: see `riot_bus.config.arguments.Flag`."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from functools import wraps
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+import typer
+
+from riot_bus.config.arguments import flags_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from dataclasses import Field
+
+    from riot_bus.config.arguments import Flag
+
+__all__ = ["declared"]
+
+CommandT = TypeVar("CommandT", bound="Callable[..., None]")
+
+
+def declared(kind: type, *, before: str = "form", remote: bool = False) -> Callable[[CommandT], CommandT]:
+    """Add the options that a dataclass declares to a command, which gets those with a value as `**given`.
+
+    Args:
+        kind: The dataclass; names in `given` are those of its fields.
+        before: Parameter of the command that follows these options in its help.
+        remote: Whether only options that may be requested of a robot are added.
+    """
+
+    def decorate(command: CommandT) -> CommandT:
+        flags = [each for each in flags_of(kind) if each[1].remote or not remote]
+
+        @wraps(command)
+        def run(**values: Any) -> None:
+            for field, flag, names in flags:
+                value = values.pop(field.name)
+                if value is not None:
+                    values[field.name] = flag.read(value, names[0]) if flag.read else value
+            command(**values)
+
+        own = [*inspect.signature(command, eval_str=True).parameters.values()][:-1]
+        place = [each.name for each in own].index(before)
+        own[place:place] = [_parameter(*each) for each in flags]
+        vars(run).update(__signature__=inspect.Signature(own), __annotations__={})
+        return run  # type: ignore[return-value]  # for typer, it has other parameters
+
+    return decorate
+
+
+def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:
+    kind, default = get_args(field.type)[0], field.default
+    if flag.read:
+        kind, default = str | None, flag.text
+    elif get_origin(kind) is Sequence:
+        kind, default = list[get_args(kind)[0]] | None, None  # type: ignore[misc]  # known at run time
+    elif get_origin(kind) is Literal:
+        kind = str
+    option = typer.Option(*names, metavar=flag.metavar, envvar=flag.env, help=flag.help, min=flag.least)
+    return inspect.Parameter(
+        field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
+    )
