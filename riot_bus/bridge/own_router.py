@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from riot_bus.bridge.program import Program
-    from riot_bus.control.router_options import RouterOptions
+    from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
     from riot_bus.types.bridging import Bridge
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,9 @@ import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
+from riot_bus.cli.declared import annotation_of
 from riot_bus.cli.options import Format
-from riot_bus.cli.router import SystemFile
+from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import BRIDGES
 from riot_bus.vocabulary.errors import RiotError
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BusHost", "register"]
 
-_OURS = {"system": SystemFile, "cfg": Cfg, "form": Format}
+_OURS = {"system": annotation_of(RouterOptions, "system"), "cfg": Cfg, "form": Format}
 """Options of riot itself that a command gets by the names of its parameters."""
 
 
@@ -105,10 +107,9 @@ class BusHost:
 
     def segments(self, asked: OwnRouter) -> list[str]:
         """Return the names of a router's segments."""
-        from riot_bus.control.router_flags import RouterFlags
         from riot_bus.control.router_options import settings_of
 
-        return list(settings_of(asked.system, RouterFlags(segments=asked.listen)).segments)
+        return list(settings_of(RouterOptions(**asdict(asked))).segments)
 
     def run_router(
         self,
@@ -120,18 +121,8 @@ class BusHost:
     ) -> int:
         """Route and bridge in one process."""
         from riot_bus.bridge.own_router import run_own_router
-        from riot_bus.control.router_flags import RouterFlags
-        from riot_bus.control.router_options import RouterOptions
 
-        options = RouterOptions(
-            asked.system,
-            RouterFlags(segments=asked.listen, intercept=asked.intercept, record=asked.record),
-            interceptors=asked.interceptors,
-            inject=asked.inject,
-            definitions=asked.definitions,
-            adapters=asked.adapters,
-            carried=asked.carried,
-        )
+        options = RouterOptions(**asdict(asked))
         start = partial(_start, program) if program else None
         warn = partial(typer.echo, err=True)
         return _ended(run_own_router(options, bridge_of, say=typer.echo, warn=warn, as_json=as_json, program=start))

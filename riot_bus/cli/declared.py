@@ -17,22 +17,25 @@ if TYPE_CHECKING:
 
     from riot_bus.config.arguments import Flag
 
-__all__ = ["declared"]
+__all__ = ["annotation_of", "declared"]
 
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
 
 
-def declared(kind: type, *, before: str = "form", remote: bool = False) -> Callable[[CommandT], CommandT]:
+def declared(kind: type, *only: str, before: str = "form", remote: bool = False) -> Callable[[CommandT], CommandT]:
     """Add the options that a dataclass declares to a command, which gets those with a value as `**given`.
 
     Args:
         kind: The dataclass; names in `given` are those of its fields.
-        before: Parameter of the command that follows these options in its help.
+        only: Names of the fields to add; by default all.
+        before: Parameter of the command that follows these options in its help; they are the last ones without it.
         remote: Whether only options that may be requested of a robot are added.
     """
 
     def decorate(command: CommandT) -> CommandT:
-        flags = [each for each in flags_of(kind) if each[1].remote or not remote]
+        flags = [
+            each for each in flags_of(kind) if (each[1].remote or not remote) and (each[0].name in only or not only)
+        ]
 
         @wraps(command)
         def run(**values: Any) -> None:
@@ -43,12 +46,17 @@ def declared(kind: type, *, before: str = "form", remote: bool = False) -> Calla
             command(**values)
 
         own = [*inspect.signature(command, eval_str=True).parameters.values()][:-1]
-        place = [each.name for each in own].index(before)
+        place = next((place for place, each in enumerate(own) if each.name == before), len(own))
         own[place:place] = [_parameter(*each) for each in flags]
         vars(run).update(__signature__=inspect.Signature(own), __annotations__={})
         return run  # type: ignore[return-value]  # for typer, it has other parameters
 
     return decorate
+
+
+def annotation_of(kind: type, name: str) -> Any:
+    """Return the annotation by which typer knows an option of a dataclass."""
+    return next(_parameter(*each).annotation for each in flags_of(kind) if each[0].name == name)
 
 
 def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:

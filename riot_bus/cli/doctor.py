@@ -89,7 +89,7 @@ def _access(endpoint: str, identities: list[str], robot: str | None, *, as_json:
 
     from riot_bus.agent.access_probe import probe_access
     from riot_bus.control.component import client_cfg
-    from riot_bus.control.router_flags import parse_cfg
+    from riot_bus.control.router_options import parse_cfg
 
     settings: dict[str, list[str]] = {}
     for each in identities:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from riot_bus.cli.declared import declared
+from riot_bus.control.router_flags import RouterOptions
+
 __all__ = ["register"]
 
-Texts = list[str] | None
+_ROUTER = ("intercept", "services", "interceptors", "inject", "types", "definitions", "seed")
 
 
 def register(app: typer.Typer) -> None:
@@ -18,6 +21,7 @@ def register(app: typer.Typer) -> None:
     app.command("ros-test", context_settings={"allow_interspersed_args": False})(ros_test)
 
 
+@declared(RouterOptions, *_ROUTER, before="record")
 def ros_test(
     command: Annotated[list[str], typer.Argument(metavar="COMMAND", help="colcon test, pytest, launch_test, ...")],
     *,
@@ -28,27 +32,6 @@ def ros_test(
             help="Programs, scripts and ROS nodes of these names are in segment unit, all others in system.",
         ),
     ] = None,
-    intercept: Annotated[
-        Texts,
-        typer.Option(
-            metavar="KEYEXPR",
-            envvar="RIOT_INTERCEPT",
-            help="Topics to intercept; ROS names such as /odom will do; repeatable.",
-        ),
-    ] = None,
-    intercept_services: Annotated[
-        Texts,
-        typer.Option(
-            metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions to intercept; repeatable."
-        ),
-    ] = None,
-    interceptor: Annotated[
-        Texts,
-        typer.Option(
-            metavar="'NAME key=value ...'|FILE.py[:NAME]", help="An interceptor, as for riot router; repeatable."
-        ),
-    ] = None,
-    inject: Annotated[Path | None, typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections.")] = None,
     record: Annotated[
         Path | None,
         typer.Option(metavar="OUT.mcap|FOLDER", help="Record all that passes; in FOLDER, a log per package."),
@@ -66,12 +49,10 @@ def ros_test(
             help="System file; its segments are not used. [default: riot.toml, if it exists]",
         ),
     ] = None,
-    type_: Annotated[Texts, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
     package: Annotated[str, typer.Option(hidden=True)] = "",
     in_: Annotated[Path | None, typer.Option("--in", hidden=True)] = None,
     account: Annotated[Path | None, typer.Option(hidden=True)] = None,
+    **given: Any,
 ) -> None:
     """Run existing tests, unedited, through a router of their own; with colcon test, one router for each package.
 
@@ -79,22 +60,11 @@ def ros_test(
     No process of the tests is left behind.
     """
     from riot_bus.bridge.program import end_as
-    from riot_bus.control.router_flags import RouterFlags
-    from riot_bus.control.router_options import RouterOptions
     from riot_bus.sut.existing_tests.run import RosTest, run_tests
 
     words = sys.argv[2 : len(sys.argv) - len(command)]
-    options = RouterOptions(
-        system=system,
-        flags=RouterFlags(intercept=intercept or (), services=intercept_services or ()),
-        interceptors=interceptor or (),
-        inject=inject,
-        types=type_ or (),
-        definitions=msg or (),
-        seed=seed,
-    )
     asked = RosTest(
-        router=options,
+        router=RouterOptions(system=system, **given),
         nodes=unit_nodes,
         dds=dds,
         record=record,

@@ -13,6 +13,7 @@ from riot_bus.control.environment import (
     reachable,
     session_file,
 )
+from riot_bus.control.router_flags import RouterOptions
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_files import settings_of_text
 
@@ -48,9 +49,8 @@ def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "-
 def component_environment(
     segment: str,
     flavour: Flavour,
+    options: RouterOptions,
     *,
-    system: Path | None = None,
-    segments: Sequence[str] = (),
     host: str | None = None,
     cfg: Sequence[str] = (),
     file: Path | None = None,
@@ -62,8 +62,7 @@ def component_environment(
     Args:
         segment: Name of the segment.
         flavour: Kind of program that reads the variables.
-        system: riot.toml; None for the one in the working folder, if there is one.
-        segments: As `--segment` of the router.
+        options: The router's options, of which `system` and `segments` say what segments there are.
         host: The router's machine, for components elsewhere.
         cfg: `KEY=VALUE`, settings of the component.
         file: Where to write the configuration.
@@ -71,10 +70,9 @@ def component_environment(
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
-    from riot_bus.control.router_flags import RouterFlags
     from riot_bus.control.router_options import settings_of
 
-    found = settings_of(system, RouterFlags(segments=segments)).segment(segment)
+    found = settings_of(options).segment(segment)
     endpoints = reachable(found.listen, flavour=flavour, host=host)
     config, hints = missing_for_clients(found, client_cfg(cfg))
     if flavour == "zenoh":
@@ -99,10 +97,9 @@ def segment_endpoints(
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
-    from riot_bus.control.router_flags import RouterFlags
     from riot_bus.control.router_options import settings_of
 
-    found = settings_of(system, RouterFlags()).segment(segment)
+    found = settings_of(RouterOptions(system=system)).segment(segment)
     return reachable(found.listen), missing_for_clients(found, config)[0]
 
 

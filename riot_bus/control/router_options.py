@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.config.arguments import parse_types
-from riot_bus.config.router_settings import RouterSettings, router_keys
-from riot_bus.config.toml_file import explained, read_toml
-from riot_bus.control.router_flags import RouterFlags, merged
-from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.config_files import with_files
+from riot_bus.config.endpoints import split_endpoints
+from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings, router_keys
+from riot_bus.config.setting_checks import SEGMENT_NAME
+from riot_bus.config.toml_file import MistakeError, explained, read_toml
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.zenoh.config_files import check_certificates, endpoint_files, settings_of_text, with_files
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
+    from riot_bus.control.router_flags import RouterOptions
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = [
-    "RouterOptions",
     "interceptors_of",
     "intercepts",
     "load_router",
+    "merged",
+    "parse_cfg",
+    "parse_endpoints",
     "plan_of",
     "registry_of",
     "settings_of",
@@ -32,48 +37,15 @@ __all__ = [
 DEFAULT_SYSTEM = Path("riot.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class RouterOptions:
-    """What `riot router` was asked to do, as written on the command line.
-
-    Attributes:
-        system: riot.toml; None for the one in the working folder, if there is one.
-        flags: Options that replace those in its table `[router]`.
-        interceptors: Interceptors that follow those of riot.toml.
-        inject: Path of an injection plan.
-        types: `TOPIC=TYPE`.
-        definitions: Files that define message types.
-        seed: Seed of everything that is random.
-        bypass_watch: Whether to look for ways around the router.
-        adapters: Adapters with options, such as `mavlink:dialect=ardupilotmega`, that replace those of the same name.
-        carried: Further key expressions to intercept, for a bridge in the same process.
-    """
-
-    system: Path | None = None
-    flags: RouterFlags = field(default_factory=RouterFlags)
-    interceptors: Sequence[str] = ()
-    inject: Path | None = None
-    types: Sequence[str] = ()
-    definitions: Sequence[Path] = ()
-    seed: int = 0
-    bypass_watch: bool = True
-    adapters: Sequence[str] = ()
-    carried: Sequence[str] = ()
-
-
-def settings_of(system: Path | None, flags: RouterFlags) -> RouterSettings:
+def settings_of(options: RouterOptions) -> RouterSettings:
     """Return the settings of riot.toml, as far as options do not replace them.
-
-    Args:
-        system: riot.toml; None for the one in the working folder, if there is one.
-        flags: The command line.
 
     Raises:
         ConfigError: The file or an option is wrong.
     """
-    path = system if system is not None else DEFAULT_SYSTEM
-    found = load_router(path) if system is not None or path.is_file() else RouterSettings()
-    return merged(found, flags)
+    path = options.system if options.system is not None else DEFAULT_SYSTEM
+    found = load_router(path) if options.system is not None or path.is_file() else RouterSettings()
+    return merged(found, options)
 
 
 def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
@@ -156,3 +128,113 @@ def load_router(path: Path) -> RouterSettings:
     }
     record = None if settings.record is None else str(root / settings.record)
     return replace(settings, segments=segments, record=record)
+
+
+def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str, ...]]:
+    """Parse `NAME=ENDPOINT[,ENDPOINT...]`; a segment that is named twice has all its endpoints.
+
+    Args:
+        texts: The options as the user wrote them.
+        where: The option, for errors.
+
+    Raises:
+        ConfigError: A text is not of this form; whether the endpoints can work is checked later.
+    """
+    segments: dict[str, tuple[str, ...]] = {}
+    for text in texts:
+        name, _, rest = text.partition("=")
+        endpoints = split_endpoints(rest)
+        if not re.fullmatch(SEGMENT_NAME, name) or not endpoints:
+            hint = "write NAME=ENDPOINT[,ENDPOINT...], such as unit=tcp/127.0.0.1:7448"
+            raise ConfigError(f"{text!r} is not a segment and its endpoints", where=where, hint=hint)
+        segments[name] = (*segments.get(name, ()), *endpoints)
+    return segments
+
+
+def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
+    """Parse `SEGMENT:KEY=VALUE` into segment, key and the text of the value.
+
+    Args:
+        text: The option as the user wrote it.
+        where: The option, for errors.
+
+    Raises:
+        ConfigError: It is not of this form.
+    """
+    found = re.fullmatch(rf"({SEGMENT_NAME}):/?([^=:\s]+)=(.*)", text, re.DOTALL)
+    if not found:
+        hint = "write SEGMENT:KEY=VALUE, such as unit:transport/link/tx/lease=5000"
+        raise ConfigError(f"{text!r} is not a Zenoh setting of a segment", where=where, hint=hint)
+    name, key, value = found.groups()
+    return name, key, value
+
+
+def merged(settings: RouterSettings, options: RouterOptions, *, cwd: Path | None = None) -> RouterSettings:
+    """Return what the router is to do, with at least one segment.
+
+    `--segment` and `--connect` replace the endpoints that riot.toml gives this segment, `--cfg` one key.
+
+    Args:
+        settings: As `load_router` returns them, or `RouterSettings()`.
+        options: The command line.
+        cwd: Where relative paths in options start from, by default the working folder.
+
+    Raises:
+        ConfigError: An option is wrong or names an unknown segment, segments conflict, or a certificate is missing.
+    """
+    segments = _segments(settings, options, cwd or Path.cwd())
+    changed: dict[str, Any] = {
+        "name": options.name,
+        "intercept": tuple(options.intercept) or None,
+        "services": tuple(options.services) or None,
+        "record": None if options.record is None else str((cwd or Path.cwd()) / options.record),
+        "budget": options.budget,
+        "control": tuple(options.control) or None,
+    }
+    given = {name: value for name, value in changed.items() if value is not None}
+    try:
+        result = replace(settings, **given, segments=segments)
+    except MistakeError as error:
+        raise _explained(error, given) from None
+    check_certificates(result)
+    return result
+
+
+def _segments(settings: RouterSettings, options: RouterOptions, cwd: Path) -> dict[str, SegmentSettings]:
+    listen = parse_endpoints(options.segments, where="--segment")
+    segments = dict(settings.segments or ({} if listen else DEFAULT_SEGMENTS))
+    for name, endpoints in listen.items():
+        segments[name] = _ends(segments.get(name, SegmentSettings()), "listen", endpoints, cwd, f"--segment {name}")
+    for name, endpoints in parse_endpoints(options.connect, where="--connect").items():
+        _check_known(name, segments, "--connect")
+        segments[name] = _ends(segments[name], "connect", endpoints, cwd, f"--connect {name}")
+    for text in options.cfg:
+        name, key, value = parse_cfg(text)
+        _check_known(name, segments, "--cfg")
+        where = f"--cfg {name}"
+        config = settings_of_text(key, value, cwd, where=where)
+        segments[name] = _changed(segments[name], "config", {**segments[name].config, **config}, where)
+    return segments
+
+
+def _ends(segment: SegmentSettings, field: str, texts: Sequence[str], cwd: Path, where: str) -> SegmentSettings:
+    checked = _changed(segment, field, texts, where)
+    return _changed(checked, field, [endpoint_files(text, cwd, where=where) for text in texts], where)
+
+
+def _changed(segment: SegmentSettings, field: str, value: Any, where: str) -> SegmentSettings:
+    try:
+        return replace(segment, **{field: value})
+    except MistakeError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None
+
+
+def _check_known(name: str, segments: Iterable[str], where: str) -> None:
+    if name not in segments:
+        raise ConfigError(f"no segment {name!r}", where=where, hint=did_you_mean(name, segments))
+
+
+def _explained(error: MistakeError, given: Mapping[str, Any]) -> ConfigError:
+    place = error.place
+    where = f"--{place[0]}" if place[0] in given else f"[{'.'.join(['router', *place[:-1]])}]"
+    return ConfigError(error.message, where=where, hint=error.hint)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from riot_bus.config.router_settings import RouterSettings
     from riot_bus.control.bypass import Bypass
-    from riot_bus.control.router_options import RouterOptions
+    from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
     from riot_bus.router.counts import Losses
 
@@ -89,13 +89,13 @@ def router_of(
     Args:
         options: The command line of `riot router`.
         warn: Function that prints a line of diagnostics.
-        settings: Settings that replace those of riot.toml and of `options.flags`.
+        settings: Settings that replace those of riot.toml and of `options`.
 
     Raises:
         ConfigError: An option is wrong.
         EnvironmentFaultError: An endpoint is in use.
     """
-    settings = settings or settings_of(options.system, options.flags)
+    settings = settings or settings_of(options)
     if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
         settings = replace(settings, intercept=(*options.carried, *settings.intercept))
     with closing(Network(settings.segments)) as network:

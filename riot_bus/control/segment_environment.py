@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.environment import client_settings, override, reachable, session_file
-from riot_bus.control.router_flags import parse_endpoints
+from riot_bus.control.router_options import parse_endpoints
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:

@@ -125,13 +125,13 @@ def _of_router(
     host: str | None,
     hint: Callable[[str], None],
 ) -> tuple[list[str], dict[str, Any]]:
-    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_options import settings_of
 
-    flags = RouterFlags(segments=environ.get("RIOT_SEGMENT", "").split())
     if system is None and environ.get("RIOT_SYSTEM"):
         system = Path(environ["RIOT_SYSTEM"])
-    found = settings_of(system, flags).segment(name)
+    options = RouterOptions(system=system, segments=environ.get("RIOT_SEGMENT", "").split())
+    found = settings_of(options).segment(name)
     config, hints = missing_for_clients(found, config)
     for each in hints:
         hint(each)

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
 from riot_bus.control.commands import Command
-from riot_bus.control.router_options import RouterOptions, registry_of
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import registry_of
 from riot_bus.control.server import Control
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts

@@ -75,7 +75,7 @@ class OwnRouter:
 
     Attributes:
         system: Path of riot.toml; None for the one in the working folder, if there is one.
-        listen: Segments as `NAME=ENDPOINT[,...]`; empty for those of riot.toml or of `riot router`.
+        segments: Segments as `NAME=ENDPOINT[,...]`; empty for those of riot.toml or of `riot router`.
         intercept: Key expressions of messages that pass through interceptors.
         interceptors: Interceptors as in `riot router`.
         inject: Path of an injection plan.
@@ -86,7 +86,7 @@ class OwnRouter:
     """
 
     system: Path | None = None
-    listen: Sequence[str] = ()
+    segments: Sequence[str] = ()
     intercept: Sequence[str] = ()
     interceptors: Sequence[str] = ()
     inject: Path | None = None

@@ -15,7 +15,8 @@ import zenoh.ext
 from mcap.reader import make_reader
 
 from riot_bus.config.router_settings import RouterSettings
-from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import merged
 from riot_bus.control.router_service import RouterService
 from riot_bus.log.tables.table import columns
 from riot_bus.record.options import CaptureOptions
@@ -120,7 +121,7 @@ def sensor(endpoint: str, told: bytes | None = None, **more: Any) -> Iterator[Se
 
 
 def service(folder: Path, **flags: Any) -> RouterService:
-    settings = merged(RouterSettings(), RouterFlags(segments=FREE, **flags))
+    settings = merged(RouterSettings(), RouterOptions(segments=FREE, **flags))
     return RouterService(settings, registry=TypeRegistry(load_adapters(["ros2"])), folder=folder, scouting=None)
 
 

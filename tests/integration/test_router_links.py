@@ -23,8 +23,8 @@ from riot_bus.control.environment import (
     reachable,
     session_file,
 )
-from riot_bus.control.router_flags import RouterFlags, merged
-from riot_bus.control.router_options import load_router
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import load_router, merged
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus.zenoh.session_config import router_config
@@ -72,7 +72,7 @@ def segment(folder: Path, endpoint: str, config: dict[str, Any], **more: Any) ->
     lines += ["[router.segments.a.config]", *(f'"{key}" = {toml(value)}' for key, value in config.items())]
     path = folder / "riot.toml"
     path.write_text("\n".join(lines))
-    return merged(load_router(path), RouterFlags()).segment("a")
+    return merged(load_router(path), RouterOptions()).segment("a")
 
 
 def toml(value: Any) -> str:

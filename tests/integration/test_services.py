@@ -13,7 +13,8 @@ import pytest
 import zenoh
 
 from riot_bus.config.router_settings import RouterSettings
-from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import merged
 from riot_bus.control.router_service import RouterService
 from riot_bus.doctor.conformance.run import PLAIN, compare, run_scenario
 from riot_bus.doctor.conformance.scenario import PREFIX, find
@@ -509,7 +510,7 @@ FREE = ("system=tcp/127.0.0.1:0", "unit=tcp/127.0.0.1:0")
 
 
 def service(folder: Path, **flags: Any) -> RouterService:
-    settings = merged(RouterSettings(), RouterFlags(segments=FREE, **flags))
+    settings = merged(RouterSettings(), RouterOptions(segments=FREE, **flags))
     return RouterService(settings, registry=TypeRegistry(load_adapters(["ros2"])), folder=folder, scouting=None)
 
 

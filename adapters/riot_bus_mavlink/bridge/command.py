@@ -163,7 +163,7 @@ def mavlink(
     else:
         asked = OwnRouter(
             system,
-            listen=listen or (),
+            segments=listen or (),
             intercept=intercept or (),
             interceptors=interceptor or (),
             inject=inject,

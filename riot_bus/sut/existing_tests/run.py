@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from riot_bus.config.router_settings import SegmentSettings
 from riot_bus.control.log_paths import claim, file_stem
-from riot_bus.control.router_options import RouterOptions, settings_of
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import settings_of
 from riot_bus.control.signals import END_S, ended_by_signals
 from riot_bus.sut.existing_tests.commands import is_colcon_test, router_per_package
 from riot_bus.sut.existing_tests.crossings import Crossings
@@ -160,7 +161,7 @@ def _run_packages(
 
 def _own_settings(asked: RosTest) -> RouterSettings:
     """Return the settings of a router that only this machine reaches, and that connects to no other router."""
-    settings = settings_of(asked.router.system, asked.router.flags)
+    settings = settings_of(asked.router)
     record = settings.record
     if asked.record is not None:
         record = str(asked.record.absolute())

@@ -118,7 +118,7 @@ sys.exit(", ".join(sorted(heavy & set(sys.modules))) or None)
 
 def test_segments_are_known_by_name_or_place() -> None:
     assert sorted(BusHost().ports({"system": None, "": "tcp/127.0.0.1:1"})) == ["", "system"]
-    assert BusHost().segments(OwnRouter(listen=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"])) == ["a", "b"]
+    assert BusHost().segments(OwnRouter(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"])) == ["a", "b"]
     with pytest.raises(ConfigError, match="nosuch"):
         BusHost().ports({"nosuch": None})
     (port,) = BusHost().ports({"": "tcp/127.0.0.1:1"}).values()

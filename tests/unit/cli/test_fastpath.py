@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import inspect
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.cli import fastpath as quick
-from riot_bus.cli.fastpath import OPTIONS, parse
+from riot_bus.cli.fastpath import fast_options, parse
 from riot_bus.cli.main import make_app
 from riot_bus.cli.options import OutputFormat
+from riot_bus.config.arguments import flags_of
+from riot_bus.control.router_flags import RouterOptions
 
-SWITCHES = ["--bypass-watch", "--no-bypass-watch"]
+OPTIONS = {written: each for written, each in fast_options().items() if each.value is None}
+SWITCHES = [each for each in fast_options() if each not in OPTIONS]
 
 
 @cache
@@ -33,12 +35,11 @@ def test_the_table_is_what_is_declared() -> None:
     found = {}
     for parameter in declared().params:
         for written in (*parameter.opts, *parameter.secondary_opts):
-            variable = parameter.envvar or ""
             name = "as_json" if parameter.name == "form" else parameter.name
-            found[written] = (name, getattr(parameter, "multiple", False), variable)
-    for written in ("--help", *SWITCHES):
-        found.pop(written, None)
-    assert found == {written: (each.name, each.many, each.variable) for written, each in OPTIONS.items()}
+            found[written] = (name, getattr(parameter, "multiple", False), parameter.envvar or "")
+    found.pop("--help", None)
+    assert SWITCHES == ["--bypass-watch", "--no-bypass-watch"]
+    assert found == {written: (each.name, each.many, each.variable) for written, each in fast_options().items()}
 
 
 VALUES = {
@@ -73,7 +74,7 @@ def test_what_is_understood_is_understood_as_typer_does(arguments: list[str]) ->
     if found is not None:
         read = by_typer(arguments)
         read["as_json"] = read.pop("form") is OutputFormat.JSON
-        usual = {name: each.default for name, each in inspect.signature(quick.start_router).parameters.items()}
+        usual = {each.name: each.default for each, _, _ in flags_of(RouterOptions)} | {"as_json": False}
         assert {
             name: usual[name] if value in (None, [], ()) else value
             for name, value in read.items()
@@ -85,7 +86,7 @@ def test_what_is_understood_is_understood_as_typer_does(arguments: list[str]) ->
 def test_what_people_write_is_understood() -> None:
     line = "--segment system=tcp/127.0.0.1:0 --segment=unit=tcp/127.0.0.1:0 --intercept /odom --seed 7 --budget 0.5"
     assert parse([*line.split(), "--no-bypass-watch", "-s", "riot.toml", "--format", "json"], {"HOME": "/"}) == {
-        "segment": ["system=tcp/127.0.0.1:0", "unit=tcp/127.0.0.1:0"],
+        "segments": ["system=tcp/127.0.0.1:0", "unit=tcp/127.0.0.1:0"],
         "intercept": ["/odom"],
         "seed": 7,
         "budget": 0.5,

@@ -11,8 +11,8 @@ import pytest
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings
 from riot_bus.control.exposure import exposure_warnings
-from riot_bus.control.router_flags import RouterFlags, merged, parse_cfg
-from riot_bus.control.router_options import load_router
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import load_router, merged, parse_cfg
 from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_keys import leaves, value_of
@@ -132,7 +132,7 @@ def test_paths_start_from_the_folder_of_the_file(tmp_path: Path) -> None:
         "[router.segments.a.config.transport.link.tls]\n"
         'listen_certificate = "keys/cert.pem"\n',
     )
-    segment = merged(load_router(path), RouterFlags()).segment("a")
+    segment = merged(load_router(path), RouterOptions()).segment("a")
     assert segment.config == {f"{TLS}/listen_certificate": str(tmp_path / "keys/cert.pem")}
     assert segment.listen == (f"tls/127.0.0.1:7447#listen_private_key_file={tmp_path}/keys/key.pem;so_rcvbuf=9000",)
 
@@ -149,14 +149,14 @@ def test_the_examples_of_the_documentation_load(tmp_path: Path) -> None:
 
 
 def test_defaults_listen_on_loopback_alone() -> None:
-    settings = merged(RouterSettings(), RouterFlags())
+    settings = merged(RouterSettings(), RouterOptions())
     assert settings.segments == DEFAULT_SEGMENTS
     assert exposure_warnings(settings) == []
     assert all(endpoint.is_local for each in settings.segments.values() for endpoint in each.listeners)
 
 
 def test_options_win_over_the_file(tmp_path: Path) -> None:
-    flags = RouterFlags(
+    flags = RouterOptions(
         segments=["system=tcp/127.0.0.1:1,tcp/[::1]:1", "new=tcp/127.0.0.1:2"],
         connect=["system=tcp/10.0.0.1:7447?rel=1#iface=eth0;so_sndbuf=1"],
         cfg=["system:transport/link/tx/lease=7000"],
@@ -176,28 +176,28 @@ def test_options_win_over_the_file(tmp_path: Path) -> None:
 
 
 def test_segments_of_the_command_line_replace_the_default_ones() -> None:
-    assert list(merged(RouterSettings(), RouterFlags(segments=["a=tcp/127.0.0.1:1"])).segments) == ["a"]
+    assert list(merged(RouterSettings(), RouterOptions(segments=["a=tcp/127.0.0.1:1"])).segments) == ["a"]
 
 
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (RouterFlags(segments=["a"]), ("--segment", "NAME=ENDPOINT")),
-        (RouterFlags(segments=["a=,"]), ("--segment", "NAME=ENDPOINT")),
-        (RouterFlags(segments=["a=tcp/x:1,tpc/y:2"]), ("--segment a", "'tpc'", "did you mean 'tcp'")),
-        (RouterFlags(segments=["a=tcp/x:1", "b=tcp/0.0.0.0:1"]), ("router.segments.b", "both listen")),
-        (RouterFlags(segments=["a=tls/127.0.0.1:1"]), ("needs a listen certificate", f"--cfg a:{TLS}")),
-        (RouterFlags(connect=["systen=tcp/x:1"]), ("--connect", "no segment 'systen'", "did you mean 'system'")),
-        (RouterFlags(cfg=["unti:transport/link/tx/lease=1"]), ("--cfg", "did you mean 'unit'")),
-        (RouterFlags(cfg=["transport/link/tx/lease=1"]), ("--cfg", "SEGMENT:KEY=VALUE")),
-        (RouterFlags(cfg=["unit:transport/link/tx/leas=1"]), ("--cfg unit", "did you mean")),
-        (RouterFlags(cfg=["unit:mode=client"]), ("--cfg unit", "cannot be set here")),
-        (RouterFlags(cfg=[f"unit:{TLS}/listen_certificate=no.pem"]), ("--cfg unit", "there is no file")),
-        (RouterFlags(name="a b"), ("--name", "'a b'")),
-        (RouterFlags(budget=-1), ("--budget", "-1")),
+        (RouterOptions(segments=["a"]), ("--segment", "NAME=ENDPOINT")),
+        (RouterOptions(segments=["a=,"]), ("--segment", "NAME=ENDPOINT")),
+        (RouterOptions(segments=["a=tcp/x:1,tpc/y:2"]), ("--segment a", "'tpc'", "did you mean 'tcp'")),
+        (RouterOptions(segments=["a=tcp/x:1", "b=tcp/0.0.0.0:1"]), ("router.segments.b", "both listen")),
+        (RouterOptions(segments=["a=tls/127.0.0.1:1"]), ("needs a listen certificate", f"--cfg a:{TLS}")),
+        (RouterOptions(connect=["systen=tcp/x:1"]), ("--connect", "no segment 'systen'", "did you mean 'system'")),
+        (RouterOptions(cfg=["unti:transport/link/tx/lease=1"]), ("--cfg", "did you mean 'unit'")),
+        (RouterOptions(cfg=["transport/link/tx/lease=1"]), ("--cfg", "SEGMENT:KEY=VALUE")),
+        (RouterOptions(cfg=["unit:transport/link/tx/leas=1"]), ("--cfg unit", "did you mean")),
+        (RouterOptions(cfg=["unit:mode=client"]), ("--cfg unit", "cannot be set here")),
+        (RouterOptions(cfg=[f"unit:{TLS}/listen_certificate=no.pem"]), ("--cfg unit", "there is no file")),
+        (RouterOptions(name="a b"), ("--name", "'a b'")),
+        (RouterOptions(budget=-1), ("--budget", "-1")),
     ],
 )
-def test_wrong_options(flags: RouterFlags, words: tuple[str, ...]) -> None:
+def test_wrong_options(flags: RouterOptions, words: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError) as caught:
         merged(RouterSettings(), flags)
     for word in words:
@@ -299,9 +299,10 @@ def test_a_router_without_a_file_does_not_wait_for_what_only_others_need() -> No
     code = """
 import sys
 import riot_bus.control.router_process, riot_bus.control.router_service
-from riot_bus.control.router_options import RouterOptions, registry_of, settings_of
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import registry_of, settings_of
 options = RouterOptions()
-settings_of(options.system, options.flags), registry_of(options)
+settings_of(options), registry_of(options)
 print([name for name in ("pydantic", "ssl", "rich", "mcap") if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)

@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 from riot_bus.cli.main import make_app
 from riot_bus.config.router_settings import RouterSettings
 from riot_bus.control.component import client_cfg, component_environment
-from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import merged
 from riot_bus.vocabulary.errors import ConfigError
 
 PASSWORD = "transport/auth/usrpwd/password"
@@ -31,14 +32,14 @@ def test_passwords_come_from_files(folder: Path) -> None:
         client_cfg([f"{PASSWORD}=@open"], where="--fleet-cfg")
     assert "s3kR1t" not in str(caught.value)
     key = "transport/link/tls/listen_private_key_base64"
-    settings = merged(RouterSettings(), RouterFlags(cfg=[f"unit:{key}=@password"]), cwd=folder)
+    settings = merged(RouterSettings(), RouterOptions(cfg=[f"unit:{key}=@password"]), cwd=folder)
     assert settings.segment("unit").config == {key: "s3kR1t"}
 
 
 def test_what_a_component_needs_is_whole(folder: Path) -> None:
-    lines, _ = component_environment("unit", "rmw_zenoh", cfg=[f"{PASSWORD}=@password"])
+    lines, _ = component_environment("unit", "rmw_zenoh", RouterOptions(), cfg=[f"{PASSWORD}=@password"])
     assert f'{PASSWORD}="s3kR1t"' in lines[-1]
-    component_environment("unit", "zenoh", cfg=[f"{PASSWORD}=@password"], file=folder / "unit.json5")
+    component_environment("unit", "zenoh", RouterOptions(), cfg=[f"{PASSWORD}=@password"], file=folder / "unit.json5")
     assert '"password": "s3kR1t"' in (folder / "unit.json5").read_text()
 
 

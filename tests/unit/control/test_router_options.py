@@ -6,9 +6,8 @@ import pytest
 
 from riot_bus.config.router_settings import RouterSettings
 from riot_bus.control.component import client_cfg
-from riot_bus.control.router_flags import RouterFlags
+from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import (
-    RouterOptions,
     interceptors_of,
     parse_types,
     plan_of,
@@ -29,11 +28,11 @@ def test_riot_toml_of_the_working_folder_is_read_if_it_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert settings_of(None, RouterFlags()).name == "router"
+    assert settings_of(RouterOptions()).name == "router"
     (tmp_path / "riot.toml").write_text("[router]\nname = 'lab'\n")
-    assert settings_of(None, RouterFlags()).name == "lab"
+    assert settings_of(RouterOptions()).name == "lab"
     with pytest.raises(ConfigError, match="cannot read the system file"):
-        settings_of(Path("other.toml"), RouterFlags())
+        settings_of(RouterOptions(system=Path("other.toml")))
 
 
 def test_interceptors_of_file_and_options_are_in_order_and_get_the_seed() -> None:

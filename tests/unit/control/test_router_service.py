@@ -12,7 +12,8 @@ import pytest
 from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.control.commands import answer, refusal
 from riot_bus.control.remote import Remote, find_routers
-from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import merged
 from riot_bus.control.router_process import _ready
 from riot_bus.control.router_service import ROUTER_COMMANDS as COMMANDS
 from riot_bus.control.router_service import RouterService
@@ -75,7 +76,7 @@ class Hangs(Passes):
 
 
 def service(folder: Path, *interceptors: object, **flags: Any) -> RouterService:
-    settings = merged(RouterSettings(), RouterFlags(segments=FREE, **flags))
+    settings = merged(RouterSettings(), RouterOptions(segments=FREE, **flags))
     registry = TypeRegistry(load_adapters())
     return RouterService(settings, interceptors=interceptors, registry=registry, folder=folder, scouting=None)
 
@@ -141,7 +142,7 @@ def test_a_recording_begins_goes_on_elsewhere_and_ends(router: RouterService, tm
 def test_what_is_behind_the_hash_of_an_endpoint_is_not_told_and_not_recorded(tmp_path: Path) -> None:
     place = free_endpoint().replace("tcp", "ws")  # Zenoh does not say where it listens for ws
     segments = [f"a={place}#so_sndbuf=65536", "b=tcp/127.0.0.1:0#so_sndbuf=65536"]
-    flags = RouterFlags(segments=segments, record=tmp_path / "a.mcap")
+    flags = RouterOptions(segments=segments, record=tmp_path / "a.mcap")
     with RouterService(merged(RouterSettings(), flags), scouting=None) as router:
         told = [json.dumps(router.status()), *(_ready(router, as_json=each) for each in (True, False))]
         assert router.endpoints["a"] == (f"{place}#...",)
@@ -215,7 +216,7 @@ def test_only_chosen_segments_are_answered(tmp_path: Path) -> None:
         with Remote(router.endpoints["a"][0]) as remote, pytest.raises(EnvironmentFaultError, match="no riot router"):
             remote.ask("status")
     with pytest.raises(ConfigError, match="no segment 'c'"):
-        merged(RouterSettings(), RouterFlags(segments=FREE, control=["c"]))
+        merged(RouterSettings(), RouterOptions(segments=FREE, control=["c"]))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.config.router_settings import RouterSettings
-from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.control.router_options import merged
 from riot_bus.control.router_service import RouterService
 from riot_bus.record.service import CaptureService
 from riot_bus.sut.plain_look import look_at_network
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def test_a_graph_in_which_our_recorder_receives_everything_is_not_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flags = RouterFlags(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"], intercept=["**"])
+    flags = RouterOptions(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"], intercept=["**"])
     with RouterService(merged(RouterSettings(), flags), scouting=None, folder=tmp_path) as router:
         monkeypatch.setattr("riot_bus.graph.watch._LEAST_S", 4.0)  # as on a busy machine: graphs are seldom new
         router.watch()
