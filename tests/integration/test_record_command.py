@@ -37,6 +37,7 @@ pytestmark = pytest.mark.integration
 BLOCK = Qos(congestion="block")
 TYPE_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 STRING_KEY = f"std_msgs::msg::dds_::String_/{TYPE_HASH}"
+TOKEN = f"@ros2_lv/0/aa/0/1/MP/%/%/talker/%chatter/{STRING_KEY}/2:1:,7:,:,:,,"
 
 
 @pytest.fixture(scope="module")
@@ -261,10 +262,9 @@ def test_a_bag_is_what_ros_2_tools_read(router: str, tmp_path: Path) -> None:
     from rosbags.highlevel import AnyReader
 
     folder = tmp_path / "bag"
-    token = f"@ros2_lv/0/aa/0/1/MP/%/%/talker/%chatter/{STRING_KEY}/2:1:,7:,:,:,,"
     options = ["--bag", str(folder), "--split-duration=1h", "--name=bag"]
     with ZenohProcess("client", router) as talker, open_client(router) as client:
-        talker.do("token", token)
+        talker.do("token", TOKEN)
         with recorder("-e", router, *options) as process:
             for number in range(4):
                 attachment = struct.pack("<qqB16s", number + 1, 10**18 + number, 16, bytes(16))
@@ -304,6 +304,20 @@ def test_a_bag_is_what_ros_2_tools_read(router: str, tmp_path: Path) -> None:
     assert channel.metadata["topic_type_hash"] == TYPE_HASH
     for part in ("depth: 7", "reliability: 2", "durability: 1"):
         assert part in channel.metadata["offered_qos_profiles"]
+
+
+@pytest.mark.parametrize(("options", "profile"), [((), "ros2"), (("--profile=none",), "")])
+def test_the_profile_is_that_of_the_network_if_none_is_given(
+    router: str, tmp_path: Path, options: tuple[str, ...], profile: str
+) -> None:
+    path = tmp_path / "a.mcap"
+    with ZenohProcess("client", router) as talker:
+        talker.do("token", TOKEN)
+        with recorder("-e", router, f"-o{path}", *options) as process:
+            process.send_signal(signal.SIGINT)
+            assert ended(process)[0] == 0
+    with path.open("rb") as file:
+        assert make_reader(file).get_header().profile == profile
 
 
 @pytest.mark.parametrize(
