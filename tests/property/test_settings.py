@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from riot_bus.config.endpoints import PROTOCOLS, overlap, parse_endpoint, split_endpoints
 from riot_bus.control.environment import client_settings, environment_lines, override, session_file
-from riot_bus.control.router_flags import parse_cfg, parse_endpoints
+from riot_bus.control.router_options import parse_cfg, parse_endpoints
 from riot_bus.vocabulary.errors import ConfigError
 from tests.tiers import scaled
 
