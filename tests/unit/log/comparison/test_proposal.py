@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import random
 import tomllib
 from itertools import combinations
@@ -50,12 +51,19 @@ def test_the_margin_is_wider_the_fewer_runs_there_are():
 
 
 def test_noise_within_runs_needs_less_than_what_each_run_has_its_own_of():
-    assert margin_of(3, [1.0, 1.2, 0.9]) == 2.0
-    assert margin_of(3, [1.0, 2.0, 1.0]) == margin_of(3, [1.0, 1.0, 0.0]) == 7.3
-    assert margin_of(2, [1.0]) == 5.0
+    assert margin_of(3, [1.0, 1.2, 0.9], [0.3, 0.3, 0.3]) == 2.0
+    assert margin_of(3, [1.0, 1.2, 0.9], [0.3, 0.3, 0.4]) == 7.3
+    assert margin_of(3, [1.0, 2.0, 1.0], [0.1] * 3) == margin_of(3, [1.0, 1.0, 0.0], [0.1, 0.1, 0.0]) == 7.3
+    assert margin_of(2, [1.0], [0.1]) == 5.0
     drift = proposed(*runs_of(3, lambda run, rng, place: {"x": place * (1 + 0.01 * run)}))
     noise = proposed(*runs_of(3, lambda run, rng, place: {"x": place + rng.uniform(-1, 1)}))
     assert [found.tolerances[0].reason.partition("times ")[2][:3] for found in (drift, noise)] == ["7.3", "2; "]
+
+
+def test_runs_that_wander_are_not_taken_for_noise_though_all_pairs_differ_by_the_same():
+    turn = 2 * math.pi / 3
+    found = proposed(*runs_of(3, lambda run, rng, place: {"x": place + math.sin(place / 30 + run * turn)}))
+    assert "times 7.3" in found.tolerances[0].reason
 
 
 def test_texts_and_fields_that_are_not_always_there_are_ignored():
