@@ -47,6 +47,7 @@ class FieldDifference:
         high: Largest value in either log; None if there is no number.
         whole: Whether all of these are whole numbers.
         unlike: Messages in which only one log has the field, or in which it is not a number in one log.
+        turns: Share of differences that have another sign than the one before: half of them in noise, few in a drift.
     """
 
     name: str
@@ -58,6 +59,7 @@ class FieldDifference:
     high: float | None = None
     whole: bool = False
     unlike: int = 0
+    turns: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

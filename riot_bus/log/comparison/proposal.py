@@ -1,11 +1,11 @@
 """Tolerances learnt from nominal runs: the differences among them, with a margin; pure.
 
 The tolerance of a field is the largest difference between any two of the runs, times a margin. If all pairs of runs
-differ by about the same at most, and the median difference in each is much smaller, this is noise within the runs, and
-a margin of 2 suffices. Otherwise each run may have an offset or a drift of its own, and a few runs show little of it:
-if it is drawn from a normal distribution, a further pair of runs stays in 99 of 100 cases within 7.3 times the largest
-difference of three runs, 3.7 times that of four, 2.7 of five, 2.2 of six (by 400,000 draws). Two runs are one pair,
-which does not show this; their margin is 5, enough in 87 of 100.
+differ by about the same at most, and the differences in each often change their sign, this is noise within the runs,
+and a margin of 2 suffices. Otherwise each run may have an offset or a drift of its own, and a few runs show little of
+it: if it is drawn from a normal distribution, a further pair of runs stays in 99 of 100 cases within 7.3 times the
+largest difference of three runs, 3.7 times that of four, 2.7 of five, 2.2 of six (by 400,000 draws). Two runs are one
+pair, which does not show this; their margin is 5, enough in 87 of 100.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _MARGINS = {2: 5.0, 3: 7.3, 4: 3.7, 5: 2.7, 6: 2.2}
 """Margins by number of runs, if the runs may have offsets."""
 _ALIKE = 0.7
 """For noise within runs, the largest difference of each pair is at least this share of the largest one of all."""
-_RARE = 2.5
-"""For noise within runs, the largest difference of each pair is at least so many times its median one. It is 3.2 times
-the median one in uniform noise of 200 messages, more in normal noise, but twice the median one in a steady drift.
+_TURNS = 0.3
+"""For noise within runs, at least this share of the differences in each pair has another sign than the one before: of
+100 independent ones, it is half of them, and less than this once in 40,000 cases.
 """
 _OFTEN, _FEW = 0.9, 10
 """A field that differs in this share of the messages, and in at least so many, counts as differing in all."""
@@ -140,16 +140,15 @@ class Proposal:
             yield f"{toml_string(each.name)} = {toml_value(each.value)}"
 
 
-def margin_of(runs: int, largest: Sequence[float] = (), typical: Sequence[float] = ()) -> float:
+def margin_of(runs: int, largest: Sequence[float] = (), turns: Sequence[float] = ()) -> float:
     """Return the margin by which the largest difference among runs is multiplied.
 
     Args:
         runs: Number of runs.
         largest: Largest difference of each pair of runs; empty for a quantity of which each run has one figure.
-        typical: Median difference in all messages of each pair of runs.
+        turns: Share of differences of each pair that have another sign than the one before.
     """
-    alike = len(largest) > 1 and min(largest) >= _ALIKE * max(largest)
-    noise = alike and all(one >= _RARE * median for one, median in zip(largest, typical, strict=True))
+    noise = len(largest) > 1 and min(largest) >= _ALIKE * max(largest) and min(turns, default=0.0) >= _TURNS
     return _MARGIN if noise else _MARGINS.get(runs, _MARGIN)
 
 
@@ -183,14 +182,11 @@ def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], run
         every = [topic for each in found for topic in each.topics if topic.topic == name]
         total = sum(topic.equal + topic.changed for topic in every)
         fields: dict[str, list[FieldDifference]] = {}
-        medians: dict[str, list[float]] = {}
-        for compared, one in ((each, one) for each in differing for one in each.fields):
+        for one in (one for topic in differing for one in topic.fields):
             fields.setdefault(one.name, []).append(one)
-            often = 2 * one.messages > compared.equal + compared.changed  # else the median of all messages is 0
-            medians.setdefault(one.name, []).append((one.typical or 0.0) if often else 0.0)
         for path, ones in fields.items():
-            same = [0.0] * (len(every) - len(ones))
-            margin = margin_of(runs, [one.largest or 0.0 for one in ones] + same, medians[path] + same)
+            largest = [one.largest or 0.0 for one in ones] + [0.0] * (len(every) - len(ones))
+            margin = margin_of(runs, largest, [one.turns for one in ones])
             rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margin)
         shifted = max(topic.shifted for topic in every)
         if shifted > differing[0].allowed:

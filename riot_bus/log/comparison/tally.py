@@ -37,6 +37,9 @@ class _Field:
     unlike: int = 0
     distances: array[float] = field(default_factory=lambda: array("d"))
     every: int = 1
+    rises: bool | None = None
+    pairs: int = -1
+    turns: int = 0
 
     def take(self, change: FieldChange, a: int, b: int, seconds: float) -> None:
         """Add a change; `messages` is counted elsewhere, since a message may have several changes of one name."""
@@ -48,6 +51,9 @@ class _Field:
             self.whole = self.whole and all(isinstance(value, int) for value in both)
             self.low, self.high = min([self.low, *finite]), max([self.high, *finite])
             self._note(distance)
+            rises = both[1] > both[0]
+            self.pairs, self.turns = self.pairs + 1, self.turns + (self.rises is not None and rises != self.rises)
+            self.rises = rises
         else:
             self.unlike += 1
         if distance > self.largest:
@@ -77,6 +83,7 @@ class _Field:
             high,
             self.whole,
             self.unlike,
+            self.turns / self.pairs if self.pairs > 0 else 0.0,
         )
 
 

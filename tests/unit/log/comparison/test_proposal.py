@@ -51,10 +51,10 @@ def test_the_margin_is_wider_the_fewer_runs_there_are():
 
 
 def test_noise_within_runs_needs_less_than_what_each_run_has_its_own_of():
-    assert margin_of(3, [1.0, 1.2, 0.9], [0.3, 0.3, 0.3]) == 2.0
-    assert margin_of(3, [1.0, 1.2, 0.9], [0.3, 0.3, 0.4]) == 7.3
-    assert margin_of(3, [1.0, 2.0, 1.0], [0.1] * 3) == margin_of(3, [1.0, 1.0, 0.0], [0.1, 0.1, 0.0]) == 7.3
-    assert margin_of(2, [1.0], [0.1]) == 5.0
+    assert margin_of(3, [1.0, 1.2, 0.9], [0.5, 0.4, 0.6]) == 2.0
+    assert margin_of(3, [1.0, 1.2, 0.9], [0.5, 0.1, 0.6]) == 7.3
+    assert margin_of(3, [1.0, 2.0, 1.0], [0.5] * 3) == margin_of(3, [1.0, 1.0, 0.0], [0.5] * 2) == 7.3
+    assert margin_of(2, [1.0], [0.5]) == 5.0
     drift = proposed(*runs_of(3, lambda run, rng, place: {"x": place * (1 + 0.01 * run)}))
     noise = proposed(*runs_of(3, lambda run, rng, place: {"x": place + rng.uniform(-1, 1)}))
     assert [found.tolerances[0].reason.partition("times ")[2][:3] for found in (drift, noise)] == ["7.3", "2; "]
