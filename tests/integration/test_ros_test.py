@@ -77,6 +77,14 @@ def test_an_injection_that_never_happens_is_said(suite: Path) -> None:
     assert said[-1].startswith("NOTHING WAS INJECTED")
 
 
+def test_an_interceptor_that_fails_on_each_message_is_said(suite: Path) -> None:
+    code, _, said = ros_test(suite, "--unit-nodes=listener", "--interceptor", "set field=z value=1 select=pose")
+    assert code == 0
+    assert said[1].startswith("interceptor set failed on ")
+    assert "no field 'z'" in said[1]
+    assert said[-1].startswith("NOTHING WAS CHANGED")
+
+
 def test_recordings_go_by_folder_and_are_never_overwritten(suite: Path) -> None:
     for _ in range(2):
         ros_test(suite, "--record=logs", command=["true"])

@@ -31,6 +31,7 @@ class Passage:
         losses: Unintended losses of the router.
         hits: Number of times that each injection of the plan was carried out; None without a plan.
         problems: Reasons why injections could not be carried out, by topic.
+        errors: Number of messages on which an interceptor failed, and the first error, by name of the interceptor.
         recording: Path of the log; empty without one.
         components: Number of components that connected to each segment, without bridges and what is behind them.
         domains: ROS domain of each segment; empty without bridges.
@@ -44,6 +45,7 @@ class Passage:
     losses: Losses
     hits: Sequence[int] | None = None
     problems: Mapping[str, str] = field(default_factory=dict)
+    errors: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     recording: str = ""
     components: Mapping[str, int] = field(default_factory=dict)
     domains: Mapping[str, int] = field(default_factory=dict)
@@ -60,6 +62,8 @@ class Passage:
             return f"NOTHING WAS INTERCEPTED: {told}"
         if self.hits is not None and not any(self.hits):
             return "NOTHING WAS INJECTED: no injection of the plan was carried out on any message"
+        if self.errors and not any(map(self._sum, ("changed", "dropped", "added", "held"))):
+            return "NOTHING WAS CHANGED: interceptors failed on the messages that they were given"
         if not self.wanted and not self.components and not self.domains:
             return "NOTHING USED THIS ROUTER: no component has connected to it"
         return ""
@@ -68,6 +72,10 @@ class Passage:
         """Return the lines of the report: one on what passed, further ones on what is noteworthy."""
         found = [self._passed()]
         found += [f"not injected: {topic}: {problem}" for topic, problem in self.problems.items()]
+        found += [
+            f"interceptor {name} failed on {counted(number, 'message')}: {first}"
+            for name, (number, first) in self.errors.items()
+        ]
         if self.started.chosen:
             found.append(f"in segment unit: {_names(self.started.chosen)}")
         if self.losses:

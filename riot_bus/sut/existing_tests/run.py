@@ -118,7 +118,8 @@ def _run_one(
 
                 status = _carried_out(launcher, command, segments.environment, asked.folder, stop, look)
                 started = segments.placement.started()
-            plan = service.status()["plan"] or {}
+            told = service.status()
+            plan = told["plan"] or {}
         counts = service.counts()
         behind = sum(segments.carried.get(topic, 0) for topic, each in counts.items() if each.received)
         passage = Passage(
@@ -128,6 +129,7 @@ def _run_one(
             losses=service.losses,
             hits=plan.get("hits_by_injection"),
             problems=plan.get("problems", {}),
+            errors={each["name"]: (each["errors"], each["error"]) for each in told["interceptors"] if each["errors"]},
             recording=settings.record or "",
             components=components.found,
             domains=segments.domains,

@@ -42,6 +42,16 @@ def test_losses_are_loud() -> None:
     ]
 
 
+def test_interceptors_that_fail_are_told_and_nothing_else_makes_the_result_empty() -> None:
+    errors = {"set": (12, "PayloadError: no such field")}
+    line = "interceptor set failed on 12 messages: PayloadError: no such field"
+    found = passage(errors=errors)
+    assert (found.lines()[1], found.vacuous) == (line, "")
+    found = passage(errors=errors, counts={"/odom": TopicCounts(received=12, forwarded=12)})
+    assert found.lines()[1:] == [line, "in segment unit: planner", found.vacuous]
+    assert found.vacuous.startswith("NOTHING WAS CHANGED: ")
+
+
 def test_nothing_to_intercept_is_no_fault() -> None:
     found = passage(wanted=[], counts={}, crossed=0)
     assert (found.lines(), found.vacuous) == (["nothing was to be intercepted", "in segment unit: planner"], "")
