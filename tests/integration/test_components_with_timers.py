@@ -11,6 +11,7 @@ from riot_bus.sut.activity import STILL
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.system import RunPace
 
 pytestmark = pytest.mark.integration
 
@@ -65,3 +66,37 @@ def test_what_a_start_leaves_to_do_is_no_timer(tmp_path: Path) -> None:
         stage.start("part", seed=0)
         stage.wait_ready(["part"])
         assert stage.measure_timers(["part"]) == STILL
+
+
+@pytest.mark.parametrize(("period", "restless"), [("0.025", True), ("3600", False)])
+def test_what_ready_components_do_is_known_after_three_starts(tmp_path: Path, period: str, *, restless: bool) -> None:
+    """Further starts take it over, and are ready only when they do no more than that."""
+    (tmp_path / "ticker.py").write_text(TICKER)
+    path = tmp_path / "riot.toml"
+    path.write_text(SYSTEM.replace("PERIOD", period))
+    context, measured = open_system(path), []
+    with Launcher() as launcher:
+        for number in range(5):
+            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
+                stage.start("part", seed=number)
+                stage.wait_ready(["part"])
+                measured.append(stage.idle)
+                assert stage.settle(["part"], window=0.03, timeout=20.0, idle=stage.idle)
+    (known,) = context.idle.values()
+    assert known == measured[:3]
+    assert measured[3] == measured[4] == sorted(known, key=lambda each: each.switches)[1]
+    assert (measured[4].switches > HALF_THE_SLOWER_TIMER) is restless
+
+
+def test_components_that_are_started_otherwise_are_measured_anew(tmp_path: Path) -> None:
+    (tmp_path / "ticker.py").write_text(TICKER)
+    path = tmp_path / "riot.toml"
+    path.write_text(SYSTEM.replace("PERIOD", "{speed}"))
+    context = open_system(path)
+    with Launcher() as launcher:
+        for speed in (0.025, 3600.0):
+            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
+                stage.start("part", seed=0, pace=RunPace(duration=1, speed=speed))
+                stage.wait_ready(["part"])
+                assert (stage.idle.switches > HALF_THE_SLOWER_TIMER) is (speed < 1)
+    assert [len(each) for each in context.idle.values()] == [1, 1]
