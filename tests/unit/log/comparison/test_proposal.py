@@ -8,6 +8,7 @@ from itertools import combinations
 import pytest
 
 from riot_bus.log.comparison.compare import Wishes, compare
+from riot_bus.log.comparison.parts import FieldDifference, FieldExample
 from riot_bus.log.comparison.proposal import margin_of, propose
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from tests.unit.log.comparison.recordings import recording, said, told
@@ -50,20 +51,36 @@ def test_the_margin_is_wider_the_fewer_runs_there_are():
     assert [margin_of(number) for number in (2, 3, 4, 5, 6, 50)] == [5.0, 7.3, 3.7, 2.7, 2.2, 2.0]
 
 
+def differences(largest, *, turns, typical=None):
+    """What a field differs by in pairs of runs."""
+    example = FieldExample("x", 0, 0, 0.0, 0.0, 1.0)
+    return [
+        FieldDifference("x", 9, example, largest=one, typical=one if typical is None else typical, turns=turn)
+        for one, turn in zip(largest, turns, strict=True)
+    ]
+
+
 def test_noise_within_runs_needs_less_than_what_each_run_has_its_own_of():
-    assert margin_of(3, [1.0, 1.2, 0.9], [0.5, 0.4, 0.6]) == 2.0
-    assert margin_of(3, [1.0, 1.2, 0.9], [0.5, 0.1, 0.6]) == 7.3
-    assert margin_of(3, [1.0, 2.0, 1.0], [0.5] * 3) == margin_of(3, [1.0, 1.0, 0.0], [0.5] * 2) == 7.3
-    assert margin_of(2, [1.0], [0.5]) == 5.0
-    drift = proposed(*runs_of(3, lambda run, rng, place: {"x": place * (1 + 0.01 * run)}))
+    assert margin_of(3, differences([1.0, 1.2, 0.9], turns=[0.5, 0.4, 0.6]), pairs=3) == 2.0
+    assert margin_of(3, differences([1.0, 1.2, 0.9], turns=[0.5, 0.1, 0.6]), pairs=3) == 7.3
+    assert margin_of(3, differences([1.0, 2.0, 1.0], turns=[0.5] * 3), pairs=3) == 7.3
+    assert margin_of(3, differences([1.0, 1.0], turns=[0.5] * 2), pairs=3) == 7.3
+    assert margin_of(2, differences([1.0], turns=[0.5]), pairs=1) == 5.0
+    offset = proposed(*runs_of(3, lambda run, rng, place: {"x": place + 0.01 * run + rng.random() / 1e4}))
     noise = proposed(*runs_of(3, lambda run, rng, place: {"x": place + rng.uniform(-1, 1)}))
-    assert [found.tolerances[0].reason.partition("times ")[2][:3] for found in (drift, noise)] == ["7.3", "2; "]
+    assert [found.tolerances[0].reason.partition("times ")[2][:3] for found in (offset, noise)] == ["7.3", "2; "]
+
+
+@pytest.mark.parametrize(("runs", "margin"), [(2, 20.0), (3, 20.0), (8, 10.0), (15, 6.5)])
+def test_what_grows_and_shrinks_in_a_run_needs_more_than_an_offset(runs, margin):
+    assert margin_of(runs, differences([1.0, 1.0, 1.0], turns=[0.02] * 3, typical=0.2), pairs=3) == margin
 
 
 def test_runs_that_wander_are_not_taken_for_noise_though_all_pairs_differ_by_the_same():
     turn = 2 * math.pi / 3
     found = proposed(*runs_of(3, lambda run, rng, place: {"x": place + math.sin(place / 30 + run * turn)}))
-    assert "times 7.3" in found.tolerances[0].reason
+    assert "times 20" in {each.name: each.reason for each in found.tolerances}["a:x"]
+    assert values(found)["a"] == 2  # messages at the ends
 
 
 def test_texts_and_fields_that_are_not_always_there_are_ignored():
