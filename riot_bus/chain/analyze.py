@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.absence import other_cause
+from riot_bus.chain.step_budgets import budget_within
 from riot_bus.events import AnalysisFinished, StepStopped
 from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
@@ -59,7 +60,12 @@ def analyze_all(
 
 
 def analyze(
-    workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] = (), options: Options | None = None
+    workspace: Workspace,
+    folder: Path,
+    *,
+    further: Sequence[ChainStep] = (),
+    options: Options | None = None,
+    left: Callable[[], float] | None = None,
 ) -> Analysis:
     """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
 
@@ -68,6 +74,7 @@ def analyze(
         folder: Folder of the finding.
         further: Steps of other packages, which come after the built-in ones.
         options: Options of steps, by the name of the step.
+        left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.
 
     Raises:
         ConfigError: `finding.json` or the file of a finished step cannot be used.
@@ -75,14 +82,15 @@ def analyze(
     FindingRecord.load(folder)
     outside = bool(workspace.context.file.external.topics)
     stopped, unfinished, open_questions = "", False, list[str]()
-    for step in (*STEPS[1:], *further):
+    steps = [step for step in (*STEPS[1:], *further) if outside or not step.whole_system or step.kind.exists(folder)]
+    for number, step in enumerate(steps):
         if step.kind.exists(folder):
             step.kind.load(folder)
             continue
-        if step.whole_system and not outside:
-            continue
+        rest = [each for each in steps[number:] if not each.kind.exists(folder)]
+        limits = {} if left is None else budget_within(workspace, folder, rest, left())
         try:
-            workspace.carry_out(step, folder, **(options or {}).get(step.name, {}))
+            workspace.carry_out(step, folder, **limits | dict((options or {}).get(step.name, {})))
         except (InconclusiveError, OutOfTimeError) as error:
             stopped, unfinished = str(error), isinstance(error, OutOfTimeError)
             workspace.tell(StepStopped(step.name, stopped, str(folder)))

@@ -1,14 +1,15 @@
 """The whole chain within a given time: testing leaves time for explanations, and uses what they leave over.
 
 The unit is tested for a share of the time. The findings so far are then explained, each in an equal share of the time
-left, and the unit is tested further in the time that remains, and so on. Without a finding, the unit is tested to the
-end. So the work ends when the time is over and the running trials have ended, or earlier if further trials would show
-nothing new, such as of a unit that always fails.
+left, of which each step gets its usual part by a smaller budget, and the unit is tested further in the time that
+remains, and so on. Without a finding, the unit is tested to the end. So the work ends when the time is over and the
+running trials have ended, or earlier if further trials would show nothing new, such as of a unit that always fails.
 """
 
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.absence import other_cause
@@ -62,16 +63,17 @@ def analyze_within(
     done: dict[Path, Analysis] = {}
 
     def tell() -> float:
-        left = max(0.0, end - now())
+        left = _left(end, now)
         workspace.tell(TimeLeft(left, seconds))
         return left
 
     def explain(folders: Sequence[Path]) -> None:
         waiting = list(folders)
         for number, folder in enumerate(waiting):
-            workspace.until = now() + tell() / (len(waiting) - number)
+            workspace.until = until = now() + tell() / (len(waiting) - number)
+            left = partial(_left, until, now)
             try:
-                done[folder] = analyze(workspace, folder, further=further, options=options)
+                done[folder] = analyze(workspace, folder, further=further, options=options, left=left)
             finally:
                 workspace.until = None
             other = other_cause(folder)
@@ -94,3 +96,7 @@ def analyze_within(
         if not CampaignRecord.load(workspace.out).stopped:  # no further trial would say more
             break
     return list(done.values())
+
+
+def _left(end: float, now: Callable[[], float]) -> float:
+    return max(0.0, end - now())
