@@ -204,17 +204,18 @@ def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], run
         fields: dict[str, list[FieldDifference]] = {}
         for one in (one for topic in differing for one in topic.fields):
             fields.setdefault(one.name, []).append(one)
+        margins = {path: margin_of(runs, ones, pairs=len(every)) for path, ones in fields.items()}
         for path, ones in fields.items():
-            margin = margin_of(runs, ones, pairs=len(every))
-            rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margin)
+            rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margins[path])
+        drifting = [margins[path] for path, ones in fields.items() if _drifts(ones)]
         shifted = max(topic.shifted for topic in every)
         if shifted > differing[0].allowed:
-            margin = margin_of(runs)
+            margin = max([margin_of(runs), *drifting])
             counts = [count for topic in every for count in (topic.count_a, topic.count_b)]
             told = f"{shifted} were lost, added or out of order at most, times {margin:g}"
             reason = f"{told}; there are {min(counts)} to {max(counts)}"
             rows[name] = Proposed(name, math.ceil(margin * shifted), reason)
-        elif any(map(_drifts, fields.values())):
+        elif drifting:
             rows[name] = Proposed(name, _ENDS, "another run may begin and end a message earlier or later")
     former = {name: each for name, each in known.items() if name in rows}
     return {name: each for name, each in rows.items() if _wider(each, former.get(name))}
