@@ -1,4 +1,4 @@
-"""Quality of service as bags record it and as rmw_zenoh announces it.
+"""Quality of service (QoS) of ROS endpoints, as rmw_zenoh announces it and as bags record it.
 
 rosbag2 writes a YAML list of the profiles of all publishers of a topic: with names (Jazzy and later) or with the
 numbers of rmw (before). Reading it line by line is enough here, so no YAML parser is needed.
@@ -8,18 +8,47 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-__all__ = ["FOREVER", "AnnouncedQos", "RosQos", "parse_offered"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = [
+    "AUTOMATIC",
+    "BEST_EFFORT",
+    "BY_TOPIC",
+    "FOREVER",
+    "KEEP_ALL",
+    "KEEP_LAST",
+    "LATCHED",
+    "RELIABLE",
+    "USUAL_DEPTH",
+    "VOLATILE",
+    "Duration",
+    "RosQos",
+    "parse_offered",
+]
+
+Duration = tuple[int, int]
+"""Seconds and nanoseconds."""
+
+RELIABLE, BEST_EFFORT = 1, 2
+LATCHED, VOLATILE = 1, 2
+KEEP_LAST, KEEP_ALL = 1, 2
+AUTOMATIC, BY_TOPIC = 1, 3  # rmw's numbers, as above; 2 (by node) is deprecated
+FOREVER: Duration = (9223372036, 854775807)
+"""What rmw takes for an infinite duration."""
+USUAL_DEPTH = 10
+"""Depth of rmw's default profile, also for bags and tokens of which the depth is not known."""
 
 _SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability|liveliness):\s*(\w+)\s*$", re.MULTILINE)
 _DURATION = re.compile(
     r"^[-\s]+(deadline|lifespan|liveliness_lease_duration):\s+sec:\s*(\d{1,20})\s+nsec:\s*(\d{1,10})\s*$", re.MULTILINE
 )
 _ENDLESS_S = 2_147_483_647  # infinity in DDS, found in some bags
-_UNKNOWN_DEPTH = 10  # rmw's default, also for bags that tell no depth
 _ALL = 1 << 16  # a guess: bounds memory, since bags and "keep all" set no limit
 _DEFAULT_DEPTH = 42  # RMW_ZENOH_DEFAULT_HISTORY_DEPTH in rmw_zenoh's qos.cpp, left out in tokens
+_SECOND = 10**9  # nanoseconds
 _MEANT = {
     ("history", "keep_all"): "keep_all",
     ("history", "2"): "keep_all",
@@ -30,37 +59,53 @@ _MEANT = {
     ("liveliness", "manual_by_topic"): "by_topic",
     ("liveliness", "3"): "by_topic",
 }
-
-FOREVER = (9223372036, 854775807)
-"""Seconds and nanoseconds that rmw takes for an infinite duration."""
-
 _DEFAULTS = ((1,), (2,), (1, _DEFAULT_DEPTH), FOREVER, FOREVER, (1, *FOREVER))
 _NUMBER = re.compile(r"[0-9]{1,10}", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
-class AnnouncedQos:
-    """All settings of an endpoint as rmw_zenoh announces them, with rmw's numbers. Source: its qos.cpp.
+class RosQos:
+    """All settings of an endpoint, with rmw's numbers; the defaults are those of rmw_zenoh. Source: its qos.cpp.
 
     Attributes:
         reliability: 1 reliable, 2 best effort.
-        durability: 1 transient local, 2 volatile.
+        durability: 1 transient local ("latched": late joiners get the last messages), 2 volatile.
         history: 1 keep last, 2 keep all.
-        depth: Depth of the history.
-        deadline: Longest time between two messages, in seconds and nanoseconds.
-        lifespan: Lifespan of messages, in seconds and nanoseconds.
-        liveliness: 1 automatic, 3 manual by topic.
-        lease: Lease duration of the liveliness, in seconds and nanoseconds.
+        depth: Depth of the history, 0 if it is not known, as in DDS.
+        deadline: Longest time between two messages.
+        lifespan: Age beyond which messages are not delivered.
+        liveliness: 1 automatic, 3 manual by topic (only publishing shows that the publisher is alive).
+        lease: Longest silence after which a publisher still counts as alive.
     """
 
-    reliability: int = 1
-    durability: int = 2
-    history: int = 1
+    reliability: int = RELIABLE
+    durability: int = VOLATILE
+    history: int = KEEP_LAST
     depth: int = _DEFAULT_DEPTH
-    deadline: tuple[int, int] = FOREVER
-    lifespan: tuple[int, int] = FOREVER
-    liveliness: int = 1
-    lease: tuple[int, int] = FOREVER
+    deadline: Duration = FOREVER
+    lifespan: Duration = FOREVER
+    liveliness: int = AUTOMATIC
+    lease: Duration = FOREVER
+
+    @property
+    def reliable(self) -> bool:
+        """Whether lost messages are sent again."""
+        return self.reliability == RELIABLE
+
+    @property
+    def latched(self) -> bool:
+        """Whether late joiners get the last messages (transient local)."""
+        return self.durability == LATCHED
+
+    @property
+    def keep_all(self) -> bool:
+        """Whether all messages are kept, whatever the depth."""
+        return self.history == KEEP_ALL
+
+    @property
+    def kept(self) -> int:
+        """Number of messages that a latched publisher keeps for late joiners."""
+        return _ALL if self.keep_all else self.depth
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -70,29 +115,44 @@ class AnnouncedQos:
             text: `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, durations as `s,ns`.
 
         Example:
-            >>> AnnouncedQos.parse(":1:,10:,:,:,,").durability
+            >>> RosQos.parse(":1:,10:,:,:,,").durability
             1
         """
         parts = (text.split(":") + [""] * len(_DEFAULTS))[: len(_DEFAULTS)]
-        (reliability,), (durability,), (history, depth), deadline, lifespan, (liveliness, *lease) = (
-            _numbers(part, defaults) for part, defaults in zip(parts, _DEFAULTS, strict=True)
+        reliability, durability, history, depth, *durations, liveliness, lease_s, lease_ns = (
+            number for part, defaults in zip(parts, _DEFAULTS, strict=True) for number in _numbers(part, defaults)
         )
+        deadline, lifespan = (durations[0], durations[1]), (durations[2], durations[3])
+        return cls(reliability, durability, history, depth, deadline, lifespan, liveliness, (lease_s, lease_ns))
+
+    @classmethod
+    def of_numbers(cls, numbers: Sequence[int]) -> Self:
+        """Return the QoS that `numbers` describes; numbers of rmw for "unknown" become the weaker setting."""
+        reliability, durability, history, depth, deadline, lifespan, liveliness, lease = numbers
         return cls(
-            reliability,
-            durability,
-            history,
+            RELIABLE if reliability == RELIABLE else BEST_EFFORT,
+            LATCHED if durability == LATCHED else VOLATILE,
+            KEEP_ALL if history == KEEP_ALL else KEEP_LAST,
             depth,
-            (deadline[0], deadline[1]),
-            (lifespan[0], lifespan[1]),
-            liveliness,
-            (lease[0], lease[1]),
+            divmod(deadline, _SECOND) if deadline else FOREVER,
+            divmod(lifespan, _SECOND) if lifespan else FOREVER,
+            BY_TOPIC if liveliness == BY_TOPIC else AUTOMATIC,
+            divmod(lease, _SECOND) if lease else FOREVER,
         )
+
+    def numbers(self) -> list[int]:
+        """Return the settings as the node of a bridge takes them: in this order, durations in ns, 0 if infinite."""
+        deadline, lifespan, lease = (
+            0 if each >= FOREVER else each[0] * _SECOND + each[1] for each in (self.deadline, self.lifespan, self.lease)
+        )
+        settings = [self.reliability, self.durability, self.history, self.depth]
+        return [*settings, deadline, lifespan, self.liveliness, lease]
 
     def token(self) -> str:
         """Return the chunk of a token; values that equal rmw_zenoh's default are left empty.
 
         Example:
-            >>> AnnouncedQos(durability=1, depth=1).token()
+            >>> RosQos(durability=1, depth=1).token()
             ':1:,1:,:,:,,'
         """
         groups = (
@@ -129,60 +189,9 @@ def _numbers(text: str, defaults: tuple[int, ...]) -> list[int]:
     return [int(part) if _NUMBER.fullmatch(part) else default for part, default in zip(found, defaults, strict=False)]
 
 
-def _duration(name: str, duration: tuple[int, int]) -> list[str]:
+def _duration(name: str, duration: Duration) -> list[str]:
     seconds, nanoseconds = duration
     return [f"  {name}:", f"    sec: {seconds}", f"    nsec: {nanoseconds}"]
-
-
-@dataclass(frozen=True, slots=True)
-class RosQos:
-    """The quality of service of one publisher.
-
-    Attributes:
-        latched: Whether late joiners get the last messages (transient local).
-        depth: Number of messages that are kept; meaningless if all are.
-        deadline: Longest time between two messages, in seconds and nanoseconds.
-        lifespan: Time for which messages are useful.
-        by_topic: Whether only publishing shows that the publisher is alive.
-        lease: Time for which it then counts as alive.
-    """
-
-    reliable: bool = True
-    latched: bool = False
-    keep_all: bool = False
-    depth: int = _UNKNOWN_DEPTH
-    deadline: tuple[int, int] = FOREVER
-    lifespan: tuple[int, int] = FOREVER
-    by_topic: bool = False
-    lease: tuple[int, int] = FOREVER
-
-    @property
-    def kept(self) -> int:
-        """Number of messages that a latched publisher keeps for late joiners."""
-        return _ALL if self.keep_all else self.depth
-
-    @property
-    def announced(self) -> AnnouncedQos:
-        """The same QoS in the form that rmw_zenoh announces."""
-        return AnnouncedQos(
-            reliability=1 if self.reliable else 2,
-            durability=1 if self.latched else 2,
-            history=2 if self.keep_all else 1,
-            depth=self.depth,
-            deadline=self.deadline,
-            lifespan=self.lifespan,
-            liveliness=3 if self.by_topic else 1,
-            lease=self.lease,
-        )
-
-    def token(self) -> str:
-        """Return the part of a liveliness token; values that equal rmw's default are left empty.
-
-        Example:
-            >>> RosQos(latched=True, depth=1).token()
-            ':1:,1:,:,:,,'
-        """
-        return self.announced.token()
 
 
 def parse_offered(text: str) -> RosQos:
@@ -199,23 +208,23 @@ def parse_offered(text: str) -> RosQos:
             profiles.append({})
         profiles[-1][name] = value.lower()
     if not profiles:
-        return RosQos()
+        return RosQos(depth=USUAL_DEPTH)
     meant = [{_MEANT.get(setting) for setting in each.items()} for each in profiles]
     latched = [each for each, means in zip(profiles, meant, strict=True) if "latched" in means]
     depths = [_depth(each) for each in latched or profiles]
     return RosQos(
-        reliable=not all("best_effort" in each for each in meant),
-        latched=bool(latched),
-        keep_all=any("keep_all" in each for each in meant),
+        reliability=BEST_EFFORT if all("best_effort" in each for each in meant) else RELIABLE,
+        durability=LATCHED if latched else VOLATILE,
+        history=KEEP_ALL if any("keep_all" in each for each in meant) else KEEP_LAST,
         depth=min(_ALL, sum(depths) if latched else max(depths)),
         deadline=min(_durations(text, "deadline")),
         lifespan=max(_durations(text, "lifespan")),
-        by_topic=any("by_topic" in each for each in meant),
+        liveliness=BY_TOPIC if any("by_topic" in each for each in meant) else AUTOMATIC,
         lease=min(_durations(text, "liveliness_lease_duration")),
     )
 
 
-def _durations(text: str, name: str) -> list[tuple[int, int]]:
+def _durations(text: str, name: str) -> list[Duration]:
     found = [(int(seconds), int(rest)) for each, seconds, rest in _DURATION.findall(text) if each == name]
     return [each if (0, 0) < each < (_ENDLESS_S, 0) else FOREVER for each in found] or [FOREVER]
 
@@ -223,4 +232,4 @@ def _durations(text: str, name: str) -> list[tuple[int, int]]:
 def _depth(profile: dict[str, str]) -> int:
     text = profile.get("depth", "")
     known = text.isdecimal() and len(text) < 10 and int(text) > 0
-    return int(text) if known else _UNKNOWN_DEPTH
+    return int(text) if known else USUAL_DEPTH

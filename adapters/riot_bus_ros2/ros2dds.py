@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 
 __all__ = [
     "TOKENS",
@@ -121,9 +121,9 @@ class BridgeQos:
         return None if match is None else match[1]
 
     @property
-    def announced(self) -> AnnouncedQos:
+    def announced(self) -> RosQos:
         """The same QoS with rmw's numbers; missing values are the defaults of a DDS writer."""
-        return AnnouncedQos(
+        return RosQos(
             reliability=_RMW_RELIABILITY.get(1 if self.reliability is None else self.reliability, 1),
             durability=_RMW_DURABILITY.get(self.durability or 0, 1),
             history=_RMW_HISTORY.get(self.history or 0, 1),
@@ -131,7 +131,7 @@ class BridgeQos:
         )
 
     @classmethod
-    def of(cls, qos: AnnouncedQos, *, type_hash: str | None = None) -> BridgeQos:
+    def of(cls, qos: RosQos, *, type_hash: str | None = None) -> BridgeQos:
         """Return what a bridge would announce for a publisher of ROS 2."""
         return cls(
             reliability=0 if qos.reliability == 2 else 1,

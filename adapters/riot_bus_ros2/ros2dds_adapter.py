@@ -14,7 +14,7 @@ from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
 from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, ros_type_of
-from riot_bus_ros2.qos import RosQos, parse_offered
+from riot_bus_ros2.qos import BEST_EFFORT, RosQos, parse_offered
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, RequestId, build_request_id
 from riot_bus_ros2.stamping import profiles_of
 
@@ -117,7 +117,7 @@ class Ros2DdsAdapter(Ros2Adapter):
 
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
         """Return how to publish `/clock`."""
-        offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(reliable=False, depth=1), self.store.type_hash(CLOCK_TYPE))
+        offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(BEST_EFFORT, depth=1), self.store.type_hash(CLOCK_TYPE))
         return SimClock(CLOCK_TOPIC, offer, clock_payload)
 
     def _request_attachment(self) -> bytes:
@@ -141,7 +141,7 @@ class Ros2DdsAdapter(Ros2Adapter):
 
     def _offer(self, name: str, type_name: str, qos: RosQos, type_hash: str | None) -> Offer:
         key = ros2dds.key_of(name, self._namespace)
-        announced = BridgeQos.of(qos.announced, type_hash=type_hash)
+        announced = BridgeQos.of(qos, type_hash=type_hash)
         return Offer(
             key,
             depth=qos.kept if qos.latched else None,

@@ -13,7 +13,7 @@ from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import parse_attachment
 from riot_bus_ros2.keys import parse_data_key
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.tokens import TOKENS, NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
     )
 
 
-def profiles_of(offered: Iterable[AnnouncedQos]) -> dict[str, str]:
+def profiles_of(offered: Iterable[RosQos]) -> dict[str, str]:
     """Return a channel's metadata with the QoS that publishers offer; empty if there are none."""
     profiles = [each.profile() for each in offered][:_MOST_PROFILES]
     return {"offered_qos_profiles": "".join(profiles)} if profiles else {}

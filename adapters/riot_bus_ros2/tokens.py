@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, ros_type
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 
 __all__ = ["TOKENS", "EndpointKind", "Node", "NodeEndpoint", "build_token", "parse_token"]
 
@@ -76,7 +76,7 @@ class NodeEndpoint:
     topic: str
     type_name: str
     type_hash: str | None = None
-    qos: AnnouncedQos = field(default_factory=AnnouncedQos)
+    qos: RosQos = field(default_factory=RosQos)
     backend: str = ""
 
     @property
@@ -126,7 +126,7 @@ def parse_token(token: str) -> Node | NodeEndpoint | None:
         _slashed(topic),
         ros_type(dds) or dds,
         None if type_hash == NO_HASH else type_hash,
-        AnnouncedQos.parse(qos),
+        RosQos.parse(qos),
         "/".join(backend),
     )
 

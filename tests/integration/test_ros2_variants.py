@@ -16,7 +16,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.zenoh.session import wait_until
 from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.keys import DataKey, build_data_key
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, build_bridge_token
 from tests.bags import STRING_HASH, text
 from tests.integration.bus_puppet import Puppet
@@ -82,7 +82,7 @@ def test_all_variants_of_a_topic_are_injected_and_no_other(tmp_path: Path, versi
     assert [line.split()[0] for line in out.splitlines()[1:] if line.startswith("/")] == ["/chatter"]
 
 
-def token(puppet: Puppet, kind: str, qos: AnnouncedQos) -> str:
+def token(puppet: Puppet, kind: str, qos: RosQos) -> str:
     said = BridgeQos.of(qos, type_hash=STRING_HASH)
     return build_bridge_token(BridgeToken(puppet.zid, kind, "chatter", STRING, said))  # type: ignore[arg-type]
 
@@ -97,13 +97,13 @@ def test_bridges_of_dds_systems_are_injected_shown_recorded_and_played_by_name(t
         Puppet(router.endpoints["unit"]) as other,
         contextlib.ExitStack() as stack,
     ):
-        one.do("token", key=token(one, "MP", AnnouncedQos(depth=7)))
-        other.do("token", key=token(other, "MS", AnnouncedQos(depth=1)))
+        one.do("token", key=token(one, "MP", RosQos(depth=7)))
+        other.do("token", key=token(other, "MS", RosQos(depth=1)))
         announced = stack.enter_context(Puppet(router.endpoints["unit"]))
         announced.do("tokens", key="@/*/@ros2_lv/**")
         assert {each["key"] for each in announced.do("wait", count=2, timeout=60)} == {
-            token(one, "MP", AnnouncedQos(depth=7)),
-            token(other, "MS", AnnouncedQos(depth=1)),
+            token(one, "MP", RosQos(depth=7)),
+            token(other, "MS", RosQos(depth=1)),
         }
         other.do("subscribe", key="chatter")
         one.do("declare", key="chatter")

@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus_ros2.bridge.graph import (
+from riot_bus_ros2.keys import DataKey
+from riot_bus_ros2.qos import (
     AUTOMATIC,
     BEST_EFFORT,
     BY_TOPIC,
+    FOREVER,
     KEEP_LAST,
     LATCHED,
     RELIABLE,
+    USUAL_DEPTH,
     VOLATILE,
-    Profile,
-    announced,
-    profile_of,
+    RosQos,
 )
-from riot_bus_ros2.keys import DataKey
-from riot_bus_ros2.qos import AnnouncedQos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Sequence
 
     from riot_bus_ros2.bridge.graph import DomainEndpoint, DomainGraph
     from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
+    from riot_bus_ros2.qos import Duration
     from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
 
 __all__ = ["BridgePlan", "DomainAnnouncement", "Down", "Up", "plan_of"]
 
-_USUAL_DEPTH = 10  # default of ROS; used in tokens if DDS does not tell the depth
 _MOST_LATCHED = 1 << 16  # peers may announce depths of ten digits: bounds what is fetched and kept
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
@@ -39,12 +38,12 @@ class Up(NamedTuple):
     """Plan for a topic that goes from the domain to the segment.
 
     Attributes:
-        reader: Profile of the subscription in the domain.
+        reader: QoS of the subscription in the domain.
         reliable: Whether it is published reliably on the segment.
         latched: Whether messages are kept for late joiners on the segment.
     """
 
-    reader: Profile
+    reader: RosQos
     reliable: bool
     latched: bool
 
@@ -62,12 +61,12 @@ class Down(NamedTuple):
     """Plan for a topic that goes from the segment to the domain.
 
     Attributes:
-        writer: Profile of the publisher in the domain.
+        writer: QoS of the publisher in the domain.
         latched: Number of kept messages to fetch from publishers on the segment; None if they keep none.
         sourced: Whether there are publishers on the segment, as far as they are announced.
     """
 
-    writer: Profile
+    writer: RosQos
     latched: int | None
     sourced: bool
 
@@ -90,7 +89,7 @@ class DomainAnnouncement(NamedTuple):
     kind: EndpointKind | None
     node: str
     key: DataKey | None = None
-    qos: AnnouncedQos = AnnouncedQos()
+    qos: RosQos = RosQos()
     gid: str = ""
 
 
@@ -136,25 +135,24 @@ def plan_of(
     def key_of(found: DomainEndpoint) -> DataKey:
         return DataKey(options.zenoh_domain, found.topic, found.type_name, found.type_hash)
 
-    def grouped(endpoints: Sequence[DomainEndpoint]) -> dict[DataKey, list[Profile]]:
-        groups: dict[DataKey, list[Profile]] = defaultdict(list)
+    def grouped(endpoints: Sequence[DomainEndpoint]) -> dict[DataKey, list[RosQos]]:
+        groups: dict[DataKey, list[RosQos]] = defaultdict(list)
         for each in endpoints:
             if names.topic(each.topic):
-                groups[key_of(each)].append(each.profile)
+                groups[key_of(each)].append(each.qos)
         return groups
 
     published, subscribed = grouped(graph.publishers), grouped(graph.subscriptions)
-    elsewhere: dict[DataKey, list[Profile]] = defaultdict(list)
+    elsewhere: dict[DataKey, list[RosQos]] = defaultdict(list)
     kept: dict[DataKey, dict[object, int]] = defaultdict(dict)
     served: set[DataKey] = set()
     for endpoint in segment:
         if endpoint.kind == "MP" and names.topic(endpoint.topic):
-            profile = profile_of(endpoint.qos)
-            elsewhere[endpoint.data_key].append(profile)
-            if profile.durability == LATCHED:
+            elsewhere[endpoint.data_key].append(endpoint.qos)
+            if endpoint.qos.latched:
                 keeper = endpoint.node.zid if endpoint.node.zid in bridges else endpoint
                 former = kept[endpoint.data_key].get(keeper, 0)
-                kept[endpoint.data_key][keeper] = max(former, profile.depth)
+                kept[endpoint.data_key][keeper] = max(former, endpoint.qos.depth)
         elif endpoint.kind == "SS" and names.service(endpoint.topic):
             served.add(endpoint.data_key)
     offered = {key_of(each) for each in graph.servers if names.service(each.topic)}
@@ -172,26 +170,26 @@ def plan_of(
     )
 
 
-def _up(profiles: Sequence[Profile], options: Ros2BridgeOptions) -> Up:
+def _up(profiles: Sequence[RosQos], options: Ros2BridgeOptions) -> Up:
     """Subscribe so that all publishers match, as `ros2 bag record` does."""
-    reliable = all(each.reliability == RELIABLE for each in profiles)
-    latched = all(each.durability == LATCHED for each in profiles)
+    reliable = all(each.reliable for each in profiles)
+    latched = all(each.latched for each in profiles)
     depth = max(options.depth, options.latched) if latched else options.depth
     durability = LATCHED if latched else VOLATILE
-    return Up(Profile(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
+    return Up(RosQos(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
 
 
 def _down(
-    elsewhere: Sequence[Profile], subscribed: Sequence[Profile], depths: Iterable[int], options: Ros2BridgeOptions
+    elsewhere: Sequence[RosQos], subscribed: Sequence[RosQos], depths: Iterable[int], options: Ros2BridgeOptions
 ) -> Down:
     """Publish like the publishers on the segment; if their QoS is unknown, so that all subscriptions match."""
     profiles = elsewhere or subscribed
-    latched = any(each.durability == LATCHED for each in profiles)
-    reliable = not elsewhere or any(each.reliability == RELIABLE for each in elsewhere)
+    latched = any(each.latched for each in profiles)
+    reliable = not elsewhere or any(each.reliable for each in elsewhere)
     kept = options.latched
     if latched and elsewhere:
         kept = min(_MOST_LATCHED, sum(depths))
-    writer = Profile(
+    writer = RosQos(
         RELIABLE if reliable else BEST_EFFORT,
         LATCHED if latched else VOLATILE,
         KEEP_LAST,
@@ -217,8 +215,8 @@ def _announcements(
     for kind, endpoints, is_bridged in kinds:
         for each in endpoints:
             if is_bridged(each.topic):
-                latched = each.profile.durability == LATCHED
-                qos = announced(each.profile, depth=options.latched if latched and kind == "MP" else _USUAL_DEPTH)
+                depth = options.latched if each.qos.latched and kind == "MP" else USUAL_DEPTH
+                qos = replace(each.qos, depth=each.qos.depth or depth)  # DDS does not tell the depth
                 found.add(DomainAnnouncement(kind, each.node or _NAMELESS, key_of(each), qos, each.gid))
     return found | {DomainAnnouncement(None, each.node) for each in found}
 
@@ -228,10 +226,10 @@ def _foreign(one: Collection[DataKey], other: Collection[DataKey]) -> set[str]:
     return {key.topic for key in one} & {key.topic for key in other} - same
 
 
-def _shortest(durations: Iterable[int]) -> int:
-    return min(filter(None, durations), default=0)
+def _shortest(durations: Iterable[Duration]) -> Duration:
+    return min([FOREVER, *filter(any, durations)])  # zero stands for infinity
 
 
-def _longest(durations: Iterable[int]) -> int:
-    found = list(durations)
-    return max(found, default=0) if all(found) else 0
+def _longest(durations: Iterable[Duration]) -> Duration:
+    found = [each if any(each) else FOREVER for each in durations]
+    return min(FOREVER, max(found, default=FOREVER))

@@ -63,7 +63,7 @@ class UpRoute:
         wanted = self.plan.latched or self._outlet.matched()
         if wanted and not self._subscribed:
             topic, kind = self.key.topic, self.key.type_name
-            self._node.tell(do="subscribe", id=self.number, topic=topic, type=kind, qos=self.plan.reader)
+            self._node.tell(do="subscribe", id=self.number, topic=topic, type=kind, qos=self.plan.reader.numbers())
         elif self._subscribed and not wanted:
             self._node.tell(do="drop", id=self.number)
         self._subscribed = wanted
@@ -125,7 +125,7 @@ class DownRoute:
     def open(self) -> None:
         """Create a publisher in the domain."""
         self._node.tell(
-            do="publish", id=self.number, topic=self.key.topic, type=self.key.type_name, qos=self.plan.writer
+            do="publish", id=self.number, topic=self.key.topic, type=self.key.type_name, qos=self.plan.writer.numbers()
         )
 
     def update(self, matched: int | None) -> None:

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from riot_bus_ros2.keys import DataKey
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken
 from riot_bus_ros2.tokens import Node, NodeEndpoint
 
@@ -28,7 +28,7 @@ suffixes = st.just("") | st.just("_buf_cpu") | hexes.map("_buf/{}".format)
 data_keys = st.builds(DataKey, domains, names, type_names, hashes, suffixes)
 durations = st.tuples(st.integers(0, 9_999_999_999), st.integers(0, 999_999_999))
 qos = st.builds(
-    AnnouncedQos,
+    RosQos,
     st.integers(0, 4),
     st.integers(0, 4),
     st.integers(0, 3),

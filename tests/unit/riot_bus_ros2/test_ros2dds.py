@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.ros2dds import (
     BridgeQos,
     BridgeToken,
@@ -106,19 +106,19 @@ def test_quality_of_service(qos: BridgeQos) -> None:
 @pytest.mark.parametrize(
     "qos",
     [
-        AnnouncedQos(depth=10),
-        AnnouncedQos(reliability=2, depth=1),
-        AnnouncedQos(durability=1, depth=5),
-        AnnouncedQos(history=2, depth=0),
+        RosQos(depth=10),
+        RosQos(reliability=2, depth=1),
+        RosQos(durability=1, depth=5),
+        RosQos(history=2, depth=0),
     ],
 )
-def test_numbers_of_dds_are_those_of_rmw(qos: AnnouncedQos) -> None:
+def test_numbers_of_dds_are_those_of_rmw(qos: RosQos) -> None:
     assert BridgeQos.of(qos).announced == qos
     assert BridgeQos.of(qos, type_hash="RIHS01_ab").type_hash == "RIHS01_ab"
 
 
 def test_what_a_token_does_not_say_is_the_default_of_dds() -> None:
-    assert BridgeQos().announced == AnnouncedQos(reliability=1, durability=2, history=1, depth=1)
+    assert BridgeQos().announced == RosQos(reliability=1, durability=2, history=1, depth=1)
 
 
 @relaxed

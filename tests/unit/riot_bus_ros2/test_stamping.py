@@ -8,7 +8,7 @@ from riot_bus.types.capabilities import Stamp
 from riot_bus.types.registry import TypeRegistry
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment
-from riot_bus_ros2.qos import AnnouncedQos, parse_offered
+from riot_bus_ros2.qos import RosQos, parse_offered
 from riot_bus_ros2.stamping import definition_of, details_of, stamp_of
 
 TYPE = "std_msgs::msg::dds_::String_"
@@ -16,7 +16,7 @@ KEY = f"0/robot/chatter/{TYPE}/RIHS01_df"
 
 
 def profile_of(text: str) -> str:
-    return AnnouncedQos.parse(text).profile()
+    return RosQos.parse(text).profile()
 
 
 def token(qos: str, *, kind: str = "MP", topic: str = "%robot%chatter", domain: int = 0) -> str:

@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import build_data_key
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token, parse_token
 from tests.unit.riot_bus_ros2.ros_names import endpoints, nodes, relaxed
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 TALKER = Node(0, "3f2a", 0, "/talker")
 ADD_TWO_INTS = "example_interfaces::srv::dds_::AddTwoInts_"
-CHATTER = NodeEndpoint(TALKER, 11, "MP", "/chatter", "std_msgs/msg/String", HASH, AnnouncedQos(depth=10))
+CHATTER = NodeEndpoint(TALKER, 11, "MP", "/chatter", "std_msgs/msg/String", HASH, RosQos(depth=10))
 KNOWN: dict[str, Node | NodeEndpoint] = {
     "@ros2_lv/0/3f2a/0/0/NN/%/%/talker": TALKER,
     f"@ros2_lv/0/3f2a/0/11/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/{HASH}/::,10:,:,:,,": CHATTER,
@@ -25,7 +25,7 @@ KNOWN: dict[str, Node | NodeEndpoint] = {
         "/robot1/odom",
         "nav_msgs/msg/Odometry",
         None,
-        AnnouncedQos(2, 1, 2, 1, (1, 2), (3, 4), 3, (5, 6)),
+        RosQos(2, 1, 2, 1, (1, 2), (3, 4), 3, (5, 6)),
     ),
     f"rb/unit/@ros2_lv/0/3f2a/0/1/MS/%/%/eye/%points/sensor_msgs::msg::dds_::PointCloud2_/{HASH}"
     "/2::,5:,:,:,,/cpu:1;cuda:2": NodeEndpoint(
@@ -35,7 +35,7 @@ KNOWN: dict[str, Node | NodeEndpoint] = {
         "/points",
         "sensor_msgs/msg/PointCloud2",
         HASH,
-        AnnouncedQos(reliability=2, depth=5),
+        RosQos(reliability=2, depth=5),
         "cpu:1;cuda:2",
     ),
     f"@ros2_lv/2/3f2a/0/4/SS/%/%/adder/%add/{ADD_TWO_INTS}/{HASH}/::,10:,:,:,,": NodeEndpoint(
@@ -45,7 +45,7 @@ KNOWN: dict[str, Node | NodeEndpoint] = {
         "/add",
         "example_interfaces/srv/AddTwoInts",
         HASH,
-        AnnouncedQos(depth=10),
+        RosQos(depth=10),
     ),
 }
 

@@ -3,23 +3,22 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_ros2.bridge.graph import DomainEndpoint, DomainGraph, Profile, announced, profile_of
+from riot_bus_ros2.bridge.graph import DomainEndpoint, DomainGraph
 from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
 from riot_bus_ros2.bridge.plan import DomainAnnouncement, plan_of
 from riot_bus_ros2.keys import DataKey
-from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.qos import FOREVER, RosQos
 from riot_bus_ros2.tokens import Node, NodeEndpoint
 
 STRING, HASH = "std_msgs/msg/String", "RIHS01_aa"
 SWITCH = "std_srvs/srv/SetBool"
-RELIABLE, BEST_EFFORT = Profile(), Profile(reliability=2)
-LATCHED = Profile(durability=1)
+RELIABLE, BEST_EFFORT = RosQos(depth=0), RosQos(reliability=2, depth=0)
+LATCHED = RosQos(durability=1, depth=0)
 KEY = DataKey(0, "/chatter", STRING, HASH)
 OPTIONS = Ros2BridgeOptions(depth=1000, latched=100)
-SECOND = 10**9
+SECOND = (1, 0)
 
-profiles = st.builds(
-    Profile,
+numbers = st.tuples(
     st.sampled_from([1, 2]),
     st.sampled_from([1, 2]),
     st.sampled_from([1, 2, 3]),
@@ -28,13 +27,14 @@ profiles = st.builds(
     st.sampled_from([1, 3]),
     st.integers(0, 10**12),
 )
+profiles = numbers.map(RosQos.of_numbers)
 
 
 def found(profile=RELIABLE, *, node="/talker", topic="/chatter", kind=STRING, hashed=HASH, gid="01"):
     return DomainEndpoint(node, topic, kind, hashed, profile, gid)
 
 
-USUAL = AnnouncedQos()
+USUAL = RosQos()
 
 
 def token(kind="MP", qos=USUAL, *, topic="/chatter", type_name=STRING, hashed=HASH, domain=0):
@@ -47,16 +47,12 @@ def plan(*, segment=(), options=OPTIONS, **graph):
 
 def compatible(offered, requested):
     """DDS's rule of requested and offered quality."""
-
-    def finite(duration):
-        return duration or float("inf")
-
     return (
         (offered.reliability == 1 or requested.reliability == 2)
         and (offered.durability == 1 or requested.durability == 2)
-        and finite(offered.deadline) <= finite(requested.deadline)
+        and offered.deadline <= requested.deadline
         and offered.liveliness >= requested.liveliness
-        and finite(offered.lease) <= finite(requested.lease)
+        and offered.lease <= requested.lease
     )
 
 
@@ -70,12 +66,12 @@ def test_what_the_domain_publishes_goes_up_and_is_announced():
     assert wanted.downs == {}
     up = wanted.ups[KEY]
     assert (up.reader.reliability, up.reader.durability, up.reliable, up.latched) == (2, 2, False, False)
-    qos = AnnouncedQos(depth=10)
+    qos = RosQos(depth=10)
     assert wanted.announcements == {
         DomainAnnouncement(None, "/talker"),
         DomainAnnouncement(None, "/other"),
         DomainAnnouncement("MP", "/talker", KEY, qos, "01"),
-        DomainAnnouncement("MP", "/other", KEY, AnnouncedQos(reliability=2, depth=10), "02"),
+        DomainAnnouncement("MP", "/other", KEY, RosQos(reliability=2, depth=10), "02"),
     }
 
 
@@ -89,16 +85,16 @@ def test_latched_topics_are_latched_on_the_segment_if_all_publishers_are():
 
 
 def test_what_the_segment_publishes_comes_down_as_it_is_offered():
-    qos = AnnouncedQos(reliability=2, durability=1, depth=3, deadline=(2, 5), lifespan=(9, 0))
-    other = AnnouncedQos(reliability=2, durability=1, depth=4, deadline=(1, 0))
+    qos = RosQos(reliability=2, durability=1, depth=3, deadline=(2, 5), lifespan=(9, 0))
+    other = RosQos(reliability=2, durability=1, depth=4, deadline=(1, 0))
     down = plan(segment=[token(qos=qos), token(qos=other)], subscriptions=[found(node="/l")]).downs[KEY]
-    assert down.writer == Profile(2, 1, 1, 7, SECOND, 0)
+    assert down.writer == RosQos(2, 1, 1, 7, SECOND, FOREVER)
     assert down.latched == 7
     assert plan(segment=[token()]).downs[KEY].latched is None
 
 
 def test_a_bridge_keeps_messages_once_for_all_that_it_announces():
-    qos = AnnouncedQos(durability=1, depth=100)
+    qos = RosQos(durability=1, depth=100)
     one = token(qos=qos)
     tokens = [one, replace(one, number=2), replace(one, node=replace(one.node, zid="cd"))]
 
@@ -113,13 +109,13 @@ def test_plans_are_the_same_whoever_publishes():
     wanted, sourced = plan(subscriptions=[found()]).downs[KEY], plan(segment=[token()]).downs[KEY]
     assert (wanted.sourced, sourced.sourced) == (False, True)
     assert wanted.means(sourced)
-    assert not wanted.means(plan(segment=[token(qos=AnnouncedQos(reliability=2))]).downs[KEY])
+    assert not wanted.means(plan(segment=[token(qos=RosQos(reliability=2))]).downs[KEY])
     assert not wanted.means(plan(publishers=[found()]).ups[KEY])
 
 
 def test_what_only_the_domain_wants_is_offered_so_that_all_get_it():
-    down = plan(subscriptions=[found(), found(Profile(2, 1, deadline=SECOND), gid="02")]).downs[KEY]
-    assert down.writer == Profile(1, 1, 1, 100, SECOND)
+    down = plan(subscriptions=[found(), found(RosQos(2, 1, depth=0, deadline=SECOND), gid="02")]).downs[KEY]
+    assert down.writer == RosQos(1, 1, 1, 100, SECOND)
     assert down.latched == 100
 
 
@@ -172,14 +168,19 @@ def test_a_writer_without_example_serves_all_subscriptions(requested):
 
 @given(profiles, profiles)
 def test_who_gets_a_message_in_its_own_domain_gets_it_in_the_other(offered, requested):
-    qos = announced(offered, depth=10)
+    qos = replace(offered, depth=10)
     down = plan(segment=[token(qos=qos)], subscriptions=[found(requested)]).downs[KEY]
     assert compatible(down.writer, requested) == compatible(offered, requested)
 
 
-@given(profiles)
-def test_profiles_survive_their_announcement(profile):
-    qos = announced(profile, depth=10)
-    again = profile_of(AnnouncedQos.parse(qos.token()))
-    history = 2 if profile.history == 2 else 1
-    assert again == profile._replace(history=history, depth=profile.depth or 10)
+@given(numbers)
+def test_profiles_survive_their_announcement(numbers):
+    qos = RosQos.of_numbers(numbers)
+    assert RosQos.parse(qos.token()) == qos
+    assert RosQos.of_numbers(qos.numbers()) == qos
+    assert (qos.numbers()[:2], qos.numbers()[3:]) == (list(numbers[:2]), list(numbers[3:]))
+
+
+def test_a_duration_of_zero_is_endless():
+    qos = RosQos(deadline=(0, 0), lifespan=(0, 0), lease=(0, 0))
+    assert plan(segment=[token(qos=qos), token(qos=RosQos(lifespan=(9, 0)))]).downs[KEY].writer == RosQos(depth=1000)
