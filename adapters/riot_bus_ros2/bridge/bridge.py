@@ -16,27 +16,25 @@ from riot_bus_ros2.bridge.announcer import Announcer
 from riot_bus_ros2.bridge.graph import DomainGraph
 from riot_bus_ros2.bridge.node import NodeProcess
 from riot_bus_ros2.bridge.options import Names
-from riot_bus_ros2.bridge.plan import BridgePlan, Down, plan_of
-from riot_bus_ros2.bridge.rivals import Rival
-from riot_bus_ros2.bridge.services import OfferedService, WantedService
+from riot_bus_ros2.bridge.other_bridges import OtherBridge
+from riot_bus_ros2.bridge.plan import BridgePlan, plan_of
+from riot_bus_ros2.bridge.routes import DownRoute, OfferedService, Route, RouteContext, UpRoute, WantedService
 from riot_bus_ros2.bridge.text import summary_lines
-from riot_bus_ros2.bridge.topics import DownRoute, UpRoute
-from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind
+from riot_bus_ros2.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
 from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.errors import RiotError
     from riot_bus_ros2.bridge.options import Ros2BridgeOptions
-    from riot_bus_ros2.bridge.plan import DomainAnnouncement, Up
+    from riot_bus_ros2.bridge.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
 
 __all__ = ["Ros2Bridge"]
 
 _LOG = logging.getLogger(__name__)
-_NODE = "riot_bridge_"
 _TOKENS = "@riot/bridge/ros2"
 _LOOK_S = 0.5  # changes wake the thread at once; waits such as `_LINGER_S` end up to this late
 _START_S = 60.0  # generous: discovery on a slow or busy machine; not measured
@@ -51,6 +49,7 @@ _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
 _MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
 _MEET_S = 5.0  # longest time until nodes of a domain know each other
 _GID = 16  # an attachment ends with a gid, a hash of 128 bits (gid.py)
+_ROUTES: tuple[type[Route], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
 class Ros2Bridge:
@@ -78,18 +77,18 @@ class Ros2Bridge:
         self.failure: RiotError | None = None
         self._port, self._options, self._warn = port, options, warn
         self._names = Names(options)
-        self.name = f"{_NODE}{time.time_ns():016x}{secrets.token_hex(4)}"  # an older bridge has a smaller name
+        self.name = f"{NODE_PREFIX}{time.time_ns():016x}{secrets.token_hex(4)}"  # an older bridge has a smaller name
         self._node = NodeProcess(self.name, options, self._take)
         self._announcer = Announcer(port, options.zenoh_domain)
         self._node_says: dict[str, Any] = {}
         self._graph: DomainGraph | None = None
         self._segment: dict[str, NodeEndpoint] = {}
-        self._bridges: dict[str, Rival] = {}
-        self._ups: dict[DataKey, UpRoute] = {}
-        self._downs: dict[DataKey, DownRoute] = {}
-        self._offered: dict[DataKey, OfferedService] = {}
-        self._wanted: dict[DataKey, WantedService] = {}
-        self._by_number: dict[int, UpRoute | OfferedService | WantedService] = {}
+        self._bridges: dict[str, OtherBridge] = {}
+        self._context = RouteContext(
+            self._node, port, options.latched, changed=self._wake, is_own=self._is_own, refused=self._refuse
+        )
+        self._routes: dict[type[Route], dict[DataKey, Any]] = {kind: {} for kind in _ROUTES}
+        self._by_number: dict[int, Route] = {}
         self._numbers = itertools.count(1)
         self._absent: dict[int, float] = {}
         self._began = 0.0
@@ -116,7 +115,7 @@ class Ros2Bridge:
             ):
                 stack.callback(self._port.watch(watched, take).close)
             # Before the node starts, which takes time: bridges with a later name must see this token in time.
-            mine = Rival(options.domain, self._port.zid, self.name)
+            mine = OtherBridge(options.domain, self._port.zid, self.name)
             stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
             self._node_says = self._node.start()
             stack.callback(self._close_routes)
@@ -153,9 +152,8 @@ class Ros2Bridge:
     def status(self) -> dict[str, Any]:
         """Return the state of the bridge as JSON values."""
         carried = {way: counts.copy() for way, counts in self._carried.items()}
-        for way, routes in self._routes():
-            for key, route in routes.copy().items():
-                carried[way][key.topic] += route.count
+        for route in self._all_routes():
+            carried[route.way][route.key.topic] += route.count
         topics = {
             topic: {way: carried[way][topic] for way in ("to_segment", "to_domain")}
             for topic in sorted({*carried["to_segment"], *carried["to_domain"]})
@@ -198,9 +196,7 @@ class Ros2Bridge:
         else:
             route = self._by_number.get(frame.endpoint)
             try:
-                if isinstance(route, UpRoute):
-                    route.take(frame.number, frame.payload)
-                elif route is not None:
+                if route is not None:
                     route.take(frame)
             except Exception as error:
                 self._problem(route.key.topic if route else "", str(error))
@@ -229,7 +225,7 @@ class Ros2Bridge:
             self._wake()
 
     def _see_bridge(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
-        found = Rival.parse(token)
+        found = OtherBridge.parse(token)
         if found is None or found.name == self.name:
             return
         with self._changed:
@@ -255,8 +251,8 @@ class Ros2Bridge:
             if graph is None:
                 continue
             try:
-                self._look_for_rivals(graph, bridges)
-                if self._ended.is_set() or self._may_meet_rival(graph, bridges):
+                self._fail_if_joined(graph, bridges)
+                if self._ended.is_set() or self._may_meet_older(graph, bridges):
                     continue
                 zids = {each.zid for each in bridges}
                 self._reconcile(plan_of(graph, segment, self._names, self._options, bridges=zids), graph)
@@ -265,7 +261,7 @@ class Ros2Bridge:
                 self._fail(f"the bridge has failed: {error}", None)
             self._settled.set()
 
-    def _look_for_rivals(self, graph: DomainGraph, bridges: Sequence[Rival]) -> None:
+    def _fail_if_joined(self, graph: DomainGraph, bridges: Sequence[OtherBridge]) -> None:
         """Fail if an older bridge joins the same domain and segment: messages would circulate between the two."""
         here = {name.rpartition("/")[2] for name in graph.bridges}
         older = sorted(each.name for each in bridges if each.name in here and each.name < self.name)
@@ -274,7 +270,7 @@ class Ros2Bridge:
             text = f"another bridge ({older[0]}) relays ROS domain {domain} to this network already"
             self._fail(text, "give this one another --domain, or end the other")
 
-    def _may_meet_rival(self, graph: DomainGraph, bridges: Sequence[Rival]) -> bool:
+    def _may_meet_older(self, graph: DomainGraph, bridges: Sequence[OtherBridge]) -> bool:
         """Return whether an older bridge may be in the same domain, where discovery takes time.
 
         The number of a domain proves nothing: separate domains of other hosts may have the same number.
@@ -287,73 +283,52 @@ class Ros2Bridge:
         )
 
     def _reconcile(self, plan: BridgePlan, graph: DomainGraph) -> None:
-        options, node, port = self._options, self._node, self._port
-        self._drop(self._ups, "to_segment", lambda key, route: self._stays(key, route, plan.ups))
-        self._drop(self._downs, "to_domain", lambda key, route: self._stays(key, route, plan.downs))
-        self._drop(self._offered, "calls", lambda key, _: key in plan.offered)
-        self._drop(self._wanted, "calls", lambda key, _: key in plan.wanted)
-        new: list[DownRoute | OfferedService | WantedService] = []
-        for key in self._new(plan.ups, self._ups):
-            self._ups[key] = UpRoute(
-                next(self._numbers),
-                key,
-                plan.ups[key],
-                node=node,
-                port=port,
-                latched=options.latched,
-                changed=self._wake,
-            )
-        for key in self._new(plan.downs, self._downs):
-            self._downs[key] = DownRoute(
-                next(self._numbers),
-                key,
-                plan.downs[key],
-                node=node,
-                port=port,
-                is_own=self._is_own,
-                refused=self._refuse,
-            )
-            new.append(self._downs[key])
-        for key in self._new(plan.offered, self._offered):
-            self._offered[key] = OfferedService(next(self._numbers), key, node=node, port=port)
-            new.append(self._offered[key])
-        for key in self._new(plan.wanted, self._wanted):
-            self._wanted[key] = WantedService(next(self._numbers), key, node=node, port=port)
-            new.append(self._wanted[key])
-        routes: list[UpRoute | OfferedService | WantedService] = []
-        routes += [*self._ups.values(), *self._offered.values(), *self._wanted.values()]
-        self._by_number = {route.number: route for route in routes}
-        for each in new:  # now that the receivers of their messages are known
-            each.open()
-        for service in self._offered.values():
-            service.update(ready=service.number in graph.ready)
+        planned: Sequence[Mapping[DataKey, Any]] = (
+            plan.ups,
+            plan.downs,
+            dict.fromkeys(plan.offered),
+            dict.fromkeys(plan.wanted),
+        )
+        for kind, plans in zip(_ROUTES, planned, strict=True):
+            self._drop(kind, [route for route in self._routes[kind].values() if not self._stays(route, plans)])
+        new: list[Route] = []
+        for kind, plans in zip(_ROUTES, planned, strict=True):
+            for key in self._new(plans, self._routes[kind]):
+                route = self._routes[kind][key] = kind(next(self._numbers), key, plans[key], self._context)
+                new.append(route)
+        self._by_number = {route.number: route for route in self._all_routes()}
+        for route in new:  # now that the receivers of their messages are known
+            route.open()
+        for service in self._routes[OfferedService].values():
+            service.update(graph)
         self._announcer.update(plan.announcements, may_show=self._keeps_promise)
         gids = self._announcer.gids
         self._gids = frozenset(gids.values())
-        for key, up in self._ups.items():
-            up.gid = gids.get(("MP", key), up.gid)
-            up.update()
-        for key, wanted in self._wanted.items():
-            wanted.gid = gids.get(("SC", key), wanted.gid)
-        for down in self._downs.values():
-            down.update(graph.matched.get(down.number))
+        for route in self._all_routes():
+            if route.token_kind is not None:
+                route.gid = gids.get((route.token_kind, route.key), route.gid)
+            route.update(graph)
         for topic in plan.foreign:
             self._problem(topic, "domain and segment have different types for it, or different versions of its type")
 
-    def _new(self, wanted: Collection[DataKey], routes: Collection[DataKey]) -> list[DataKey]:
+    def _new(self, wanted: Mapping[DataKey, Any], routes: Mapping[DataKey, Route]) -> list[DataKey]:
         found = sorted((key for key in wanted if key not in routes), key=lambda key: key.topic)
         room = max(0, _MOST_ROUTES - len(routes))
         if len(found) > room:
             self._problem(found[room].topic, f"more than {_MOST_ROUTES} are not bridged")
         return found[:room]
 
-    def _stays(self, key: DataKey, route: UpRoute | DownRoute, plans: Mapping[DataKey, Up | Down]) -> bool:
-        plan = plans.get(key)
+    def _stays(self, route: Route, plans: Mapping[DataKey, Any]) -> bool:
+        """Return whether a route stays as it is; topics linger when their publishers or endpoints have just gone."""
+        if not isinstance(route, UpRoute | DownRoute):
+            return route.key in plans
+        plan = plans.get(route.key)
         if plan is not None:
-            same = plan.means(route.plan)
-            if same and isinstance(route, DownRoute) and isinstance(plan, Down):
+            same: bool = plan.means(route.plan)
+            sourced = route.plan.sourced
+            if same:
                 route.plan = plan
-            if same or plan.sourced or not route.plan.sourced:
+            if same or plan.sourced or not sourced:
                 self._absent.pop(route.number, None)
                 return same
         since = self._absent.setdefault(route.number, time.monotonic())
@@ -362,33 +337,28 @@ class Ros2Bridge:
         del self._absent[route.number]
         return False
 
-    def _drop(self, routes: dict[DataKey, Any], way: str, keep: Callable[[DataKey, Any], bool]) -> None:
-        for key in [key for key, route in routes.items() if not keep(key, route)]:
-            route = routes.pop(key)
+    def _drop(self, kind: type[Route], routes: Sequence[Route]) -> None:
+        for route in routes:
+            del self._routes[kind][route.key]
             route.close()
-            self._carried[way][key.topic] += route.count
+            self._carried[route.way][route.key.topic] += route.count
 
     def _keeps_promise(self, announcement: DomainAnnouncement) -> bool:
         """Return whether something may be announced: servers only once they answer."""
         if announcement.kind != "SS" or announcement.key is None:
             return True
-        service = self._offered.get(announcement.key)
+        service = self._routes[OfferedService].get(announcement.key)
         return service is not None and service.works
 
     def _is_own(self, attachment: bytes | None) -> bool:
         return attachment is not None and attachment[-_GID:] in self._gids
 
-    def _routes(self) -> Sequence[tuple[str, dict[DataKey, Any]]]:
-        return (
-            ("to_segment", self._ups),
-            ("to_domain", self._downs),
-            ("calls", self._offered),
-            ("calls", self._wanted),
-        )
+    def _all_routes(self) -> Iterator[Route]:
+        return itertools.chain.from_iterable(list(routes.values()) for routes in self._routes.values())
 
     def _close_routes(self) -> None:
-        for way, routes in self._routes():
-            self._drop(routes, way, lambda key, route: False)
+        for kind, routes in self._routes.items():
+            self._drop(kind, list(routes.values()))
 
     def _join(self) -> None:
         self.stop()
@@ -397,7 +367,7 @@ class Ros2Bridge:
 
     def _finish(self) -> None:
         """Let messages that are under way pass."""
-        for down in self._downs.values():
+        for down in self._routes[DownRoute].values():
             down.mute()
         self._node.finish()
 

@@ -14,7 +14,10 @@ from .outbox import Outbox
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["BridgeFrame", "BridgeFrameKind", "Wire"]
+__all__ = ["NODE_PREFIX", "BridgeFrame", "BridgeFrameKind", "Wire"]
+
+NODE_PREFIX = "riot_bridge_"
+"""Prefix of the names of bridge nodes in their domains."""
 
 _HEADER = struct.Struct("<IBIq")
 _JOINED = 1 << 16  # a guess: copying more than this costs more than queueing a second piece

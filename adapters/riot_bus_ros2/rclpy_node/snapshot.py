@@ -6,6 +6,7 @@ import contextlib
 import time
 from typing import TYPE_CHECKING, Any
 
+from .frames import NODE_PREFIX
 from .kinds import type_hash
 from .profiles import numbers_of
 
@@ -14,10 +15,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-__all__ = ["BRIDGES", "GraphSnapshot"]
-
-BRIDGES = "riot_bridge_"
-"""Prefix of the names of bridge nodes."""
+__all__ = ["GraphSnapshot"]
 
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 _PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
@@ -89,4 +87,4 @@ def _full(name: str, namespace: str) -> str:
 
 
 def _is_bridge(node: str) -> bool:
-    return node.rpartition("/")[2].startswith(BRIDGES)
+    return node.rpartition("/")[2].startswith(NODE_PREFIX)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-__all__ = ["Rival"]
+__all__ = ["OtherBridge"]
 
 _CHUNKS = 3  # domain, id of the session and name, see `token`
 _DOMAIN = re.compile("[0-9]{1,3}")
 
 
-class Rival(NamedTuple):
+class OtherBridge(NamedTuple):
     """Another bridge, as described by its token.
 
     Attributes:
@@ -29,7 +29,7 @@ class Rival(NamedTuple):
         return f"{self.domain}/{self.zid}/{self.name}"
 
     @classmethod
-    def parse(cls, token: str) -> Rival | None:
+    def parse(cls, token: str) -> OtherBridge | None:
         """Parse a token; return None if it is not the token of a bridge."""
         chunks = token.split("/")[-_CHUNKS:]
         if len(chunks) < _CHUNKS or not _DOMAIN.fullmatch(chunks[0]):
