@@ -8,20 +8,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.types.model import MessageType, Schema, TopicName
-from riot_bus.types.serve import part_of
+from riot_bus.types.serve import REPLY, REQUEST, part_of
 from riot_bus_ros2.announcing import EXPRESSIONS, announcement_of
-from riot_bus_ros2.attachment import Attachment, build_attachment
+from riot_bus_ros2.attachment import Attachment, build_attachment, stamp_of
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_recorded
 from riot_bus_ros2.files import load_files
-from riot_bus_ros2.keys import is_topic, key_expression, name_of_expression, parse_data_key
+from riot_bus_ros2.keys import (
+    SERVICES,
+    is_topic,
+    is_topic_expression,
+    key_expression,
+    name_of_expression,
+    parse_data_key,
+)
 from riot_bus_ros2.live import ask_nodes, services_of
 from riot_bus_ros2.offering import clock_of, offer_of, server_tokens
-from riot_bus_ros2.parameters import NodeParameters
-from riot_bus_ros2.serving import SPACES, action_parts, call_type
+from riot_bus_ros2.parameters import set_parameters
 from riot_bus_ros2.sources import HUMBLE, from_distribution
-from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
 from riot_bus_ros2.store import TypeStore, require_rosbags
+from riot_bus_ros2.tokens import TOKENS, details_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,6 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Ros2Adapter"]
 
+_CALL_TYPES = {REQUEST: "_Request", REPLY: "_Response"}
 _CACHED = 1 << 14  # peers may make up names and hashes: bounds memory; a full cache is emptied
 
 
@@ -45,7 +52,7 @@ class Ros2Adapter:
     name = "ros2"
     tokens = TOKENS
     announcements = EXPRESSIONS
-    services: Sequence[str] = SPACES
+    services: Sequence[str] = (SERVICES,)
 
     def __init__(self) -> None:
         require_rosbags()
@@ -67,12 +74,13 @@ class Ros2Adapter:
         return key_expression(topic)
 
     def action_parts(self, name: str) -> str | None:
-        """Return a key expression of the topics and services of an action."""
-        return action_parts(name)
+        """Return a key expression of the topics and services of an action: `/fibonacci/_action/*` for `/fibonacci`."""
+        return f"{name}/_action/*" if is_topic_expression(name) else None
 
     def call_type(self, type_name: str, part: str) -> str | None:
-        """Return the message type of a service's requests or replies."""
-        return call_type(type_name, part)
+        """Return the message type of a service's requests or replies; errors have none."""
+        ending = _CALL_TYPES.get(part)
+        return f"{type_name}{ending}" if ending and type_name.count("/") == 2 else None
 
     def announcement(self, token: str) -> Announcement | None:
         """Return what the token of a node, publisher, subscriber, service or action announces."""
@@ -169,10 +177,17 @@ class Ros2Adapter:
         alive: Callable[[], bool],
     ) -> Mapping[str, str]:
         """Set parameters of a node by its service; see `riot_bus_ros2.parameters`."""
-        client = NodeParameters(
-            self.store, tokens=self.tokens, announcement=self.announcement, attachment=self._request_attachment
+        return set_parameters(
+            node,
+            values,
+            ports,
+            timeout=timeout,
+            alive=alive,
+            store=self.store,
+            tokens=self.tokens,
+            announcement=self.announcement,
+            attachment=self._request_attachment,
         )
-        return client.set(node, values, ports, timeout=timeout, alive=alive)
 
     def _request_attachment(self) -> bytes:
         return build_attachment(Attachment(1, time.time_ns(), os.urandom(16)))
@@ -187,7 +202,8 @@ class Ros2Adapter:
 
     def definition(self, key: str) -> tuple[Schema, str] | None:
         """Return the name of a topic's type, whether it is known or not."""
-        return definition_of(key)
+        found = parse_data_key(key)
+        return None if found is None else (Schema(found.type_name, "ros2msg", b""), "cdr")
 
     def _type_hash(self, topic: RecordedTopic, type_name: str) -> str | None:
         found = self.type_of_schema(topic.schema) or self.type_named(type_name)
@@ -199,7 +215,7 @@ class Ros2Adapter:
     def _type_of_call(self, key: str, part: str) -> CdrType | None:
         """Return the type of a service's requests or replies; the hash in its key is that of the service."""
         parsed = parse_data_key(key)
-        name = None if parsed is None else call_type(parsed.type_name, part)
+        name = None if parsed is None else self.call_type(parsed.type_name, part)
         if parsed is None or name is None:
             return None
         store = self.store if parsed.type_hash is None else self.store.matching(parsed.type_name, parsed.type_hash)

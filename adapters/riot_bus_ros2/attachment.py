@@ -7,12 +7,12 @@ attachment_helpers.cpp of ros2/rmw_zenoh and the serialization of zenoh-cpp.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from riot_bus.types.capabilities import Stamp
 from riot_bus.vocabulary.errors import PayloadError
 
-__all__ = ["Attachment", "build_attachment", "parse_attachment", "renew_attachment"]
+__all__ = ["Attachment", "build_attachment", "parse_attachment", "stamp_of"]
 
 _V2 = struct.Struct("<qqB16s")
 _V1 = struct.Struct("<16sq17sq11sB16s")
@@ -20,8 +20,7 @@ _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 _GID = 16  # bytes of a gid, a hash of 128 bits (gid.py)
 
 
-@dataclass(frozen=True, slots=True)
-class Attachment:
+class Attachment(NamedTuple):
     """Sequence number of the message, its timestamp in nanoseconds since the Unix epoch, and its publisher's gid."""
 
     sequence: int
@@ -62,16 +61,16 @@ def build_attachment(attachment: Attachment) -> bytes:
         raise PayloadError(f"sequence {sequence} or time {time} is no 64-bit integer") from error
 
 
-def renew_attachment(
-    data: bytes, *, sequence: int | None = None, source_time: int | None = None, gid: bytes | None = None
-) -> bytes:
-    """Return the attachment with some parts replaced, in the version it has."""
-    old = parse_attachment(data)
-    return build_attachment(
-        replace(
-            old,
-            sequence=old.sequence if sequence is None else sequence,
-            source_time=old.source_time if source_time is None else source_time,
-            gid=old.gid if gid is None else gid,
-        )
-    )
+def stamp_of(attachment: bytes) -> Stamp | None:
+    """Return number, time and publisher of a message, None if these are not the bytes of an attachment.
+
+    Recorders call it for each message, so version 2 is read here, which takes half the time of `parse_attachment`.
+    """
+    if len(attachment) == _V2.size:
+        sequence, time, size, gid = _V2.unpack(attachment)
+        return Stamp(sequence, time, gid) if size == _GID else None
+    try:
+        found = parse_attachment(attachment)
+    except PayloadError:
+        return None
+    return Stamp(found.sequence, found.source_time, found.gid)

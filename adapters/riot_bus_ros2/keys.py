@@ -12,6 +12,7 @@ from dataclasses import dataclass
 __all__ = [
     "ACTION_PARTS",
     "NO_HASH",
+    "SERVICES",
     "ActionPart",
     "DataKey",
     "action_of",
@@ -42,6 +43,8 @@ _TYPE = re.compile(r"([A-Za-z]\w*)::(msg|srv|action)::dds_::([A-Za-z]\w*)_", re.
 _TOPIC = re.compile(r"/[^/\s#?:]+(?:/[^/\s#?:]+)*")
 _NAME = re.compile(r"(?:/\w+)+", re.ASCII)
 _ANY_TYPE = "$*::dds_::$*"
+SERVICES = f"*/**/{_ANY_TYPE}/*/**"
+"""Key expression of all services of rmw_zenoh."""
 _EXPRESSION = re.compile(rf"\*(/.+)/{re.escape(_ANY_TYPE)}/\*/\*\*")
 
 

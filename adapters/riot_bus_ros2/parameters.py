@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
 
-__all__ = ["NodeParameters", "refused_by", "request_of"]
+__all__ = ["refused_by", "request_of", "set_parameters"]
 
 ItemT = TypeVar("ItemT")
 
@@ -73,68 +73,62 @@ def refused_by(reply: bytes, names: Sequence[str], store: TypeStore) -> dict[str
     return {name: str(one.reason) or "it gives no reason" for name, one in told if not one.successful}
 
 
-class NodeParameters:
-    """Sets parameters of nodes.
+def set_parameters(
+    node: str,
+    values: Mapping[str, Scalar],
+    ports: Sequence[SegmentAccess],
+    *,
+    timeout: float,
+    alive: Callable[[], bool],
+    store: TypeStore,
+    tokens: str,
+    announcement: Callable[[str], Announcement | None],
+    attachment: Callable[[], bytes],
+) -> dict[str, str]:
+    """Set parameters of a node, as `riot_bus.types.capabilities.SetsParameters` says.
 
     Args:
+        node: Full name of the node.
+        values: Values by name.
+        ports: The segments on one of which the node is.
+        timeout: Seconds within which it has to answer.
+        alive: Function that returns whether the system still runs.
         store: Store that knows the service's types.
         tokens: Key expression of the tokens that announce services.
         announcement: Function that returns what a token announces.
         attachment: Function that returns the attachment of a request.
     """
+    request, deadline = request_of(values, store), time.monotonic() + timeout
+    found: SimpleQueue[tuple[SegmentAccess, str]] = SimpleQueue()
+    others: set[str] = set()
 
-    def __init__(
-        self,
-        store: TypeStore,
-        *,
-        tokens: str,
-        announcement: Callable[[str], Announcement | None],
-        attachment: Callable[[], bytes],
-    ) -> None:
-        self._store, self._tokens = store, tokens
-        self._announcement, self._attachment = announcement, attachment
+    def hear(port: SegmentAccess, token: str, there: bool) -> None:  # noqa: FBT001
+        one = announcement(token) if there else None
+        if one is not None and (one.role, one.type_name) == ("serves", _SERVICE):
+            others.add(one.topic.removesuffix(_ENDING))
+            if one.topic == node + _ENDING:
+                found.put((port, one.key))
 
-    def set(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> dict[str, str]:
-        """Set parameters of a node; see `SetsParameters.set_parameters`."""
-        request, deadline = request_of(values, self._store), time.monotonic() + timeout
-        found: SimpleQueue[tuple[SegmentAccess, str]] = SimpleQueue()
-        others: set[str] = set()
-
-        def hear(port: SegmentAccess, token: str, there: bool) -> None:  # noqa: FBT001
-            one = self._announcement(token) if there else None
-            if one is not None and (one.role, one.type_name) == ("serves", _SERVICE):
-                others.add(one.topic.removesuffix(_ENDING))
-                if one.topic == node + _ENDING:
-                    found.put((port, one.key))
-
-        with ExitStack() as stack:
-            for port in ports:
-                stack.enter_context(closing(port.watch(self._tokens, partial(hear, port))))
-            service = _next(found, deadline, alive)
-        if service is None and alive():
-            told = f"node {node!r} has not announced its service {_ENDING[1:]!r} within {timeout:g} s"
-            raise EnvironmentFaultError(told, hint=did_you_mean(node, others))
-        while service is not None and time.monotonic() < deadline and alive():
-            replies: SimpleQueue[bytes | None] = SimpleQueue()
-            with closing(service[0].ask(service[1], request, self._attachment(), replies.put, complete=False)):
-                reply = _next(replies, deadline, alive)
-            if reply is not None:
-                try:
-                    return refused_by(reply, list(values), self._store)
-                except PayloadError as error:
-                    raise EnvironmentFaultError(f"the answer of node {node!r} cannot be read: {error}") from None
-            _next(replies, min(deadline, time.monotonic() + _LOOK_S), alive)  # it is announced before it can be asked
-        if alive():
-            raise EnvironmentFaultError(f"node {node!r} has not said within {timeout:g} s that its parameters are set")
-        return {}
+    with ExitStack() as stack:
+        for port in ports:
+            stack.enter_context(closing(port.watch(tokens, partial(hear, port))))
+        service = _next(found, deadline, alive)
+    if service is None and alive():
+        told = f"node {node!r} has not announced its service {_ENDING[1:]!r} within {timeout:g} s"
+        raise EnvironmentFaultError(told, hint=did_you_mean(node, others))
+    while service is not None and time.monotonic() < deadline and alive():
+        replies: SimpleQueue[bytes | None] = SimpleQueue()
+        with closing(service[0].ask(service[1], request, attachment(), replies.put, complete=False)):
+            reply = _next(replies, deadline, alive)
+        if reply is not None:
+            try:
+                return refused_by(reply, list(values), store)
+            except PayloadError as error:
+                raise EnvironmentFaultError(f"the answer of node {node!r} cannot be read: {error}") from None
+        _next(replies, min(deadline, time.monotonic() + _LOOK_S), alive)  # it is announced before it can be asked
+    if alive():
+        raise EnvironmentFaultError(f"node {node!r} has not said within {timeout:g} s that its parameters are set")
+    return {}
 
 
 def _next(items: SimpleQueue[ItemT], deadline: float, alive: Callable[[], bool]) -> ItemT | None:

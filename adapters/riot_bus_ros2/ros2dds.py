@@ -12,11 +12,11 @@ liveliness_mgt.rs, ros2_utils.rs and route_service_srv.rs of eclipse-zenoh/zenoh
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.qos import RosQos
 
 __all__ = [
@@ -24,13 +24,11 @@ __all__ = [
     "BridgeQos",
     "BridgeToken",
     "BridgeTokenKind",
-    "RequestId",
     "build_bridge_token",
-    "build_request_id",
     "key_of",
     "name_of",
     "parse_bridge_token",
-    "parse_request_id",
+    "request_attachment",
 ]
 
 TOKENS = "@/*/@ros2_lv/**"
@@ -47,8 +45,6 @@ _HASH = re.compile(r"typehash=(RIHS[0-9]{2}_[0-9a-f]+)")
 _RMW_RELIABILITY = {0: 2, 1: 1}
 _RMW_DURABILITY = {0: 2, 1: 1}
 _RMW_HISTORY = {0: 1, 1: 2}
-_REQUEST = b"rqh"
-_REQUEST_SIZE = 20  # `_REQUEST`, client and sequence of 8 bytes each, and the byte order
 
 
 def key_of(name: str, namespace: str = "/") -> str:
@@ -188,37 +184,10 @@ def build_bridge_token(token: BridgeToken) -> str:
     return "/".join([*chunks, token.qos.token()] if token.qos is not None else chunks)
 
 
-@dataclass(frozen=True, slots=True)
-class RequestId:
-    """Attachment of a service's request, by which the reply finds its client.
+def request_attachment() -> bytes:
+    """Return the attachment of a service's first request from a new client, by which the reply finds its client.
 
-    Attributes:
-        client: Id of the DDS client, 8 bytes.
-        sequence: Number of the request, 8 bytes in the byte order of the request.
-        little_endian: Whether that byte order is little-endian.
+    It is `rqh`, 8 bytes for the id of the DDS client, the number of the request in the payload's byte order, and
+    whether that is little-endian.
     """
-
-    client: bytes
-    sequence: bytes
-    little_endian: bool = True
-
-
-def parse_request_id(attachment: bytes) -> RequestId:
-    """Parse the attachment of a request.
-
-    Raises:
-        PayloadError: The bytes are not such an attachment.
-    """
-    order = attachment[-1:]
-    if len(attachment) != _REQUEST_SIZE or not attachment.startswith(_REQUEST) or order not in (b"\0", b"\1"):
-        raise PayloadError(
-            f"{len(attachment)} bytes are no request of zenoh-bridge-ros2dds", hint="20 bytes that begin with 'rqh'"
-        )
-    return RequestId(attachment[3:11], attachment[11:19], order == b"\1")
-
-
-def build_request_id(request: RequestId) -> bytes:
-    """Return the attachment of a request; raises PayloadError if a part does not have 8 bytes."""
-    if (len(request.client), len(request.sequence)) != (8, 8):
-        raise PayloadError("client and sequence of a request have 8 bytes each")
-    return _REQUEST + request.client + request.sequence + (b"\1" if request.little_endian else b"\0")
+    return b"rqh" + os.urandom(8) + (1).to_bytes(8, "little") + b"\1"

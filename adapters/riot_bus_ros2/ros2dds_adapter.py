@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -15,8 +14,8 @@ from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
 from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, ros_type_of
 from riot_bus_ros2.qos import BEST_EFFORT, RosQos, parse_offered
-from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, RequestId, build_request_id
-from riot_bus_ros2.stamping import profiles_of
+from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, request_attachment
+from riot_bus_ros2.tokens import profiles_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -121,7 +120,7 @@ class Ros2DdsAdapter(Ros2Adapter):
         return SimClock(CLOCK_TOPIC, offer, clock_payload)
 
     def _request_attachment(self) -> bytes:
-        return build_request_id(RequestId(os.urandom(8), (1).to_bytes(8, "little")))
+        return request_attachment()
 
     def stamp(self, attachment: bytes) -> Stamp | None:
         """Return None: bridges attach nothing to messages."""

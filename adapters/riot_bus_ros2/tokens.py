@@ -13,12 +13,24 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, ros_type
+from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, parse_data_key, ros_type
 from riot_bus_ros2.qos import RosQos
 
-__all__ = ["TOKENS", "EndpointKind", "Node", "NodeEndpoint", "build_token", "parse_token"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "TOKENS",
+    "EndpointKind",
+    "Node",
+    "NodeEndpoint",
+    "build_token",
+    "details_of",
+    "parse_token",
+    "profiles_of",
+]
 
 TOKENS = "@ros2_lv/**"
 """Key expression of all tokens of a network without a Zenoh namespace."""
@@ -29,6 +41,7 @@ EndpointKind = Literal["MP", "MS", "SS", "SC"]
 _SPACE = "@ros2_lv"
 _NODE_CHUNKS = 8  # those behind `_SPACE` in a node's token, as at the top
 _ENDPOINT_CHUNKS = 12  # a node's 8, and name, type, hash and QoS
+_MOST_PROFILES = 64  # a guess: tokens can be forged, and each would make the log's metadata longer
 _KINDS: dict[str, EndpointKind] = {kind: kind for kind in get_args(EndpointKind)}
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
 _ZID = re.compile(r"[0-9a-f]{1,32}", re.ASCII)
@@ -142,6 +155,33 @@ def build_token(of: Node | NodeEndpoint) -> str:
         chunks += [_mangled(of.topic), dds_type(of.type_name), of.type_hash or NO_HASH, of.qos.token()]
         chunks += [of.backend] if of.backend else []
     return "/".join([node.prefix, *chunks] if node.prefix else chunks)
+
+
+def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
+    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none.
+
+    Args:
+        key: A data key of rmw_zenoh.
+        tokens: Liveliness tokens.
+    """
+    wanted = parse_data_key(key)
+    if wanted is None:
+        return {}
+    name = f"/{_mangled(wanted.topic)}/"
+    found = (parse_token(each) for each in sorted(tokens) if name in each and "/MP/" in each)
+    return profiles_of(
+        each.qos
+        for each in found
+        if isinstance(each, NodeEndpoint)
+        and each.kind == "MP"
+        and (each.node.domain, each.topic, each.type_name) == (wanted.domain, wanted.topic, wanted.type_name)
+    )
+
+
+def profiles_of(offered: Iterable[RosQos]) -> dict[str, str]:
+    """Return a channel's metadata with the QoS that publishers offer; empty if there are none."""
+    profiles = [each.profile() for each in offered][:_MOST_PROFILES]
+    return {"offered_qos_profiles": "".join(profiles)} if profiles else {}
 
 
 def _mangled(name: str) -> str:

@@ -23,7 +23,7 @@ from types import SimpleNamespace
 import zenoh
 from riot_bus_ros2.attachment import parse_attachment
 from riot_bus_ros2.keys import build_data_key, DataKey
-from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token, parse_request_id
+from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token
 from riot_bus_ros2.store import TypeStore
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 
@@ -39,7 +39,10 @@ zid, store, gain = str(session.info.zid()), TypeStore(), float(START)
 def take(query):
     global gain
     attachment = query.attachment.to_bytes()
-    parse_attachment(attachment) if STYLE == "rmw" else parse_request_id(attachment)
+    if STYLE == "rmw":
+        parse_attachment(attachment)
+    else:
+        assert len(attachment) == 20 and attachment[:3] == b"rqh"
     (asked,) = store.decode(query.payload.to_bytes(), SERVICE + "_Request").parameters
     value = asked.value.double_value
     if value == 7:

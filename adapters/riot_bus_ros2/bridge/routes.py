@@ -19,7 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.attachment import Attachment, build_attachment, renew_attachment
+from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.keys import build_data_key
 from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind
 
@@ -283,6 +283,6 @@ def _renewed(attachment: bytes | None) -> bytes | None:
     if attachment is None:
         return None
     try:
-        return renew_attachment(attachment, source_time=time.time_ns())
+        return build_attachment(parse_attachment(attachment)._replace(source_time=time.time_ns()))
     except PayloadError:
         return attachment

@@ -260,3 +260,23 @@ def test_recorded_events_of_a_service(adapter):
     kind = adapter.type_of_schema(Schema("std_srvs/srv/SetBool_Event", "ros2msg", text))
     assert kind.type_hash == adapter.store.type_hash("std_srvs/srv/SetBool_Event")
     assert next(field.high for field in kind.fields() if field.path == "len(request)") == 1
+
+
+def test_a_type_that_is_unknown_has_a_name_at_least() -> None:
+    found = Ros2Adapter().definition("0/x/my_msgs::msg::dds_::Odd_/TypeHashNotSupported")
+    assert found is not None
+    assert (found[0].name, found[0].data, found[1]) == ("my_msgs/msg/Odd", b"", "cdr")
+    assert Ros2Adapter().definition("a/b") is None
+
+
+def test_the_registry_finds_the_adapter_that_reads_attachments() -> None:
+    key = "0/robot/chatter/std_msgs::msg::dds_::String_/RIHS01_df"
+    token = "@ros2_lv/0/aa/0/1/MP/%/%/talker/%robot%chatter/std_msgs::msg::dds_::String_/RIHS01_df/::,5:,:,:,,"
+    registry = TypeRegistry([Ros2Adapter()])
+    adapter = registry.metadata_adapter(key)
+    assert adapter is registry.metadata_adapters()[0]
+    assert registry.metadata_adapter("a/b") is None
+    assert adapter is not None
+    assert adapter.stamp(b"") is None
+    assert adapter.details(key, [token])
+    assert adapter.definition(key) is not None

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from riot_bus.types.capabilities import Stamp
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment, renew_attachment
+from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment, stamp_of
 
 GID = bytes(range(16))
 V2 = struct.pack("<qqB", 5, 1_700_000_000_000_000_000, 16) + GID
@@ -25,20 +26,16 @@ def test_both_versions(data, version, size):
     parsed = parse_attachment(data)
     assert parsed == Attachment(5, 1_700_000_000_000_000_000, GID, version)
     assert build_attachment(parsed) == data
+    assert stamp_of(data) == Stamp(5, 1_700_000_000_000_000_000, GID)
 
 
-@pytest.mark.parametrize("data", [V2, V1])
-def test_renew_replaces_what_is_named(data):
-    assert renew_attachment(data) == data
-    renewed = parse_attachment(renew_attachment(data, sequence=0, source_time=0, gid=b"\1" * 16))
-    assert renewed == Attachment(0, 0, b"\1" * 16, parse_attachment(data).version)
-    assert parse_attachment(renew_attachment(data, sequence=6)).gid == GID
-
-
-@pytest.mark.parametrize("data", [b"", V2[:-1], V1 + b"\0", V2[:16] + b"\x0f" + GID, V1.replace(b"gid", b"gdi")])
+@pytest.mark.parametrize(
+    "data", [b"", V2[:-1], V1 + b"\0", V2[:16] + b"\x0f" + GID, V1.replace(b"gid", b"gdi"), bytes(33), bytes(77)]
+)
 def test_other_bytes(data):
     with pytest.raises(PayloadError, match="no rmw_zenoh attachment"):
         parse_attachment(data)
+    assert stamp_of(data) is None
 
 
 @given(st.binary(max_size=80) | st.binary(min_size=33, max_size=33) | st.binary(min_size=77, max_size=77))

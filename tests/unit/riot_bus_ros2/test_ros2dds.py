@@ -4,18 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.qos import RosQos
 from riot_bus_ros2.ros2dds import (
     BridgeQos,
     BridgeToken,
-    RequestId,
     build_bridge_token,
-    build_request_id,
     key_of,
     name_of,
     parse_bridge_token,
-    parse_request_id,
+    request_attachment,
 )
 from tests.unit.riot_bus_ros2.ros_names import bridge_qos, bridge_tokens, names, relaxed
 
@@ -121,25 +118,8 @@ def test_what_a_token_does_not_say_is_the_default_of_dds() -> None:
     assert BridgeQos().announced == RosQos(reliability=1, durability=2, history=1, depth=1)
 
 
-@relaxed
-@given(st.binary(min_size=8, max_size=8), st.binary(min_size=8, max_size=8), st.booleans())
-def test_requests(client: bytes, sequence: bytes, little_endian: bool) -> None:
-    request = RequestId(client, sequence, little_endian)
-    attachment = build_request_id(request)
-    assert len(attachment) == 20
-    assert parse_request_id(attachment) == request
-
-
-@relaxed
-@given(st.binary(max_size=24) | st.binary(max_size=17).map(lambda rest: b"rqh" + rest))
-def test_hostile_requests(data: bytes) -> None:
-    try:
-        found = parse_request_id(data)
-    except PayloadError:
-        return
-    assert build_request_id(found) == data
-
-
-def test_requests_of_other_sizes() -> None:
-    with pytest.raises(PayloadError, match="8 bytes each"):
-        build_request_id(RequestId(b"short", bytes(8)))
+def test_requests_of_different_clients_differ() -> None:
+    one, other = request_attachment(), request_attachment()
+    assert len(one) == 20
+    assert (one[:3], one[11:]) == (b"rqh", b"\1\0\0\0\0\0\0\0\1") == (other[:3], other[11:])
+    assert one != other

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import build_data_key
-from riot_bus_ros2.qos import RosQos
-from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token, parse_token
+from riot_bus_ros2.qos import RosQos, parse_offered
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token, details_of, parse_token
 from tests.unit.riot_bus_ros2.ros_names import endpoints, nodes, relaxed
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -113,3 +113,44 @@ def test_types_that_are_none_of_ros_keep_their_names() -> None:
     assert isinstance(found, NodeEndpoint)
     assert (found.type_name, found.type_hash, found.key) == ("some::Type", "any_hash", "0/t/some::Type/any_hash")
     assert build_token(found) == text
+
+
+STRING = "std_msgs::msg::dds_::String_"
+CHATTER_KEY = f"0/robot/chatter/{STRING}/RIHS01_df"
+
+
+def profile_of(text: str) -> str:
+    return RosQos.parse(text).profile()
+
+
+def publisher_token(qos: str, *, kind: str = "MP", topic: str = "%robot%chatter", domain: int = 0) -> str:
+    return f"@ros2_lv/{domain}/aa/0/1/{kind}/%/%/talker/{topic}/{STRING}/RIHS01_df/{qos}"
+
+
+def test_a_profile_is_that_of_the_publisher_token() -> None:
+    text = profile_of("2:1:2,7:1,5:,:2,3,4")
+    assert text.startswith("- history: 2\n  depth: 7\n  reliability: 2\n  durability: 1\n")
+    assert "  deadline:\n    sec: 1\n    nsec: 5\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n" in text
+    assert "  liveliness: 2\n  liveliness_lease_duration:\n    sec: 3\n    nsec: 4\n" in text
+    usual = parse_offered(profile_of("::,:,:,:,,"))
+    assert (usual.reliable, usual.latched, usual.depth) == (True, False, 42)
+    for odd in ("", "x:y:z", ":::::::::", "9" * 50, "-1:,"):
+        assert parse_offered(profile_of(odd)).depth == 42
+
+
+def test_all_publishers_of_a_topic_are_told() -> None:
+    tokens = [
+        publisher_token("::,5:,:,:,,"),
+        publisher_token("2:1:,1:,:,:,,"),
+        publisher_token("::,9:,:,:,,", kind="MS"),
+        publisher_token("::,9:,:,:,,", topic="%other"),
+        publisher_token("::,9:,:,:,,", domain=1),
+        "@ros2_lv/0/aa/0/0/NN/%/%/talker",
+        "nonsense",
+    ]
+    text = details_of(CHATTER_KEY, tokens)["offered_qos_profiles"]
+    assert text.count("- history:") == 2
+    assert "depth: 5" in text
+    assert "depth: 1\n" in text
+    assert "depth: 9" not in text
+    assert details_of(CHATTER_KEY, []) == details_of("a/b", tokens) == {}
