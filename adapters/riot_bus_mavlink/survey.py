@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.bridge.routing import addressed
 from riot_bus_mavlink.bridge.url import Direction, parse_links
-from riot_bus_mavlink.frame import Framer
-from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
 from riot_bus_mavlink.links.opening import open_link
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.frame import Frame
-    from riot_bus_mavlink.links.end import Batching
+    from riot_bus_mavlink.links.end import End
 
 __all__ = ["LinkSurvey", "Speaker", "listen"]
 
@@ -131,10 +129,8 @@ class _Listener:
         self.survey = LinkSurvey(dialect.targets)
         self._warn = warn
 
-    def join(
-        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
-    ) -> End:
-        return End(spec, address, Framer(self.crc_extra), write, batching)
+    def join(self, end: End) -> None:
+        pass
 
     def leave(self, end: End) -> None:
         pass

@@ -25,7 +25,6 @@ CIRCLES = [
         "riot_bus.router.advanced.publisher_proxies",
         "riot_bus.router.delivery_queue",
     },
-    {"riot_bus_mavlink.bridge.flows", "riot_bus_mavlink.links.end"},
 ]
 """Circles that there are; the list may only get shorter."""
 

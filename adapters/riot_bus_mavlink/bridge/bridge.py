@@ -20,8 +20,6 @@ from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines
 from riot_bus_mavlink.bridge.url import FILES, LISTENS, Direction
-from riot_bus_mavlink.frame import Framer
-from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
 from riot_bus_mavlink.links.opening import open_link
 
@@ -32,7 +30,8 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.errors import RiotError
     from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import Batching, Link
+    from riot_bus_mavlink.links.end import End
+    from riot_bus_mavlink.links.link import Link
 
 __all__ = ["JSON_LINK", "MavlinkBridge"]
 
@@ -202,24 +201,19 @@ class MavlinkBridge:
 
     # -- what links need ----------------------------------------------------------------------------------------------
 
-    def join(
-        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
-    ) -> End:
-        """Add a new end of a link, which gets frames from now on."""
-        end = End(spec, address, Framer(self.crc_extra), write, batching)
-        self._tallies[spec.name].join(end)
-        side = self._sides[spec.segment]
+    def join(self, end: End) -> None:
+        """Take a new end of a link, which gets frames from now on."""
+        tally, side = self._tallies[end.link], self._sides[end.segment]
+        tally.join(end)
         side.routes.add(end)
-        if self._patient and not side.is_open and (spec.kind not in FILES or self._waits_for_nobody(spec.segment)):
+        if self._patient and not side.is_open and (tally.spec.kind not in FILES or self._all_files(end.segment)):
             side.open()
-        return end
 
     def leave(self, end: End) -> None:
         """Forget an end that is gone."""
         end.flush()
-        tally = self._tallies[end.link]
-        self._sides[tally.spec.segment].routes.remove(end)
-        tally.leave(end)
+        self._sides[end.segment].routes.remove(end)
+        self._tallies[end.link].leave(end)
 
     def take(self, end: End, packets: Sequence[bytes]) -> None:
         """Take packets, or pieces of a stream, in the order in which they came."""
@@ -240,7 +234,7 @@ class MavlinkBridge:
         mirror = self._mirrors.get(segment)
         return self._sides[segment].counts + (Counter() if mirror is None else mirror.counts)
 
-    def _waits_for_nobody(self, segment: str) -> bool:
+    def _all_files(self, segment: str) -> bool:
         """Return whether all links of a segment are logs."""
         return all(spec.kind in FILES for spec in self._plan.links if spec.segment == segment)
 

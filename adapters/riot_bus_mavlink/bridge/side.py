@@ -8,9 +8,9 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_mavlink.bridge.flows import MOST_FLOWS, Flow
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
 from riot_bus_mavlink.frame import KIND, LONGEST, V2, is_plain, parse_frame
+from riot_bus_mavlink.links.end import Flow
 from riot_bus_mavlink.signing import Renewer
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["ENCODING", "Side"]
 
 ENCODING = "application/octet-stream;mavlink"
+_MOST_FLOWS = 4096  # senders choose their ids: bounds memory; beyond it all routes are found anew
 _MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 
 
@@ -210,7 +211,7 @@ class Side:
         count = end.losses.of(frame.system, frame.component)
         if frame.version == 2 and extra is not None and count is not None and self.routes.settled(frame.message_id):
             flows = self._flows(end)
-            if len(flows) >= MOST_FLOWS:
+            if len(flows) >= _MOST_FLOWS:
                 flows.clear()
             if end.generation == generation:
                 flows[frame.raw[KIND]] = Flow(bytes([extra]), count, others, outlet)
@@ -260,7 +261,7 @@ class Side:
         generation = self.routes.generation
         ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
         if ends and mark is Mark.OWN and is_plain(payload) and self.routes.settled(frame.message_id):
-            if len(self._known) >= MOST_FLOWS:
+            if len(self._known) >= _MOST_FLOWS:
                 self._known.clear()
             self._known[payload[KIND]] = generation, ends
         counts = self.counts

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import End, Link
+    from riot_bus_mavlink.links.end import End
+    from riot_bus_mavlink.links.link import Link
 
 __all__ = ["LinkTally"]
 

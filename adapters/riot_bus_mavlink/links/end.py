@@ -1,10 +1,11 @@
-"""The other end of a link, and the interfaces of links and of the host that opens them."""
+"""The other end of a link: what it gets, what it has sent, and the known routes of its frames."""
 
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from threading import get_ident
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus_mavlink.bridge.losses import LinkLosses
 from riot_bus_mavlink.bridge.routing import Peer
@@ -13,14 +14,34 @@ from riot_bus_mavlink.bridge.url import Direction, LinkKind
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus_mavlink.bridge.flows import Flow
+    from riot_bus.types.port import PortPublisher
+    from riot_bus_mavlink.bridge.losses import SourceCount
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.frame import Framer
     from riot_bus_mavlink.links.loop import Loop
 
-__all__ = ["Batching", "End", "Host", "Link"]
+__all__ = ["Batching", "End", "Flow"]
 
 _MOST_WAITING = 64  # as many as one call can send over UDP (`_MOST_SEGMENTS` in udp.py)
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """Frames that all take the same route, as long as the routing table does not change.
+
+    They are of one message, from one component, and come over one end of a link.
+
+    Attributes:
+        extra: The message's CRC extra byte.
+        count: Counter of the frames of the source.
+        others: Other ends on the same segment that get the frames.
+        outlet: Publisher that puts the frames on the bus.
+    """
+
+    extra: bytes
+    count: SourceCount
+    others: Sequence[End]
+    outlet: PortPublisher
 
 
 class Batching(NamedTuple):
@@ -140,44 +161,3 @@ class End(Peer):
             done = self._batching.write(frames)
             self.out += done
             self.lost += len(frames) - done
-
-
-class Host(Protocol):
-    """Owner of links, to which they report ends, frames and problems."""
-
-    loop: Loop
-    crc_extra: Callable[[int], int | None]
-
-    def join(
-        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
-    ) -> End:
-        """Add a new end of a link, which gets frames from now on."""
-
-    def leave(self, end: End) -> None:
-        """Forget an end that is gone."""
-
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
-        """Take packets, or pieces of a stream, in the order in which they came."""
-
-    def warn(self, spec: LinkSpec, text: str) -> None:
-        """Report a problem."""
-
-
-class Link(Protocol):
-    """A link that is open."""
-
-    spec: LinkSpec
-
-    @property
-    def where(self) -> str:
-        """Actual place of the link, such as the port that it got."""
-
-    @property
-    def state(self) -> str:
-        """Return its state: `listening`, `connected`, `connecting`, `reading`, `ended`."""
-
-    def dropped(self) -> int:
-        """Return how many packets the operating system has dropped because they were not taken in time."""
-
-    def close(self) -> None:
-        """Close it."""

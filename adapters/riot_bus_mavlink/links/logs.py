@@ -6,17 +6,17 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus_mavlink.links.udp import reason
+from riot_bus_mavlink.links.link import Link, reason
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
 
 if TYPE_CHECKING:
     from typing import BinaryIO
 
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import End, Host
+    from riot_bus_mavlink.links.link import Host
     from riot_bus_mavlink.tlog import TlogRecord
 
 __all__ = ["TelemetryLogSink", "TelemetryLogSource"]
@@ -25,7 +25,30 @@ _READ = 1 << 16  # so many bytes of records wait in memory; less would cost more
 _AT_ONCE = 256  # then other links get their turn, even if the log is read at full speed
 
 
-class TelemetryLogSource:
+class _LogLink(Link):
+    """Link to a file, which is its only end."""
+
+    idle = "ended"
+
+    def __init__(self, spec: LinkSpec, host: Host, mode: Literal["rb", "ab"]) -> None:
+        super().__init__(spec, host)
+        try:
+            self._file: BinaryIO | None = Path(spec.path).open(mode)  # noqa: SIM115 - closed by `close`
+        except OSError as error:
+            what = "read" if mode == "rb" else "written"
+            raise EnvironmentFaultError(f"cannot be {what}: {reason(error)}", where=spec.path) from error
+
+    @property
+    def state(self) -> str:
+        return self.idle if self._file is None else self.busy
+
+    def _close_file(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+class TelemetryLogSource(_LogLink):
     """Sends the frames of a log as if they came now, paced by the log's timestamps.
 
     Frames are taken as they were received; frames that jump back in time come at once.
@@ -38,39 +61,27 @@ class TelemetryLogSource:
         EnvironmentFaultError: The file cannot be read.
     """
 
+    busy = "reading"
+
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        self.spec = spec
-        self._host = host
+        super().__init__(spec, host, "rb")
         self._records: deque[TlogRecord] = deque()
         self._reader = TlogReader(host.crc_extra)
         self._begun: tuple[float, int] | None = None
-        try:
-            self._file: BinaryIO | None = Path(spec.path).open("rb")  # noqa: SIM115 - closed by `close`
-        except OSError as error:
-            raise EnvironmentFaultError(f"cannot be read: {reason(error)}", where=spec.path) from error
-        self._end: End = host.join(spec, spec.path, lambda data: False)
+        self._end = self.join(spec.path, lambda data: False)
         self._timer = host.loop.later(0.0, self._go_on)
 
     @property
-    def where(self) -> str:
-        """Return the file."""
-        return self.spec.path
-
-    @property
     def state(self) -> str:
-        """Return how it is."""
-        return "ended" if self._file is None and not self._records else "reading"
-
-    def dropped(self) -> int:
-        """Return 0."""
-        return 0
+        """Return `reading` until the last record is taken."""
+        return self.busy if self._records else super().state
 
     def close(self) -> None:
-        """Close it."""
+        """Close the link; its end leaves."""
         self._timer.cancel()
         self._close_file()
         self._records.clear()
-        self._host.leave(self._end)
+        super().close()
 
     def _go_on(self) -> None:
         for _ in range(_AT_ONCE):
@@ -108,13 +119,8 @@ class TelemetryLogSource:
                     self._host.warn(self.spec, f"{junk} bytes are in no record")
         return bool(self._records)
 
-    def _close_file(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            self._file = None
 
-
-class TelemetryLogSink:
+class TelemetryLogSink(_LogLink):
     """Appends all frames that are sent to it, each with its time.
 
     Args:
@@ -125,39 +131,20 @@ class TelemetryLogSink:
         EnvironmentFaultError: The file cannot be written.
     """
 
+    busy = "writing"
+
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        self.spec = spec
-        self._host = host
+        super().__init__(spec, host, "ab")
         self._lock = threading.Lock()
-        try:
-            self._file: BinaryIO | None = Path(spec.path).open("ab")  # noqa: SIM115 - closed by `close`
-        except OSError as error:
-            raise EnvironmentFaultError(f"cannot be written: {reason(error)}", where=spec.path) from error
-        self._end: End = host.join(spec, spec.path, self._write)
+        self.join(spec.path, self._write)
         self._timer = host.loop.later(1.0, self._flush)
 
-    @property
-    def where(self) -> str:
-        """Return the file."""
-        return self.spec.path
-
-    @property
-    def state(self) -> str:
-        """Return how it is."""
-        return "ended" if self._file is None else "writing"
-
-    def dropped(self) -> int:
-        """Return 0."""
-        return 0
-
     def close(self) -> None:
-        """Close it."""
+        """Close the link; its end leaves."""
         self._timer.cancel()
         with self._lock:
-            if self._file is not None:
-                self._file.close()
-                self._file = None
-        self._host.leave(self._end)
+            self._close_file()
+        super().close()
 
     def _write(self, data: bytes) -> bool:
         with self._lock:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.loop import Loop
 
 __all__ = ["Place", "look_up", "place_of", "text_of"]
@@ -43,20 +44,19 @@ def text_of(address: tuple[Any, ...]) -> str:
 
 
 def look_up(
-    loop: Loop, host: str, port: int, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
+    loop: Loop, spec: LinkSpec, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
 ) -> None:
-    """Report the address of a host: at once if `host` is an address, else later, on the loop's thread.
+    """Report the address of a link's host: at once if it is written as an address, else later, on the loop's thread.
 
     Args:
         loop: Loop whose thread must not wait.
-        host: Name or address.
-        port: Port of the host.
+        spec: The link, with host and port.
         kind: Type of the socket, `SOCK_DGRAM` or `SOCK_STREAM`.
         found: Called with the address.
         failed: Called if the host is not known.
     """
     try:
-        place = place_of(host, port, kind, flags=socket.AI_NUMERICHOST)
+        place = place_of(spec.host, spec.port, kind, flags=socket.AI_NUMERICHOST)
     except OSError:
         pass
     else:
@@ -65,7 +65,7 @@ def look_up(
 
     def ask() -> None:
         try:
-            place = place_of(host, port, kind)
+            place = place_of(spec.host, spec.port, kind)
         except OSError as error:
             reason = error  # the name `error` ends with this block
             loop.later(0.0, lambda: failed(reason))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import Host, Link
+    from riot_bus_mavlink.links.link import Host, Link
 
 __all__ = ["open_link"]
 

@@ -6,11 +6,11 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import MissingExtraError
-from riot_bus_mavlink.links.stream import RetriedLink
+from riot_bus_mavlink.links.stream import StreamClient
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import Host
+    from riot_bus_mavlink.links.link import Host
 
 __all__ = ["SerialLink"]
 
@@ -36,12 +36,12 @@ class _Device:
         self._opened.close()
 
 
-class SerialLink(RetriedLink):
+class SerialLink(StreamClient):
     """Opens a device, and reopens it after it was unplugged.
 
     Args:
         spec: Settings of the link.
-        host: Gets what comes.
+        host: Gets what comes over the link.
 
     Raises:
         MissingExtraError: pyserial is not installed.
@@ -60,9 +60,8 @@ class SerialLink(RetriedLink):
 
     def _try(self) -> None:
         try:
-            opened = self._serial.Serial(self.spec.path, self.spec.baud, timeout=0, write_timeout=0)
-            device = _Device(opened)
+            device = _Device(self._serial.Serial(self.spec.path, self.spec.baud, timeout=0, write_timeout=0))
         except (OSError, ValueError) as error:  # pyserial's own error is an OSError
             self._again(getattr(error, "strerror", None) or str(error))
-            return
-        self._opened(device)
+        else:
+            self._opened(device)

@@ -7,14 +7,14 @@ import os
 import socket
 from typing import TYPE_CHECKING
 
+from riot_bus_mavlink.links.link import Link, cannot_listen
 from riot_bus_mavlink.links.loop import READ, WRITE
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
-from riot_bus_mavlink.links.stream import RetriedLink, Stream
-from riot_bus_mavlink.links.udp import cannot_listen, reason
+from riot_bus_mavlink.links.stream import Stream, StreamClient
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import Host
+    from riot_bus_mavlink.links.link import Host
     from riot_bus_mavlink.links.names import Place
 
 __all__ = ["TcpClient", "TcpServer"]
@@ -44,20 +44,19 @@ class _Socket:
         self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
 
 
-class TcpServer:
+class TcpServer(Link):
     """Listens for clients, each of which becomes an end of the link.
 
     Args:
         spec: Settings of the link, with the port.
-        host: Gets what comes.
+        host: Gets what comes over the link.
 
     Raises:
         EnvironmentFaultError: It cannot listen there.
     """
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        self.spec = spec
-        self._host = host
+        super().__init__(spec, host)
         self._streams: list[Stream] = []
         try:
             family, address = place_of(spec.host, spec.port, socket.SOCK_STREAM)
@@ -65,29 +64,17 @@ class TcpServer:
             self._listener = socket.create_server(address[:2], family=family, dualstack_ipv6=both)
         except OSError as error:
             raise cannot_listen(spec, error) from error
+        self.where = text_of(self._listener.getsockname())
         self._listener.settimeout(0)
         host.loop.watch(self._listener.fileno(), self._accept)
 
-    @property
-    def where(self) -> str:
-        """Return where it listens."""
-        return text_of(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
-
-    @property
-    def state(self) -> str:
-        """Return how it is."""
-        return "connected" if self._streams else "listening"
-
-    def dropped(self) -> int:
-        """Return 0: TCP drops nothing."""
-        return 0
-
     def close(self) -> None:
-        """Close it."""
+        """Close the link and its streams."""
         self._host.loop.forget(self._listener.fileno())
         self._listener.close()
-        for stream in list(self._streams):
+        for stream in self._streams:
             stream.close()
+        super().close()
 
     def _accept(self, events: int) -> None:
         try:
@@ -100,16 +87,16 @@ class TcpServer:
             return
         transport = _Socket(made, self.spec.silence)
         self._streams.append(
-            Stream(self.spec, text_of(address), transport=transport, host=self._host, gone=self._streams.remove)
+            Stream(self, self._host, address=text_of(address), transport=transport, gone=self._streams.remove)
         )
 
 
-class TcpClient(RetriedLink):
+class TcpClient(StreamClient):
     """Connects, and reconnects when the connection is lost.
 
     Args:
         spec: Settings of the link, with the other end.
-        host: Gets what comes.
+        host: Gets what comes over the link.
     """
 
     lost, retry = "disconnected", 0.5
@@ -120,15 +107,7 @@ class TcpClient(RetriedLink):
         self._try()
 
     def _try(self) -> None:
-        spec = self.spec
-        look_up(
-            self._host.loop,
-            spec.host,
-            spec.port,
-            socket.SOCK_STREAM,
-            found=self._connect,
-            failed=lambda error: self._again(reason(error)),
-        )
+        look_up(self._host.loop, self.spec, socket.SOCK_STREAM, found=self._connect, failed=self._again)
 
     def _connect(self, place: Place) -> None:
         if self._closed:
@@ -139,7 +118,7 @@ class TcpClient(RetriedLink):
             made.settimeout(0)
             code = made.connect_ex(address)
         except OSError as error:
-            self._again(reason(error))
+            self._again(error)
             return
         if code not in (0, errno.EINPROGRESS):
             self._again(os.strerror(code))
@@ -161,8 +140,8 @@ class TcpClient(RetriedLink):
         self._trying = None
         self._opened(_Socket(made, self.spec.silence))
 
-    def _wait_no_more(self) -> None:
-        super()._wait_no_more()
+    def _cancel_attempt(self) -> None:
+        super()._cancel_attempt()
         if self._trying is not None:
             if self._trying.fileno() >= 0:
                 self._host.loop.forget(self._trying.fileno())

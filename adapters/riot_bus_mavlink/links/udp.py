@@ -12,8 +12,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus_mavlink.links.end import Batching
+from riot_bus_mavlink.links.link import Link, RetriedLink, cannot_listen
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
 from riot_bus_mavlink.links.packets import Packets
 
@@ -21,15 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import End, Host
-    from riot_bus_mavlink.links.loop import Timer
+    from riot_bus_mavlink.links.end import End
+    from riot_bus_mavlink.links.link import Host
     from riot_bus_mavlink.links.names import Place
 
 __all__ = ["UdpClient", "UdpServer"]
 
 _BUFFER = 1 << 22  # asked for; the system may give less
 _MOST_PEERS = 64  # a guess: addresses can be forged, and each is sent frames
-_RETRY_S = 1.0  # a guess: finds a new host soon; one lookup per second costs little
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
 _DROPS = 12  # column of /proc/net/udp
@@ -39,10 +37,11 @@ _SIZE = struct.Struct("=H")
 _CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
 
 
-class _UdpLink:
+class _UdpLink(Link):
+    """Link with a UDP socket."""
+
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        self.spec = spec
-        self._host = host
+        super().__init__(spec, host)
         self._socket: socket.socket | None = None
         self._packets: Packets | None = None
         self._cuts = True
@@ -104,6 +103,7 @@ class _UdpLink:
             self._host.loop.forget(self._socket.fileno())
             self._socket.close()
             self._socket = self._packets = None
+        super().close()
 
 
 class UdpServer(_UdpLink):
@@ -111,7 +111,7 @@ class UdpServer(_UdpLink):
 
     Args:
         spec: Settings of the link, with the port.
-        host: Gets what comes.
+        host: Gets what comes over the link.
 
     Raises:
         EnvironmentFaultError: It cannot listen there.
@@ -119,58 +119,47 @@ class UdpServer(_UdpLink):
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)
-        self._ends: dict[Any, End] = {}
+        self._by_address: dict[Any, End] = {}
         self._heard: dict[Any, float] = {}
         try:
             family, address = place_of(spec.host, spec.port, socket.SOCK_DGRAM)
             made = self._open(family, address)
         except OSError as error:
             raise cannot_listen(spec, error) from error
+        self.where = text_of(made.getsockname())
         host.loop.watch(made.fileno(), self._read)
         self._timer = host.loop.later(spec.silence / 4, self._forget_silent)
 
-    @property
-    def where(self) -> str:
-        """Return where it listens."""
-        return self.spec.where if self._socket is None else text_of(self._socket.getsockname())
-
-    @property
-    def state(self) -> str:
-        """Return how it is."""
-        return "connected" if self._ends else "listening"
-
     def close(self) -> None:
-        """Close it."""
+        """Close the link; its ends leave."""
         self._timer.cancel()
         super().close()
-        for address in list(self._ends):
-            self._drop(address)
+        self._by_address.clear()
 
     def _read(self, events: int) -> None:
         now = time.monotonic()
         for address, packets in () if self._packets is None else self._packets.receive():
             if self._packets is None:  # closed while packets were handled
                 return
-            end = self._ends.get(address)
+            end = self._by_address.get(address)
             if end is None:
                 packets = list(itertools.dropwhile(_is_no_frame, packets))
                 if not packets:
                     continue
-                end = self._join(address)
+                end = self._add(address)
             self._heard[address] = now
             self._host.take(end, packets)
 
-    def _join(self, address: Any) -> End:
-        if len(self._ends) >= _MOST_PEERS:
+    def _add(self, address: Any) -> End:
+        if len(self._by_address) >= _MOST_PEERS:
             self._drop(min(self._heard, key=self._heard.__getitem__))
-        batching = Batching(self._host.loop, lambda frames: self._send_all(frames, address))
-        end = self._host.join(self.spec, text_of(address), lambda data: self._send(data, address), batching)
-        self._ends[address] = end
+        send, send_all = partial(self._send, address=address), partial(self._send_all, address=address)
+        end = self._by_address[address] = self.join(text_of(address), send, send_all)
         return end
 
     def _drop(self, address: Any) -> None:
         self._heard.pop(address, None)
-        self._host.leave(self._ends.pop(address))
+        self.leave(self._by_address.pop(address))
 
     def _forget_silent(self) -> None:
         limit = time.monotonic() - self.spec.silence
@@ -179,49 +168,27 @@ class UdpServer(_UdpLink):
         self._timer = self._host.loop.later(self.spec.silence / 4, self._forget_silent)
 
 
-class UdpClient(_UdpLink):
+class UdpClient(_UdpLink, RetriedLink):
     """Sends to an address from the beginning; receives from any address, as pymavlink does.
 
     If the address is broadcast or multicast, once a peer answers, frames go to it alone until it is silent.
 
     Args:
         spec: Settings of the link, with the other end.
-        host: Gets what comes.
+        host: Gets what comes over the link.
     """
+
+    retry = 1.0  # a guess: finds a new host soon; one lookup per second costs little
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)
-        self._end: End | None = None
         self._target: tuple[Any, ...] = ()
         self._many = False
         self._answering: tuple[tuple[Any, ...], float] | None = None
-        self._timer: Timer | None = None
-        self._closed = False
-        self._look_up()
+        self._try()
 
-    @property
-    def where(self) -> str:
-        """Return where it sends to."""
-        return self.spec.where
-
-    @property
-    def state(self) -> str:
-        """Return how it is."""
-        return "connecting" if self._end is None else "connected"
-
-    def close(self) -> None:
-        """Close it."""
-        self._closed = True
-        if self._timer is not None:
-            self._timer.cancel()
-        super().close()
-        if self._end is not None:
-            self._host.leave(self._end)
-            self._end = None
-
-    def _look_up(self) -> None:
-        spec = self.spec
-        look_up(self._host.loop, spec.host, spec.port, socket.SOCK_DGRAM, found=self._begin, failed=self._again)
+    def _try(self) -> None:
+        look_up(self._host.loop, self.spec, socket.SOCK_DGRAM, found=self._begin, failed=self._again)
 
     def _begin(self, place: Place) -> None:
         if self._closed:
@@ -233,14 +200,12 @@ class UdpClient(_UdpLink):
             self._again(error)
             return
         self._many = _of_many(self._target[0])
-        batching = None if self._many else Batching(self._host.loop, partial(self._send_all, address=self._target))
-        self._end = self._host.join(self.spec, text_of(self._target), self._put, batching)
+        self.join(
+            text_of(self._target),
+            self._put,
+            None if self._many else partial(self._send_all, address=self._target),
+        )
         self._host.loop.watch(made.fileno(), self._read)
-
-    def _again(self, error: OSError) -> None:
-        if not self._closed:
-            self._host.warn(self.spec, f"{reason(error)}; it is tried again")
-            self._timer = self._host.loop.later(_RETRY_S, self._look_up)
 
     def _put(self, data: bytes) -> bool:
         answering = self._answering  # None unless the address is broadcast or multicast
@@ -252,19 +217,8 @@ class UdpClient(_UdpLink):
         for address, packets in () if self._packets is None else self._packets.receive():
             if self._many:
                 self._answering = (address, time.monotonic())
-            if self._end is not None:
-                self._host.take(self._end, packets)
-
-
-def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
-    """Return an error that says why a link cannot listen."""
-    hint = "choose another port, or end who has it" if error.errno == errno.EADDRINUSE else None
-    return EnvironmentFaultError(f"cannot listen: {reason(error)}", where=f"{spec.name} ({spec.where})", hint=hint)
-
-
-def reason(error: OSError) -> str:
-    """Return the system's error message."""
-    return error.strerror or str(error)
+            for end in self._ends:  # none once it is closed
+                self._host.take(end, packets)
 
 
 def _alike(frames: Sequence[bytes], at: int) -> int:

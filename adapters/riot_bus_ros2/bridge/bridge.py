@@ -18,7 +18,7 @@ from riot_bus_ros2.bridge.node import NodeProcess
 from riot_bus_ros2.bridge.options import Names
 from riot_bus_ros2.bridge.other_bridges import OtherBridge
 from riot_bus_ros2.bridge.plan import BridgePlan, plan_of
-from riot_bus_ros2.bridge.routes import DownRoute, OfferedService, Route, RouteContext, UpRoute, WantedService
+from riot_bus_ros2.bridge.routes import BridgeRoute, DownRoute, OfferedService, RouteContext, UpRoute, WantedService
 from riot_bus_ros2.bridge.text import summary_lines
 from riot_bus_ros2.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
 from riot_bus_ros2.tokens import NodeEndpoint, parse_token
@@ -49,7 +49,7 @@ _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
 _MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
 _MEET_S = 5.0  # longest time until nodes of a domain know each other
 _GID = 16  # an attachment ends with a gid, a hash of 128 bits (gid.py)
-_ROUTES: tuple[type[Route], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
+_ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
 class Ros2Bridge:
@@ -87,8 +87,8 @@ class Ros2Bridge:
         self._context = RouteContext(
             self._node, port, options.latched, changed=self._wake, is_own=self._is_own, refused=self._refuse
         )
-        self._routes: dict[type[Route], dict[DataKey, Any]] = {kind: {} for kind in _ROUTES}
-        self._by_number: dict[int, Route] = {}
+        self._routes: dict[type[BridgeRoute], dict[DataKey, Any]] = {kind: {} for kind in _ROUTES}
+        self._by_number: dict[int, BridgeRoute] = {}
         self._numbers = itertools.count(1)
         self._absent: dict[int, float] = {}
         self._began = 0.0
@@ -291,7 +291,7 @@ class Ros2Bridge:
         )
         for kind, plans in zip(_ROUTES, planned, strict=True):
             self._drop(kind, [route for route in self._routes[kind].values() if not self._stays(route, plans)])
-        new: list[Route] = []
+        new: list[BridgeRoute] = []
         for kind, plans in zip(_ROUTES, planned, strict=True):
             for key in self._new(plans, self._routes[kind]):
                 route = self._routes[kind][key] = kind(next(self._numbers), key, plans[key], self._context)
@@ -311,14 +311,14 @@ class Ros2Bridge:
         for topic in plan.foreign:
             self._problem(topic, "domain and segment have different types for it, or different versions of its type")
 
-    def _new(self, wanted: Mapping[DataKey, Any], routes: Mapping[DataKey, Route]) -> list[DataKey]:
+    def _new(self, wanted: Mapping[DataKey, Any], routes: Mapping[DataKey, BridgeRoute]) -> list[DataKey]:
         found = sorted((key for key in wanted if key not in routes), key=lambda key: key.topic)
         room = max(0, _MOST_ROUTES - len(routes))
         if len(found) > room:
             self._problem(found[room].topic, f"more than {_MOST_ROUTES} are not bridged")
         return found[:room]
 
-    def _stays(self, route: Route, plans: Mapping[DataKey, Any]) -> bool:
+    def _stays(self, route: BridgeRoute, plans: Mapping[DataKey, Any]) -> bool:
         """Return whether a route stays as it is; topics linger when their publishers or endpoints have just gone."""
         if not isinstance(route, UpRoute | DownRoute):
             return route.key in plans
@@ -337,7 +337,7 @@ class Ros2Bridge:
         del self._absent[route.number]
         return False
 
-    def _drop(self, kind: type[Route], routes: Sequence[Route]) -> None:
+    def _drop(self, kind: type[BridgeRoute], routes: Sequence[BridgeRoute]) -> None:
         for route in routes:
             del self._routes[kind][route.key]
             route.close()
@@ -353,7 +353,7 @@ class Ros2Bridge:
     def _is_own(self, attachment: bytes | None) -> bool:
         return attachment is not None and attachment[-_GID:] in self._gids
 
-    def _all_routes(self) -> Iterator[Route]:
+    def _all_routes(self) -> Iterator[BridgeRoute]:
         return itertools.chain.from_iterable(list(routes.values()) for routes in self._routes.values())
 
     def _close_routes(self) -> None:

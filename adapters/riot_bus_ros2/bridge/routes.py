@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 
-__all__ = ["DownRoute", "OfferedService", "Route", "RouteContext", "UpRoute", "WantedService"]
+__all__ = ["BridgeRoute", "DownRoute", "OfferedService", "RouteContext", "UpRoute", "WantedService"]
 
 _LEAST = 4  # bytes of CDR's encapsulation
 
@@ -59,7 +59,7 @@ class RouteContext:
     refused: Callable[[str], None]
 
 
-class Route:
+class BridgeRoute:
     """A topic or service that crosses the bridge.
 
     Args:
@@ -109,7 +109,7 @@ class Route:
         self._node.tell(do=do, id=self.number, topic=self.key.topic, type=self.key.type_name, **more)
 
 
-class UpRoute(Route):
+class UpRoute(BridgeRoute):
     """A topic from the domain to the segment."""
 
     way, token_kind = "to_segment", "MP"
@@ -151,7 +151,7 @@ class UpRoute(Route):
         self._outlet.close()
 
 
-class DownRoute(Route):
+class DownRoute(BridgeRoute):
     """A topic from the segment to the domain."""
 
     way = "to_domain"
@@ -180,7 +180,7 @@ class DownRoute(Route):
         self._node.send(BridgeFrameKind.MESSAGE, self.number, 0, payload)
 
 
-class OfferedService(Route):
+class OfferedService(BridgeRoute):
     """Service whose server in the domain answers requests from the segment."""
 
     way = "calls"
@@ -231,7 +231,7 @@ class OfferedService(Route):
         self._node.send(BridgeFrameKind.REQUEST, self.number, number, query.payload)
 
 
-class WantedService(Route):
+class WantedService(BridgeRoute):
     """Service whose server on the segment answers requests from the domain."""
 
     way, token_kind = "calls", "SC"

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines
-from riot_bus_mavlink.bridge.url import LinkSpec, parse_link
+from riot_bus_mavlink.bridge.url import parse_link
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End
+from riot_bus_mavlink.links.link import Link
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of
+from tests.unit.riot_bus_mavlink.links.hosts import KeepingHost
 
 SPEC = parse_link("a/fc=tcpin:127.0.0.1:5760")
 
 
-class Idle:
+class Idle(Link):
     """A link that does nothing."""
 
-    spec: LinkSpec = SPEC
-    where, state = "127.0.0.1:5760", "listening"
-
     def __init__(self) -> None:
+        super().__init__(SPEC, KeepingHost())
         self.packets = 3
 
     def dropped(self) -> int:

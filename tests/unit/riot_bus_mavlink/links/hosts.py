@@ -10,8 +10,8 @@ from typing import Self
 
 from riot_bus_mavlink.bridge.url import LinkSpec, parse_link
 from riot_bus_mavlink.dialect import load_dialect
-from riot_bus_mavlink.frame import Framer
-from riot_bus_mavlink.links.end import Batching, End, Link
+from riot_bus_mavlink.links.end import End
+from riot_bus_mavlink.links.link import Link
 from riot_bus_mavlink.links.loop import Loop
 from riot_bus_mavlink.links.opening import open_link
 
@@ -30,14 +30,10 @@ class KeepingHost:
         self._links: list[Link] = []
         self._bell = threading.Condition()
 
-    def join(
-        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
-    ) -> End:
+    def join(self, end: End) -> None:
         with self._bell:
-            end = End(spec, address, Framer(self.crc_extra), write, batching)
             self.ends = [*self.ends, end]
             self._bell.notify_all()
-            return end
 
     def leave(self, end: End) -> None:
         with self._bell:

@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from riot_bus_mavlink.bridge.url import parse_link
 from riot_bus_mavlink.links.loop import Loop
 from riot_bus_mavlink.links.names import Place, look_up, place_of
 
@@ -25,13 +26,13 @@ def test_names_are_looked_up_later_and_addresses_at_once() -> None:
     loop = Loop()
     places: queue.Queue[Place] = queue.Queue()
     errors: queue.Queue[OSError] = queue.Queue()
-    look_up(loop, "127.0.0.1", 1, socket.SOCK_STREAM, found=places.put, failed=errors.put)
+    look_up(loop, parse_link("tcp:127.0.0.1:1"), socket.SOCK_STREAM, found=places.put, failed=errors.put)
     assert places.get_nowait() == (socket.AF_INET, ("127.0.0.1", 1))
     loop.start()
     try:
-        look_up(loop, "localhost", 2, socket.SOCK_STREAM, found=places.put, failed=errors.put)
+        look_up(loop, parse_link("tcp:localhost:2"), socket.SOCK_STREAM, found=places.put, failed=errors.put)
         assert places.get(timeout=20) == (socket.AF_INET, ("127.0.0.1", 2))
-        look_up(loop, "nobody.invalid", 3, socket.SOCK_STREAM, found=places.put, failed=errors.put)
+        look_up(loop, parse_link("tcp:nobody.invalid:3"), socket.SOCK_STREAM, found=places.put, failed=errors.put)
         assert errors.get(timeout=60)
     finally:
         loop.close()
