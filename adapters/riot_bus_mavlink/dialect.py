@@ -12,7 +12,7 @@ from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
 __all__ = ["DEFAULT", "Dialect", "dialect_names", "load_dialect"]
 
@@ -29,32 +29,26 @@ class Dialect:
     Args:
         name: Name of the dialect.
         parts: Contents of its files; later ones replace messages with the same id or name, and add to enums.
+
+    Attributes:
+        messages: The messages by id.
+        enums: The enums by name.
     """
 
     def __init__(self, name: str, parts: Iterable[DialectFile]) -> None:
         self.name = name
-        self._messages: dict[int, MessageTable] = {}
+        self.messages: dict[int, MessageTable] = {}
         self._ids: dict[str, int] = {}
-        self._enums: dict[str, EnumTable] = {}
+        self.enums: dict[str, EnumTable] = {}
         for part in parts:
             for message in part.messages:
                 self._add(message)
             for enum in part.enums:
-                known = self._enums.setdefault(enum.name, EnumTable(enum.name))
+                known = self.enums.setdefault(enum.name, EnumTable(enum.name))
                 known.bitmask = known.bitmask or enum.bitmask
                 known.entries.update(enum.entries)
-        self._extras = {number: message.crc_extra for number, message in self._messages.items()}
-        self._targets = {number: message.targets for number, message in self._messages.items()}
-
-    @property
-    def messages(self) -> Mapping[int, MessageTable]:
-        """The messages by id."""
-        return self._messages
-
-    @property
-    def enums(self) -> Mapping[str, EnumTable]:
-        """The enums by name."""
-        return self._enums
+        self._extras = {number: message.crc_extra for number, message in self.messages.items()}
+        self._targets = {number: message.targets for number, message in self.messages.items()}
 
     def crc_extra(self, message_id: int) -> int | None:
         """Return a message's CRC extra byte, None if the message is unknown."""
@@ -62,7 +56,7 @@ class Dialect:
 
     def name_of(self, message_id: int) -> str:
         """Return the name of a message: `UNKNOWN_1234` if it is not known."""
-        message = self._messages.get(message_id)
+        message = self.messages.get(message_id)
         return f"{_UNKNOWN}{message_id}" if message is None else message.name
 
     def id_of(self, name: str) -> int | None:
@@ -76,7 +70,7 @@ class Dialect:
     def message(self, name: str) -> MessageTable | None:
         """Return the definition of a message, None if it is not known."""
         number = self._ids.get(name)
-        return None if number is None else self._messages[number]
+        return None if number is None else self.messages[number]
 
     def targets(self, message_id: int) -> tuple[int | None, int | None]:
         """Return the payload offsets of target system and target component, None where there is none.
@@ -86,13 +80,13 @@ class Dialect:
         return self._targets.get(message_id, (None, None))
 
     def _add(self, message: MessageTable) -> None:
-        before = self._messages.pop(message.id, None)
+        before = self.messages.pop(message.id, None)
         if before is not None:
             del self._ids[before.name]
         other = self._ids.pop(message.name, None)
         if other is not None:
-            del self._messages[other]
-        self._messages[message.id] = message
+            del self.messages[other]
+        self.messages[message.id] = message
         self._ids[message.name] = message.id
 
 
@@ -116,22 +110,17 @@ def load_dialect(name: str = DEFAULT, files: Sequence[Path] = ()) -> Dialect:
         ConfigError: There is no such dialect, or a file is missing or wrong.
         MissingExtraError: pymavlink or fastcrc is not installed.
     """
-    if not files:
-        return _shipped(name)
+    return _load(name, tuple(map(Path, files))) if files else _shipped(name)
+
+
+def _load(name: str, files: Sequence[Path] = ()) -> Dialect:
     parts: dict[Path, DialectFile] = {}
-    if name:
-        _read(_shipped_file(name), parts)
-    for file in files:
-        _read(Path(file), parts)
+    for file in (*([_shipped_file(name)] if name else ()), *files):
+        _read(file, parts)
     return Dialect(name, parts.values())
 
 
-@lru_cache(maxsize=4)
-def _shipped(name: str) -> Dialect:
-    parts: dict[Path, DialectFile] = {}
-    if name:
-        _read(_shipped_file(name), parts)
-    return Dialect(name, parts.values())
+_shipped = lru_cache(maxsize=4)(_load)
 
 
 def _shipped_folder() -> Path:

@@ -42,7 +42,7 @@ def exceptional_values(
         payload: A sample; it tells which command the parameters belong to.
         path: Path of the field, or of an element of an array.
     """
-    name, _, index = path.partition("[")
+    name, index = _split(path)
     place = message.places.get(name)
     if place is None:
         return []
@@ -53,8 +53,7 @@ def exceptional_values(
             SuggestedValue("A" * (field.size - 1), "as long as can be with a NUL"),
         ]
     told = [*_of_enum(field, enums), *_of_limits(field.low, field.high), *values_of_unit(field.unit)]
-    number = int(index[:-1]) if index[:-1].isdecimal() else 0
-    told += [(value, "the marker for what is not known") for value in invalid_values(field.invalid, number)]
+    told += [(value, "the marker for what is not known") for value in invalid_values(field.invalid, index)]
     param = _param(kind, message, enums, payload, name)
     if param is not None:
         told += _of_param(param, enums, field)
@@ -108,14 +107,19 @@ def allows_nan(message: MessageTable, path: str) -> bool:
 
     The command protocol defines this for the parameters of all commands: https://mavlink.io/en/services/command.html
     """
-    name, _, index = path.partition("[")
+    name, index = _split(path)
     place = message.places.get(name)
     if place is None or not place.field.kind.startswith("float"):
         return False
-    number = int(index[:-1]) if index[:-1].isdecimal() else 0
-    return any(math.isnan(value) for value in invalid_values(place.field.invalid, number)) or (
+    return any(math.isnan(value) for value in invalid_values(place.field.invalid, index)) or (
         name in _PARAMS and _command_of(message) is not None
     )
+
+
+def _split(path: str) -> tuple[str, int]:
+    """Return the name of a field, and the index of an element."""
+    name, _, index = path.partition("[")
+    return name, int(index[:-1]) if index[:-1].isdecimal() else 0
 
 
 def _command_of(message: MessageTable) -> str | None:
@@ -135,12 +139,9 @@ def _of_enum(field: FieldText, enums: Mapping[str, EnumTable]) -> Iterator[_Told
         yield value, table.entries[value].name
     known = set(values)
     gap = next((value + 1 for value in values if value + 1 not in known), values[-1] + 1)
-    for value, reason in (
-        (values[0] - 1, f"below all of {field.enum}"),
-        (values[-1] + 1, f"above all of {field.enum}"),
-        (gap, f"undefined in {field.enum}"),
-    ):
-        yield value, reason
+    yield values[0] - 1, f"below all of {field.enum}"
+    yield values[-1] + 1, f"above all of {field.enum}"
+    yield gap, f"undefined in {field.enum}"
     for value in (127, 255, 65_535, (1 << 31) - 1):
         if value not in known:
             yield value, f"far from all of {field.enum}"
@@ -152,10 +153,9 @@ def _of_flags(table: EnumTable) -> Iterator[_Told]:
     yield flags, f"all of {table.name}"
     for value, entry in sorted(table.entries.items()):
         yield value, f"{entry.name} alone"
-    for bit in range(64):
-        if not flags >> bit & 1:
-            yield 1 << bit, f"a flag that is not of {table.name}"
-            break
+    free = ~flags & (flags + 1)  # the lowest bit that is not set
+    if free < 1 << 64:
+        yield free, f"a flag that is not of {table.name}"
     for bits in (8, 16, 32, 64):
         yield (1 << bits) - 1, "all bits"
 

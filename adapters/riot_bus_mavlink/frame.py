@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 __all__ = [
+    "ENCODING",
+    "HEADER_SIZE",
     "KIND",
     "LONGEST",
     "SIGNATURE",
@@ -35,8 +37,13 @@ __all__ = [
     "trimmed",
 ]
 
+ENCODING = "application/octet-stream;mavlink"
+"""The encoding of frames on the bus, the same as in mavlink-server."""
+
 V1 = 0xFE
 V2 = 0xFD
+HEADER_SIZE = (0, 6, 10)
+"""Bytes of a header, by version of MAVLink."""
 SIGNED = 0x01
 """Incompatibility flag of signed frames, the only one that is defined."""
 SIGNATURE = 13
@@ -77,7 +84,7 @@ class Frame(NamedTuple):
     @property
     def payload(self) -> bytes:
         """The payload as it was sent: trailing zeros may be cut off in MAVLink 2."""
-        start = 6 if self.version == 1 else 10
+        start = HEADER_SIZE[self.version]
         return self.raw[start : start + self.raw[1]]
 
 

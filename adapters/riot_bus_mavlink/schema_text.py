@@ -45,7 +45,8 @@ def _lines(message: MessageTable, enums: Mapping[str, EnumTable]) -> Iterator[st
     yield " <enums>"
     for name in named:
         table = enums[name]
-        yield f"  <enum name={quoteattr(name)}{_flag('bitmask', value=table.bitmask)}>"
+        bitmask = ' bitmask="true"' if table.bitmask else ""
+        yield f"  <enum name={quoteattr(name)}{bitmask}>"
         for entry in table.entries.values():
             yield f'   <entry value="{entry.value}" name={quoteattr(entry.name)}/>'
         yield "  </enum>"
@@ -67,7 +68,3 @@ def _lines(message: MessageTable, enums: Mapping[str, EnumTable]) -> Iterator[st
     yield "  </message>"
     yield " </messages>"
     yield "</mavlink>"
-
-
-def _flag(name: str, *, value: bool) -> str:
-    return f' {name}="true"' if value else ""

@@ -8,21 +8,14 @@ from __future__ import annotations
 import hashlib
 import hmac
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame, parse_frame, seal
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "sign_frame", "ticks", "time_of"]
+__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "sign_frame", "time_of"]
 
 KEY_BYTES = 32
 _HASH_BYTES = 6
-_EPOCH = 1_420_070_400
-"""2015-01-01 UTC, the epoch of signature timestamps, in seconds since the Unix epoch."""
-_TICK = 10_000  # nanoseconds; MAVLink counts in units of 10 microseconds
 _MOST_TICKS = (1 << 48) - 1  # a signature has 48 bits for its timestamp
 _MOST_STREAMS = 1 << 14  # of 2**24 that ids can tell apart: bounds memory at about 2 MB
 
@@ -51,14 +44,10 @@ class Signer:
         Args:
             body: The frame from FD to the checksum, with the flag of signed frames in its header.
             link: Id of the link, 0 to 255.
-            time: Timestamp, 0 to 2**48 - 1, see `ticks`.
+            time: Timestamp, 0 to 2**48 - 1, in units of 10 us since 2015-01-01 UTC.
         """
         head = b"%b%c%b" % (body, link, time.to_bytes(6, "little"))
         return head + self._hash(head)
-
-    def fits(self, frame: Frame) -> bool:
-        """Return whether a signed frame has the signature that this key makes."""
-        return frame.signed and self.made(frame.raw)
 
     def made(self, raw: bytes) -> bool:
         """Return whether the signature at the end of a signed frame is the one that this key makes."""
@@ -82,18 +71,13 @@ class Renewer:
         self._signer = signer
         self._last: dict[bytes, int] = {}
 
-    @property
-    def last(self) -> Mapping[bytes, int]:
-        """The last timestamp by link, system and component (3 bytes)."""
-        return self._last
-
     def renew(self, raw: bytes, *, now: int = 0) -> bytes:
         """Return a frame as it may be sent now: unchanged if its timestamp increased, else re-signed with a later one.
 
         Args:
             raw: One frame. A frame that is not signed, or not with this key, stays unchanged: it never gets a valid
                 signature here.
-            now: Smallest timestamp that it should have, see `ticks`; 0 unless it is played from a log.
+            now: Smallest timestamp that it should have, as in `Signer.sign`.
 
         Raises:
             PayloadError: The bytes are not a frame, or there is no later timestamp.
@@ -122,7 +106,7 @@ def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: i
         signer: Signer with the key.
         crc_extra: CRC extra byte of its message.
         link: Id of the link, 0 to 255.
-        time: Timestamp, see `ticks`.
+        time: Timestamp, as in `Signer.sign`.
 
     Raises:
         PayloadError: It is not a frame of MAVLink 2, or it is already signed.
@@ -134,13 +118,8 @@ def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: i
     return signer.sign(seal(head, frame.payload, crc_extra), link, time)
 
 
-def ticks(unix_nanoseconds: int) -> int:
-    """Return a time as a signature timestamp: units of 10 microseconds since 2015-01-01 UTC."""
-    return max(0, unix_nanoseconds - _EPOCH * 1_000_000_000) // _TICK
-
-
 def time_of(frame: Frame) -> int:
-    """Return the timestamp in the signature of a signed frame, in ticks."""
+    """Return the timestamp in the signature of a signed frame."""
     return int.from_bytes(frame.raw[-12:-6], "little")
 
 

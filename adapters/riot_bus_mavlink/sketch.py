@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.redaction import escape_control_chars as _comment
 from riot_bus.vocabulary.toml_text import toml_string
+from riot_bus_mavlink.bridge.url import free_name
 from riot_bus_mavlink.keys import KeyTemplate
 
 if TYPE_CHECKING:
@@ -104,23 +105,13 @@ def sketch(
     for spec in specs:
         sources = [each for each, speaker in survey.speakers.items() if speaker.link == spec.name and each[0] != unit]
         if sources:
-            outside.append(part(_free_name(spec.name, taken), spec.name, spec.url, sources))
+            outside.append(part(free_name(spec.name.replace(".", "_"), taken), spec.name, spec.url, sources))
     return Sketch(outside, part(UNIT, UNIT, "", own), survey.skipped)
 
 
 def _has_no_autopilot(system: int, survey: LinkSurvey) -> bool:
     kinds = [each for (one, _), each in survey.speakers.items() if one == system and each.kind is not None]
     return bool(kinds) and all(each.autopilot == _NO_AUTOPILOT for each in kinds)
-
-
-def _free_name(link: str, taken: set[str]) -> str:
-    base = link.replace(".", "_")
-    name, number = base, 1
-    while name in taken:
-        number += 1
-        name = f"{base}_{number}"
-    taken.add(name)
-    return name
 
 
 def _who(source: tuple[int, int], speaker: Speaker, dialect: Dialect) -> str:

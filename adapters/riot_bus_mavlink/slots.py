@@ -14,12 +14,13 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import MessageTable, Place
 
-__all__ = ["HEADER", "NumberSlot", "Slot", "TextSlot", "find_slot", "slots_of"]
+__all__ = ["CODES", "HEADER", "NumberSlot", "Slot", "TextSlot", "find_slot", "slots_of"]
 
-_CODES = {
+CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
     "float32": "f", "float64": "d",
 }  # fmt: skip
+"""Letters of `struct` by the type of a number."""
 
 HEADER = {"header.sequence": (2, 4), "header.system_id": (3, 5), "header.component_id": (4, 6)}
 """Fields of the header, and where they are in frames of MAVLink 1 and 2; all are of type uint8."""
@@ -131,7 +132,7 @@ def _slots(name: str, place: Place) -> list[Slot]:
     field = place.field
     if field.type == "char":
         return [TextSlot(name, place.offset, field.size)]
-    form = struct.Struct("<" + _CODES[field.kind])
+    form = struct.Struct("<" + CODES[field.kind])
     if not field.array:
         return [NumberSlot(name, field.kind, place.offset, form)]
     return [

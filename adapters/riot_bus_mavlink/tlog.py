@@ -5,11 +5,10 @@ Ground stations store the number of the link in the last two bits of the time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.vocabulary.message import Message
-from riot_bus_mavlink.frame import V1, V2, Frame, checksum_fits, frame_length, parse_frame
+from riot_bus_mavlink.frame import ENCODING, V1, V2, Frame, StreamCounts, checksum_fits, frame_length, parse_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -17,13 +16,10 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.keys import KeyTemplate
 
-__all__ = ["ENCODING", "LINK", "TlogCounts", "TlogReader", "TlogRecord", "TlogUnpacker", "tlog_record"]
+__all__ = ["LINK", "TlogReader", "TlogRecord", "TlogUnpacker", "tlog_record"]
 
 LINK = "tlog"
 """The name of the link over which messages of a telemetry log come."""
-ENCODING = "application/octet-stream;mavlink"
-"""The encoding of frames on the bus, the same as in mavlink-server."""
-
 _TIME = 8
 _LEAST, _MOST = 10**15, 5 * 10**15
 """Times between 2001 and 2128, in microseconds."""
@@ -36,36 +32,19 @@ class TlogRecord(NamedTuple):
     frame: Frame
 
 
-@dataclass(slots=True)
-class TlogCounts:
-    """Counts of a log; `bytes` is the sum of `frame_bytes`, `junk_bytes` and the bytes of incomplete records.
-
-    Attributes:
-        records: Number of frames with a time.
-        unknown: Number of these whose message is unknown, so that their checksum could not be checked.
-        bad_crc: Number of records whose frame has a wrong checksum although the next record follows it.
-        bytes: Number of all bytes.
-        frame_bytes: Number of bytes in records.
-        junk_bytes: Number of bytes in no record.
-    """
-
-    records: int = 0
-    unknown: int = 0
-    bad_crc: int = 0
-    bytes: int = 0
-    frame_bytes: int = 0
-    junk_bytes: int = 0
-
-
 class TlogReader:
     """Splits a telemetry log into records, in pieces of any size; after damage it continues with the next valid record.
 
     Args:
         crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
+
+    Attributes:
+        counts: Counts of the log, in which a frame includes its time; one with a wrong checksum only counts as such if
+            the next record follows it.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
-        self.counts = TlogCounts()
+        self.counts = StreamCounts()
         self._extra = crc_extra
         self._rest = b""
         self._in_step = True
@@ -99,7 +78,7 @@ class TlogReader:
                 record = self._record(data, at, end)
             if record is not None:
                 found.append(record)
-                counts.records += 1
+                counts.frames += 1
                 counts.frame_bytes += end - at
                 at = end
             elif self._in_step and wanted >= 0 and _begins(data, end):

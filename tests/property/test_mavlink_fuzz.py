@@ -171,4 +171,4 @@ def test_mutated_telemetry_logs():
         passed += len(found)
         counts = reader.counts
         assert counts.bytes == counts.frame_bytes + counts.junk_bytes
-        assert counts.records == passed
+        assert counts.frames == passed

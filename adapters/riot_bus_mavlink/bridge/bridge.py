@@ -95,15 +95,14 @@ class MavlinkBridge:
             )
             for name, port in ports.items()
         }
-        self._mirrors: dict[str, Mirror] = {}
         if options.mirror is not None:
             from riot_bus_mavlink.bridge.json_form import JsonForm
 
             form = JsonForm(dialect)
-            for number, (name, side) in enumerate(self._sides.items()):
-                take = None if number else partial(side.insert, link=JSON_LINK)  # JSON reaches all segments
+            for number, side in enumerate(self._sides.values()):
+                insert = None if number else partial(side.insert, link=JSON_LINK)  # JSON reaches all segments
                 fields = options.mirror == "fields"
-                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
+                side.mirror = Mirror(side.port, form, fields=fields, streams=side.streams, insert=insert)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
         self.loop = Loop()
@@ -114,15 +113,17 @@ class MavlinkBridge:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self.loop.close)
-            parts: list[Side | Mirror] = [*self._sides.values(), *self._mirrors.values()]
+            sides = list(self._sides.values())
+            mirrors = [side.mirror for side in sides if side.mirror is not None]
+            parts: list[Side | Mirror] = [*sides, *mirrors]
             for part in parts:
                 stack.callback(part.close)
             stack.callback(self._close_links)
-            for side in self._sides.values():
+            for side in sides:
                 stack.callback(side.deafen)
             for spec in self._plan.links:
                 self._links.append(open_link(spec, self))
-            for part in self._mirrors.values() if self._patient else parts:
+            for part in mirrors if self._patient else parts:
                 part.open()
             if not self._patient:
                 self._await_each_other()
@@ -217,8 +218,7 @@ class MavlinkBridge:
 
     def take(self, end: End, packets: Sequence[bytes]) -> None:
         """Take packets, or pieces of a stream, in the order in which they came."""
-        mirror = self._mirrors.get(end.segment)
-        self._sides[end.segment].take(end, packets, None if mirror is None else mirror.offer)
+        self._sides[end.segment].take(end, packets)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Report a problem once."""
@@ -231,8 +231,8 @@ class MavlinkBridge:
                 self._warn(f"warning: {line}")
 
     def _counts(self, segment: str) -> Counter[str]:
-        mirror = self._mirrors.get(segment)
-        return self._sides[segment].counts + (Counter() if mirror is None else mirror.counts)
+        side = self._sides[segment]
+        return side.counts + (Counter() if side.mirror is None else side.mirror.counts)
 
     def _all_files(self, segment: str) -> bool:
         """Return whether all links of a segment are logs."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus_mavlink.frame import Frame, pack_frame, parse_frame
 from riot_bus_mavlink.message_type import MavlinkType
+from riot_bus_mavlink.slots import CODES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,12 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["JsonForm"]
 
 _MOST_BYTES = 1 << 16  # bounds the parser's time; the longest frames make some 3 kB of JSON
-_CODES = {
-    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
-    "float32": "f", "float64": "d",
-}  # fmt: skip
 _RENAMED = {"type": "mavtype"}
-_HEADER = (0, 6, 10)  # bytes, by version
 
 
 class JsonForm:
@@ -53,9 +49,11 @@ class JsonForm:
             return None
         readers = self._readers.get(frame.message_id)
         if readers is None:
-            readers = self._readers[frame.message_id] = self._make_readers(message)
-        start = _HEADER[frame.version]
-        body = frame.raw[start : start + frame.raw[1]].ljust(message.size, b"\0")
+            readers = self._readers[frame.message_id] = [
+                (_RENAMED.get(name, name), self._reader(place.field, place.offset))
+                for name, place in message.places.items()
+            ]
+        body = frame.payload.ljust(message.size, b"\0")
         header = {
             "system_id": frame.system,
             "component_id": frame.component,
@@ -93,17 +91,11 @@ class JsonForm:
         )
         return parse_frame(MavlinkType(message, self._dialect.enums).patch(empty, changes))
 
-    def _make_readers(self, message: MessageTable) -> list[tuple[str, Callable[[bytes], Any]]]:
-        return [
-            (_RENAMED.get(name, name), self._reader(place.field, place.offset))
-            for name, place in message.places.items()
-        ]
-
     def _reader(self, field: FieldText, offset: int) -> Callable[[bytes], Any]:
         if field.type == "char":
             end = offset + field.size
             return lambda body: body[offset:end].partition(b"\0")[0].decode(errors="replace")
-        form = struct.Struct(f"<{field.array or 1}{_CODES[field.kind]}")
+        form = struct.Struct(f"<{field.array or 1}{CODES[field.kind]}")
         if field.array:
             return lambda body: list(form.unpack_from(body, offset))
         table = self._dialect.enums.get(field.enum)

@@ -7,9 +7,11 @@ import queue
 import threading
 from collections import Counter
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus_mavlink.frame import parse_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,7 +25,7 @@ __all__ = ["ENCODING", "IN", "OUT", "Mirror"]
 
 IN, OUT = "mavlink/in", "mavlink/out"
 ENCODING = "application/json;mavlink"
-_MOST_WAITING = 1024  # batches
+_MOST_QUEUED = 1024  # batches
 _MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 _END_S = 5.0  # generous: the thread ends after the batch that it has begun; not measured
 _MARK = b"mavlink-json-1"
@@ -39,7 +41,7 @@ class Mirror:
         form: Writes and reads JSON.
         fields: Whether each field is also published, on `mavlink/{sysid}/{compid}/{MESSAGE}/{field}`.
         streams: Numbers the incoming frames.
-        take: Called with frames that others have put on `mavlink/in`; None to take none.
+        insert: Called with frames that others have put on `mavlink/in`; None to accept none.
 
     Attributes:
         counts: Numbers of frames: `mirrored`, `mirror_lost`, `json_in`, `json_refused`.
@@ -52,12 +54,12 @@ class Mirror:
         *,
         fields: bool,
         streams: OwnStreams,
-        take: Callable[[Frame], None] | None,
+        insert: Callable[[Frame], None] | None,
     ) -> None:
         self.counts: Counter[str] = Counter()
-        self._port, self._form, self._fields, self._streams, self._take = port, form, fields, streams, take
+        self._port, self._form, self._fields, self._streams, self._insert = port, form, fields, streams, insert
         self._outlets: dict[str, PortPublisher] = {}
-        self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(_MOST_WAITING)
+        self._queue: queue.Queue[Sequence[bytes] | None] = queue.Queue(_MOST_QUEUED)
         self._inlet: Closeable | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="mavlink-mirror", daemon=True)
@@ -65,8 +67,8 @@ class Mirror:
     def open(self) -> None:
         """Start publishing and listening."""
         self._thread.start()
-        if self._take is not None:
-            self._inlet = self._port.subscribe(IN, self._hear)
+        if self._insert is not None:
+            self._inlet = self._port.subscribe(IN, partial(self._hear, self._insert))
 
     def close(self) -> None:
         """Stop soon; frames still in the queue are dropped."""
@@ -74,24 +76,24 @@ class Mirror:
             self._inlet.close()
         self._ended = True
         with suppress(queue.Full):
-            self._waiting.put_nowait(None)
+            self._queue.put_nowait(None)
         if self._thread.is_alive():
             self._thread.join(_END_S)
         for outlet in self._outlets.values():
             outlet.close()
 
-    def offer(self, frames: Sequence[Frame]) -> None:
-        """Queue frames to be published."""
+    def offer(self, raws: Sequence[bytes]) -> None:
+        """Queue whole frames to be published."""
         try:
-            self._waiting.put_nowait(frames)
+            self._queue.put_nowait(raws)
         except queue.Full:
-            self.counts["mirror_lost"] += len(frames)
+            self.counts["mirror_lost"] += len(raws)
 
     def _run(self) -> None:
-        while (frames := self._waiting.get()) is not None and not self._ended:
-            for frame in frames:
+        while (raws := self._queue.get()) is not None and not self._ended:
+            for raw in raws:
                 try:
-                    self._publish(frame)
+                    self._publish(parse_frame(raw))
                 except Exception:  # the segment is gone; it may come back
                     self.counts["mirror_lost"] += 1
 
@@ -117,12 +119,11 @@ class Mirror:
             outlet = self._outlets[key] = self._port.publisher(key, reliable=True, encoding=ENCODING)
         return outlet
 
-    def _hear(self, payload: bytes, attachment: bytes | None) -> None:
+    def _hear(self, insert: Callable[[Frame], None], payload: bytes, attachment: bytes | None) -> None:
         try:
             frame = self._form.frame(payload, self._streams.next)
         except PayloadError:
             self.counts["json_refused"] += 1
             return
         self.counts["json_in"] += 1
-        if self._take is not None:
-            self._take(frame)
+        insert(frame)

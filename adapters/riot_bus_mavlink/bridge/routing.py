@@ -10,6 +10,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_mavlink.bridge.filters import Filter
+from riot_bus_mavlink.frame import HEADER_SIZE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +23,6 @@ __all__ = ["Addressed", "Peer", "Routes", "addressed"]
 Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""
 
-_HEADER = (0, 6, 10)  # bytes, by version
 _MOST_TYPES = 4096  # of 24-bit ids; pymavlink knows 353 messages, others are looked up again each time
 
 
@@ -38,7 +38,7 @@ def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed
     if system is None:
         return 0, 0
     raw = frame.raw
-    start = _HEADER[frame.version]
+    start = HEADER_SIZE[frame.version]
     end = start + raw[1]
     place = start + system
     target = raw[place] if place < end else 0

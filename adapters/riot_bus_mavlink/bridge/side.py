@@ -8,8 +8,8 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
-from riot_bus_mavlink.frame import KIND, LONGEST, V2, is_plain, parse_frame
+from riot_bus_mavlink.bridge.marks import INSERTED, is_mark
+from riot_bus_mavlink.frame import ENCODING, KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.links.end import Flow
 from riot_bus_mavlink.signing import Renewer
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.types.port import BridgePort, Closeable, PortPublisher
+    from riot_bus_mavlink.bridge.mirror import Mirror
     from riot_bus_mavlink.bridge.routing import Routes
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
@@ -24,9 +25,8 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.links.end import End
     from riot_bus_mavlink.signing import Signer
 
-__all__ = ["ENCODING", "Side"]
+__all__ = ["Side"]
 
-ENCODING = "application/octet-stream;mavlink"
 _MOST_FLOWS = 4096  # senders choose their ids: bounds memory; beyond it all routes are found anew
 _MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 
@@ -50,6 +50,7 @@ class Side:
     Attributes:
         routes: The routing table of the segment.
         streams: Numbers inserted frames.
+        mirror: Gets the frames that came over links, None for none.
         counts: Numbers of frames: `to_bus`, `lost_to_bus` (could not be put on the bus), `from_bus`, `inserted` (by
             others than links), `broken` (no whole frames), `unrouted` (wanted by no link), and `refused` (empty, too
             long for a link, or impossible to re-sign).
@@ -70,6 +71,7 @@ class Side:
         self.port, self.routes = port, routes
         self.counts: Counter[str] = Counter()
         self.streams = streams
+        self.mirror: Mirror | None = None
         self._keys, self._name_of, self._mark, self._linked = keys, name_of, mark, linked
         self._extra = streams.crc_extra
         self._renewer = None if signer is None else Renewer(signer)
@@ -124,30 +126,24 @@ class Side:
             outlet.close()
         self._outlets.clear()
 
-    def take(self, end: End, packets: Sequence[bytes], offer: Callable[[list[Frame]], None] | None = None) -> None:
-        """Carry what came over a link.
+    def take(self, end: End, packets: Sequence[bytes]) -> None:
+        """Carry packets, or pieces of a stream, that came over an end of a link, in their order.
 
-        Args:
-            end: The end of the link that it came from.
-            packets: Packets, or pieces of a stream, in their order.
-            offer: Called with the frames that were not dropped.
+        Frames of known flows go together, packets without a look at more than their header and checksum: a call per
+        frame and layer would take longer than the work on the frame.
         """
         at = 0
         while at < len(packets):
-            if offer is None:
-                flows = end.framer.known(packets, at, self._flows(end))
-                self._carry(end, flows, packets[at : at + len(flows)])
-                at += len(flows)
+            flows = end.framer.known(packets, at, self._flows(end))
+            self._carry(end, flows, packets[at : at + len(flows)])
+            at += len(flows)
             if at < len(packets):
-                kept = self.take_frames(end, end.framer.feed(packets[at]))
-                if kept and offer is not None:
-                    offer(kept)
+                self.take_frames(end, end.framer.feed(packets[at]))
                 at += 1
 
-    def take_frames(self, end: End, frames: Iterable[Frame]) -> list[Frame]:
-        """Carry frames that came over a link; return those that were not dropped."""
+    def take_frames(self, end: End, frames: Iterable[Frame]) -> None:
+        """Carry frames that came over a link; those of known flows together."""
         now = time.monotonic()
-        kept: list[Frame] = []
         flows: list[Flow] = []
         raws: list[bytes] = []
         for frame in frames:
@@ -158,20 +154,17 @@ class Side:
             else:
                 self._carry(end, flows, raws)
                 flows, raws = [], []
-                if not self._take_new(end, frame, now):
-                    continue
-            kept.append(frame)
+                self._take_new(end, frame, now)
         self._carry(end, flows, raws)
-        return kept
 
-    def _take_new(self, end: End, frame: Frame, now: float) -> bool:
-        """Carry a frame and remember its route; return False if it was dropped."""
+    def _take_new(self, end: End, frame: Frame, now: float) -> None:
+        """Carry a frame, unless it is dropped, and remember its route."""
         routes, raw = self.routes, frame.raw
         end.losses.see(frame.system, frame.component, frame.sequence)
         generation = routes.generation
         others = routes.receive(frame, end, now)
         if others is None:
-            return False
+            return
         for other in others:
             other.send(raw)
         place = (end.link, frame.system, frame.component, frame.message_id)
@@ -183,7 +176,8 @@ class Side:
             self.counts["lost_to_bus"] += 1
         else:
             self._remember(frame, end, generation, others, outlet)
-        return True
+        if self.mirror is not None:
+            self.mirror.offer([raw])
 
     def _carry(self, end: End, flows: Sequence[Flow], raws: Sequence[bytes]) -> None:
         if not flows:
@@ -197,6 +191,8 @@ class Side:
         failed = self.port.put_all([flow.outlet for flow in flows], raws, self._mark)
         if failed:  # the segment is gone; its links still exchange frames
             self.counts["lost_to_bus"] += failed
+        if self.mirror is not None:
+            self.mirror.offer(raws)
 
     def _flows(self, end: End) -> dict[bytes, Flow]:
         """Return the known flows of an end; none if the routes have changed since."""
@@ -250,17 +246,17 @@ class Side:
                 end.send_all(raws)
 
     def _hear_new(self, payload: bytes, attachment: bytes | None) -> None:
-        mark = Mark.OWN if attachment == self._mark else origin_of(attachment, self._mark)
+        own = attachment == self._mark
         try:
             frame = parse_frame(payload)
         except PayloadError:
             self._hear_broken(payload)
             return
-        if mark is Mark.NONE and self._linked(frame.system, frame.component):
+        if not is_mark(attachment) and self._linked(frame.system, frame.component):
             payload = self._renumbered(frame)
         generation = self.routes.generation
-        ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
-        if ends and mark is Mark.OWN and is_plain(payload) and self.routes.settled(frame.message_id):
+        ends = self.routes.deliver(frame, looped=own)
+        if ends and own and is_plain(payload) and self.routes.settled(frame.message_id):
             if len(self._known) >= _MOST_FLOWS:
                 self._known.clear()
             self._known[payload[KIND]] = generation, ends

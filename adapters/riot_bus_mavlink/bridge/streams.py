@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus_mavlink.frame import seal
+from riot_bus_mavlink.frame import HEADER_SIZE, seal
 from riot_bus_mavlink.signing import link_of, time_of
 
 if TYPE_CHECKING:
@@ -52,11 +52,10 @@ class OwnStreams:
         there is no key or their signature was not made with it.
         """
         extra = self.crc_extra(frame.message_id)
-        if extra is None or (frame.signed and (self._signer is None or not self._signer.fits(frame))):
+        if extra is None or (frame.signed and (self._signer is None or not self._signer.made(frame.raw))):
             return frame.raw
-        first = frame.version == 1
-        head = bytearray(frame.raw[: 6 if first else 10])
-        head[2 if first else 4] = self.next(frame.system, frame.component)
+        head = bytearray(frame.raw[: HEADER_SIZE[frame.version]])
+        head[2 if frame.version == 1 else 4] = self.next(frame.system, frame.component)
         raw = seal(bytes(head), frame.payload, extra)
         if not frame.signed or self._signer is None:
             return raw

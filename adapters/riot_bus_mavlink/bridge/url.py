@@ -14,7 +14,7 @@ from riot_bus_mavlink.bridge.filters import FILTER_NAMES, Filter, filter_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["FILES", "LISTENS", "Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
+__all__ = ["FILES", "LISTENS", "Direction", "LinkKind", "LinkSpec", "free_name", "parse_link", "parse_links"]
 
 DEFAULT_BAUD = 57600  # MAVSDK's default, and that of usual telemetry radios
 _LARGEST_PORT = 65535  # ports of UDP and TCP have 16 bits
@@ -23,6 +23,7 @@ _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760
 _SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
 _LISTS = FILTER_NAMES["in"] | FILTER_NAMES["out"]
 _NAMED = re.compile(r"(?P<segment>[A-Za-z0-9_-]+)?(?:/(?P<name>[A-Za-z0-9_.-]+))?=(?P<url>.*)", re.DOTALL)
+_LONGEST_NAME = 60  # with a number of up to three digits, no longer than `_NAME` allows
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
 
@@ -141,8 +142,7 @@ def parse_links(
         taken |= {spec.name} - {""}
     for spec in specs:
         segment = _segment_of(spec, segments)
-        name = spec.name or _free_name(spec, taken)
-        taken.add(name)
+        name = spec.name or free_name(_usual_name(spec), taken)
         found.append(replace(spec, name=name, segment=segment))
     return found
 
@@ -299,13 +299,18 @@ def _segment_of(spec: LinkSpec, segments: Sequence[str]) -> str:
     return segments[0] if segments else ""
 
 
-def _free_name(spec: LinkSpec, taken: set[str]) -> str:
-    if spec.path:
-        base = re.sub(r"[^A-Za-z0-9_-]+", "_", spec.path.rpartition("/")[2].removesuffix(".tlog")).strip("_") or "file"
-    else:
-        base = f"{_SHORT[spec.kind]}{spec.port or ''}"
-    name, number = base[:60], 1
+def _usual_name(spec: LinkSpec) -> str:
+    if not spec.path:
+        return f"{_SHORT[spec.kind]}{spec.port or ''}"
+    stem = spec.path.rpartition("/")[2].removesuffix(".tlog")
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_") or "file"
+
+
+def free_name(base: str, taken: set[str]) -> str:
+    """Return a name, with a number if it is taken, and add it to the taken ones."""
+    name, number = base[:_LONGEST_NAME], 1
     while name in taken:
         number += 1
-        name = f"{base[:60]}_{number}"
+        name = f"{base[:_LONGEST_NAME]}_{number}"
+    taken.add(name)
     return name

@@ -117,19 +117,16 @@ class Loop:
                     continue
                 handler = self._handlers.get(descriptor)
                 if handler is not None:
-                    try:
-                        handler(events | READ if events & _BROKEN else events)
-                    except Exception:
-                        _LOG.exception("a link")
-                    self._finish()
+                    self._call(handler, events | READ if events & _BROKEN else events)
             while (timer := self._due()) is not None:
-                try:
-                    timer.fire()
-                except Exception:
-                    _LOG.exception("a link")
-                self._finish()
+                self._call(timer.fire)
 
-    def _finish(self) -> None:
+    def _call(self, handler: Callable[..., None], *args: int) -> None:
+        """Call a handler, then what it wants to be called at its end."""
+        try:
+            handler(*args)
+        except Exception:
+            _LOG.exception("a link")
         while self._last:
             try:
                 self._last.pop()()

@@ -272,7 +272,7 @@ def test_signed_frames_need_the_key_to_be_changed():
     with pytest.raises(PayloadError, match="wrong signature"):
         kind("ATTITUDE", signer=Signer(b"\1" * 32)).patch(SIGNED, {"roll": 1.0})
     changed = kind("ATTITUDE", signer=Signer(KEY)).patch(SIGNED, {"roll": 1.0})
-    assert Signer(KEY).fits(parse_frame(changed))
+    assert Signer(KEY).made(changed)
     assert changed[-13:-6] == SIGNED[-13:-6]
 
 

@@ -34,7 +34,7 @@ def read(data, *sizes):
     counts = reader.counts
     assert reader.pending == 0
     assert counts.bytes == counts.frame_bytes + counts.junk_bytes == len(data)
-    assert counts.records == len(found)
+    assert counts.frames == len(found)
     return found, counts
 
 

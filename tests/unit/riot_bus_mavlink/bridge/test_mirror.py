@@ -61,8 +61,8 @@ class Outlet:
         self._port.closed += 1
 
 
-def mirror_on(port: Port, *, fields: bool = False, take: Callable[[Frame], None] | None = None) -> Mirror:
-    return Mirror(port, JsonForm(COMMON), fields=fields, streams=OwnStreams(COMMON.crc_extra), take=take)
+def mirror_on(port: Port, *, fields: bool = False, insert: Callable[[Frame], None] | None = None) -> Mirror:
+    return Mirror(port, JsonForm(COMMON), fields=fields, streams=OwnStreams(COMMON.crc_extra), insert=insert)
 
 
 def test_messages_and_fields_are_published() -> None:
@@ -70,8 +70,8 @@ def test_messages_and_fields_are_published() -> None:
     port.go.set()
     mirror = mirror_on(port, fields=True)
     mirror.open()
-    mirror.offer([frame_of("SYSTEM_TIME", source=(3, 4), time_boot_ms=7), unknown_frame()])
-    mirror.offer([frame_of("SYSTEM_TIME", source=(3, 4), time_boot_ms=8)])
+    mirror.offer([frame_of("SYSTEM_TIME", source=(3, 4), time_boot_ms=7).raw, unknown_frame().raw])
+    mirror.offer([frame_of("SYSTEM_TIME", source=(3, 4), time_boot_ms=8).raw])
     while mirror.counts["mirrored"] < 2:
         port.bell.wait(0.001)
     mirror.close()
@@ -92,7 +92,7 @@ def test_what_it_has_no_time_for_is_counted() -> None:
     port = Port()
     mirror = mirror_on(port)
     mirror.open()
-    frames = [frame_of(), frame_of()]
+    frames = [frame_of().raw, frame_of().raw]
     mirror.offer(frames)
     assert port.bell.wait(WAIT_S)  # the first of them is being published
     for _ in range(1024 + 5):
@@ -106,7 +106,7 @@ def test_what_it_has_no_time_for_is_counted() -> None:
 def test_what_others_send_is_numbered_and_what_is_no_message_refused() -> None:
     port, came = Port(), list[Frame]()
     port.go.set()
-    mirror = mirror_on(port, take=came.append)
+    mirror = mirror_on(port, insert=came.append)
     mirror.open()
     take = port.takes["mavlink/in"]
     for payload in ((BODY % 1).encode(), b"\xff\xfe", b"[]", (BODY % 2).encode(), b"{" * 100_000):

@@ -44,7 +44,7 @@ def test_what_cannot_be_sealed_stays_as_it_is() -> None:
 
 def test_signed_frames_are_signed_anew_with_the_key() -> None:
     renewed = parse_frame(OwnStreams(COMMON.crc_extra, SIGNER).renumber(signed_frame(9)))
-    assert (renewed.sequence, renewed.signed, SIGNER.fits(renewed)) == (0, True, True)
+    assert (renewed.sequence, renewed.signed, SIGNER.made(renewed.raw)) == (0, True, True)
     forged = parse_frame(renewed.raw[:-1] + bytes([renewed.raw[-1] ^ 1]))
-    assert not SIGNER.fits(forged)
+    assert not SIGNER.made(forged.raw)
     assert OwnStreams(COMMON.crc_extra, SIGNER).renumber(forged) == forged.raw
