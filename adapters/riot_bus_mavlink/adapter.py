@@ -15,7 +15,7 @@ from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
 from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
 from riot_bus_mavlink.message_type import PREFIX, MavlinkType
-from riot_bus_mavlink.parameters import ComponentParameters
+from riot_bus_mavlink.parameters import set_parameters
 from riot_bus_mavlink.schema_text import ENCODING, parse_schema
 from riot_bus_mavlink.signing import Signer, read_key
 from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
@@ -158,8 +158,9 @@ class MavlinkAdapter:
         alive: Callable[[], bool],
     ) -> Mapping[str, str]:
         """Set parameters of a component by PARAM_SET; see `riot_bus_mavlink.parameters`."""
-        client = ComponentParameters(self.dialect, self.template)
-        return client.set(node, values, ports, timeout=timeout, alive=alive)
+        return set_parameters(
+            node, values, ports, timeout=timeout, alive=alive, dialect=self.dialect, keys=self.template
+        )
 
     def listen(
         self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from riot_bus_mavlink.crc import load_crc
+from riot_bus_mavlink.frame import load_crc
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

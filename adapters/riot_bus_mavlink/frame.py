@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
-from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_mavlink.crc import load_crc
+from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -31,6 +30,7 @@ __all__ = [
     "checksum_fits",
     "frame_length",
     "is_plain",
+    "load_crc",
     "pack_frame",
     "parse_frame",
     "seal",
@@ -241,6 +241,20 @@ class Framer:
             return None
         self._in_step = True
         return frame
+
+
+def load_crc() -> Callable[[bytes, int], int]:
+    """Return MAVLink's checksum, CRC-16/MCRF4XX: a function that continues it (initially 0xFFFF) over more bytes.
+
+    Raises:
+        MissingExtraError: fastcrc is not installed.
+    """
+    try:
+        from fastcrc.crc16 import mcrf4xx
+    except ImportError:
+        raise MissingExtraError("fastcrc", "mavlink") from None
+    crc: Callable[[bytes, int], int] = mcrf4xx
+    return crc
 
 
 def parse_frame(data: bytes) -> Frame:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, Schema
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_mavlink.crc import load_crc
 from riot_bus_mavlink.definitions import Place
 from riot_bus_mavlink.exceptional import allows_nan, exceptional_values, why_brittle
-from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V1, V2, trimmed
+from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V1, V2, load_crc, trimmed
 from riot_bus_mavlink.schema_text import ENCODING, schema_of
 from riot_bus_mavlink.slots import HEADER, NumberSlot, Slot, find_slot, slots_of
 

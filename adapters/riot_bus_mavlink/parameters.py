@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
 
-__all__ = ["ComponentParameters", "ParameterKind", "packed", "unpacked"]
+__all__ = ["ParameterKind", "packed", "set_parameters", "unpacked"]
 
 ItemT = TypeVar("ItemT")
 
@@ -103,39 +103,37 @@ def unpacked(data: bytes, kind: ParameterKind) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-class ComponentParameters:
-    """Sets parameters of components.
+def set_parameters(
+    node: str,
+    values: Mapping[str, Scalar],
+    ports: Sequence[SegmentAccess],
+    *,
+    timeout: float,
+    alive: Callable[[], bool],
+    dialect: Dialect,
+    keys: KeyTemplate,
+) -> dict[str, str]:
+    """Set parameters of a component one after the other, as `riot_bus.types.capabilities.SetsParameters` says.
 
     Args:
+        node: Ids of the system and of the component, such as `1/1`.
+        values: Values by name.
+        ports: The segments on one of which the component is.
+        timeout: Seconds within which it has to answer.
+        alive: Function that returns whether the system still runs.
         dialect: The messages that are known.
         keys: Template of the keys of frames.
     """
-
-    def __init__(self, dialect: Dialect, keys: KeyTemplate) -> None:
-        self._dialect, self._keys = dialect, keys
-
-    def set(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> dict[str, str]:
-        """Set parameters of a component, one after the other; see `SetsParameters.set_parameters`."""
-        refused: dict[str, str] = {}
-        with ExitStack() as stack:
-            talk = _Talk(self._dialect, self._keys, node, ports, stack, timeout=timeout, alive=alive)
-            for name, value in values.items():
-                if not 0 < len(name.encode()) <= _NAME:
-                    raise ConfigError(f"{name!r} is no name of a parameter", hint=f"it has up to {_NAME} characters")
-                if why := talk.set(name, value):
-                    refused[name] = why
-        return refused
+    for name in values:
+        if not 0 < len(name.encode()) <= _NAME:
+            raise ConfigError(f"{name!r} is no name of a parameter", hint=f"it has up to {_NAME} characters")
+    with ExitStack() as stack:
+        exchange = _Exchange(dialect, keys, node, ports, stack, timeout=timeout, alive=alive)
+        told = {name: exchange.set(name, value) for name, value in values.items()}
+    return {name: why for name, why in told.items() if why}
 
 
-class _Talk:
+class _Exchange:
     """Frames to and from one component, over all ports."""
 
     def __init__(
@@ -167,13 +165,13 @@ class _Talk:
     def set(self, name: str, value: Scalar) -> str:
         """Set one parameter; return why it is refused, empty if it is not, or the system has ended."""
         told, target = name.encode(), self._target
-        kind = self._exchange(
+        kind = self._ask(
             "PARAM_REQUEST_READ", _READ.pack(_BY_NAME, *target, told), lambda frame: self._kind_of(frame, told)
         )
         if kind is None:
             return self._ended(f"of what type {name} is", hint="is the parameter spelt right?")
         if kind in _INTEGERS and self._autopilot is None:
-            self._exchange("", b"", lambda frame: self._autopilot)
+            self._ask("", b"", lambda frame: self._autopilot)
             if self._autopilot is None:
                 return self._ended("by a HEARTBEAT in which form it takes integers")
         form = ParameterKind(kind, self._autopilot == _ARDUPILOT)
@@ -192,7 +190,7 @@ class _Talk:
                 return ""
             return f"it answers {unpacked(found[0], form)}" if len(others) >= _SURE else None
 
-        why = self._exchange("PARAM_SET", _SET.pack(data, *target, told, kind), judged)
+        why = self._ask("PARAM_SET", _SET.pack(data, *target, told, kind), judged)
         return self._ended(f"what has come of {name}") if why is None else why
 
     def _ended(self, what: str, *, hint: str | None = None) -> str:
@@ -202,7 +200,7 @@ class _Talk:
             raise EnvironmentFaultError(told, hint=hint)
         return ""
 
-    def _exchange(self, name: str, payload: bytes, accept: Callable[[Frame], ItemT | None]) -> ItemT | None:
+    def _ask(self, name: str, payload: bytes, accept: Callable[[Frame], ItemT | None]) -> ItemT | None:
         """Send a message again and again until a frame is accepted; None if the time is over or the system ended."""
         sent = 0.0
         while (now := time.monotonic()) < self._deadline and self._alive():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.model import REBUILD, Leaf, Schema, member_path, parse_path, why_opaque
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.cdr_fields import list_fields
+from riot_bus_ros2.cdr_fields import list_fields, list_parts
 from riot_bus_ros2.cdr_layout import (
     COUNT_BE,
     COUNT_LE,
@@ -27,9 +27,8 @@ from riot_bus_ros2.cdr_layout import (
     skip_elements,
 )
 from riot_bus_ros2.cdr_plan import FieldPlan, Way, find_way, make_plan
+from riot_bus_ros2.common_fields import allows_non_finite
 from riot_bus_ros2.hashes import PLACEHOLDER
-from riot_bus_ros2.non_finite import allows_non_finite
-from riot_bus_ros2.parts import list_parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -6,6 +6,7 @@ If a walk meets anything odd (a place beyond the payload, a count that is too la
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,16 +45,10 @@ def gather(way: Way, payloads: Payloads) -> Gathered:
     values = _blank(way.target, len(payloads))
     valid = np.zeros(len(payloads), np.bool_)
     doubtful = np.ones(len(payloads), np.bool_)
-    if len(payloads.buffer) < ORIGIN or not len(payloads):
-        return Gathered(values, valid, doubtful)
-    head = _view(payloads.buffer, ">u2")[np.where(payloads.lengths >= ORIGIN, payloads.offsets, 0)]
-    for order, encapsulation in (("<", 1), (">", 0)):
-        rows: Any = (payloads.lengths >= ORIGIN) & (head == encapsulation)
-        if not rows.any():
-            continue
-        rows = slice(None) if rows.all() else rows
-        walk = _Walk(payloads.take(rows), order)
-        found, ok = _gather(way, walk)
+    for rows, walk in _walks(payloads):
+        found, ok = _blank(way.target, len(walk.payloads)), np.zeros(len(walk.payloads), np.bool_)
+        with suppress(OverflowError):
+            found, ok = walk.read(way.target, *walk.locate(way), found)
         values[rows] = found
         valid[rows] = ok
         doubtful[rows] = ~(ok | walk.absent)
@@ -71,27 +66,21 @@ def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
     assert isinstance(target, Array)
     if not isinstance(target.element, Number):
         raise PayloadError("not an array of numbers")
+    for _, walk in _walks(payloads):
+        with suppress(OverflowError):
+            yield from walk.elements(way, target, target.element)
+
+
+def _walks(payloads: Payloads) -> Iterator[tuple[Any, _Walk]]:
+    """Yield a walk over the payloads of each byte order, and where they are among all payloads."""
     if len(payloads.buffer) < ORIGIN or not len(payloads):
         return
     head = _view(payloads.buffer, ">u2")[np.where(payloads.lengths >= ORIGIN, payloads.offsets, 0)]
     for order, encapsulation in (("<", 1), (">", 0)):
-        rows = (payloads.lengths >= ORIGIN) & (head == encapsulation)
-        if not rows.any():
-            continue
-        try:
-            yield from _Walk(payloads.take(rows), order).elements(way, target, target.element)
-        except OverflowError:
-            continue
-
-
-def _gather(way: Way, walk: _Walk) -> tuple[NDArray[Any], Mask]:
-    payloads = walk.payloads
-    values = _blank(way.target, len(payloads))
-    try:
-        position, ok = walk.locate(way)
-        return walk.read(way.target, position, ok, values)
-    except OverflowError:
-        return values, np.zeros(len(payloads), np.bool_)
+        rows: Any = (payloads.lengths >= ORIGIN) & (head == encapsulation)
+        if rows.any():
+            rows = slice(None) if rows.all() else rows
+            yield rows, _Walk(payloads.take(rows), order)
 
 
 def _blank(target: Node, count: int) -> NDArray[Any]:
@@ -145,7 +134,7 @@ class _Walk:
         if not len(rows):
             return
         count, start = count[rows], start[rows]
-        dtype = "u1" if number.type == "bool" else self._order + np.dtype(number.type).str[1:]
+        dtype = self._dtype(number)
         buffer = self.payloads.buffer
         if int(count.sum()) > _SHORT * len(rows):
             for at, length in zip(start.tolist(), count.tolist(), strict=True):
@@ -197,10 +186,12 @@ class _Walk:
         ok = ok & (position + target.size <= self._length)
         if not ok.any():
             return values, ok
-        dtype = "u1" if target.type == "bool" else self._order + np.dtype(target.type).str[1:]
-        found = _view(self.payloads.buffer, dtype)[self._places(position, ok)]
+        found = _view(self.payloads.buffer, self._dtype(target))[self._places(position, ok)]
         found = found != 0 if target.type == "bool" else found.astype(target.type)
         return self._put(found, ok, values)
+
+    def _dtype(self, number: Number) -> str:
+        return "u1" if number.type == "bool" else self._order + np.dtype(number.type).str[1:]
 
     def _put(self, found: NDArray[Any], ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
         """Return the found numbers as values of all payloads."""

@@ -1,4 +1,4 @@
-"""The fields of a ROS 2 type, derived from its layout."""
+"""The fields of a ROS 2 type, derived from its layout, and the messages that it is made of."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import MOST_PARTS, MessagePart
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
 from riot_bus_ros2.cdr_layout import PRIMITIVES, Array, Node, Opaque, Struct, Text
-from riot_bus_ros2.cdr_units import UNITS
+from riot_bus_ros2.common_fields import UNITS
 from riot_bus_ros2.hashes import PLACEHOLDER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["list_fields"]
+    from riot_bus_ros2.definitions import Field
 
+__all__ = ["list_fields", "list_parts"]
 
+_DEEPEST = 64  # types of Jazzy are nested up to 6 deep; ends those that contain themselves
 Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]
 """Function that returns the constants of a type by its name: the name, type and value of each."""
 
@@ -94,3 +97,24 @@ def _has_fields(node: Node, known: dict[int, bool]) -> bool:
     if isinstance(node, Array):
         return node.length is None or (node.length > 0 and _has_fields(node.element, known))
     return True
+
+
+def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[MessagePart]:
+    """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
+
+    Args:
+        name: Name of the type.
+        fields_of: Returns a type's fields; raises KeyError if it is unknown.
+
+    Raises:
+        KeyError: A type is unknown.
+    """
+    found = [MessagePart("", name)]
+    for part in found:  # grows during the loop
+        if part.path.count(".") >= _DEEPEST:
+            break
+        for field in fields_of(part.type_name):
+            if field.is_message and len(found) < MOST_PARTS:
+                path = member_path(part.path, field.name)
+                found.append(MessagePart(f"{path}[*]" if field.is_array else path, field.content))
+    return found

@@ -13,7 +13,6 @@ __all__ = [
     "ACTION_PARTS",
     "NO_HASH",
     "SERVICES",
-    "ActionPart",
     "DataKey",
     "action_of",
     "action_parts",
@@ -149,29 +148,15 @@ def is_topic_expression(name: str) -> bool:
     return _TOPIC.fullmatch(name) is not None
 
 
-@dataclass(frozen=True, slots=True)
-class ActionPart:
-    """One of the topics and services that an action consists of.
-
-    Attributes:
-        is_service: Whether it is a service rather than a topic.
-        ending: Ending that its type's name adds to the action's; empty if the type is the same for all actions.
-        type_name: Full name of that common type.
-    """
-
-    is_service: bool
-    ending: str = ""
-    type_name: str = ""
-
-
 ACTION_PARTS = {
-    "send_goal": ActionPart(is_service=True, ending="_SendGoal"),
-    "cancel_goal": ActionPart(is_service=True, type_name="action_msgs/srv/CancelGoal"),
-    "get_result": ActionPart(is_service=True, ending="_GetResult"),
-    "feedback": ActionPart(is_service=False, ending="_FeedbackMessage"),
-    "status": ActionPart(is_service=False, type_name="action_msgs/msg/GoalStatusArray"),
+    "send_goal": "_SendGoal",
+    "cancel_goal": "action_msgs/srv/CancelGoal",
+    "get_result": "_GetResult",
+    "feedback": "_FeedbackMessage",
+    "status": "action_msgs/msg/GoalStatusArray",
 }
-"""Action parts by their names below `<action>/_action/`. Source: the design article on actions (design.ros2.org)."""
+"""Types of an action's parts by their names below `<action>/_action/`: what the type's name adds to that of the action,
+or the type if it is the same for all actions. Source: the design article on actions (design.ros2.org)."""
 
 _ACTION = re.compile(rf"(?P<action>/.+)/_action/(?P<part>{'|'.join(ACTION_PARTS)})")
 
@@ -195,7 +180,7 @@ def action_parts(action: str, type_name: str) -> dict[str, str]:
         type_name: Its type, such as `example_interfaces/action/Fibonacci`.
     """
     return {
-        f"{action}/_action/{name}": part.type_name or f"{type_name}{part.ending}" for name, part in ACTION_PARTS.items()
+        f"{action}/_action/{name}": part if "/" in part else f"{type_name}{part}" for name, part in ACTION_PARTS.items()
     }
 
 
@@ -206,5 +191,5 @@ def action_type(part: str, type_name: str) -> str | None:
         part: Name of the part, such as `feedback`.
         type_name: Type of the part, such as `example_interfaces/action/Fibonacci_FeedbackMessage`.
     """
-    ending = ACTION_PARTS[part].ending
-    return type_name.removesuffix(ending) if ending and type_name.endswith(ending) else None
+    ending = ACTION_PARTS[part]
+    return type_name.removesuffix(ending) if "/" not in ending and type_name.endswith(ending) else None

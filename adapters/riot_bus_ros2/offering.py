@@ -35,6 +35,7 @@ __all__ = [
     "full_name",
     "identity_of",
     "offer_of",
+    "offer_on",
     "ros_type_of",
     "server_tokens",
 ]
@@ -118,22 +119,29 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
 def server_tokens(key: DataKey, zid: str, entity: int) -> Sequence[str]:
     """Return the tokens of the node and of a service server; arguments are those of `identity_of`."""
     node = Node(key.domain, zid, 0, f"/{NODE}")
-    return tuple(
-        build_token(each)
-        for each in (
-            node,
-            NodeEndpoint(node, entity, "SS", key.topic, key.type_name, key.type_hash, RosQos(depth=USUAL_DEPTH)),
-        )
-    )
+    qos = RosQos(depth=USUAL_DEPTH)
+    server = NodeEndpoint(node, entity, "SS", key.topic, key.type_name, key.type_hash, qos)
+    return build_token(node), build_token(server)
 
 
 def _offer(key: DataKey, qos: RosQos) -> Offer:
+    return offer_on(build_data_key(key), qos, partial(identity_of, key, qos))
+
+
+def offer_on(key: str, qos: RosQos, identify: Callable[[str, int], Identity]) -> Offer:
+    """Return how to publish on a key with a QoS.
+
+    Args:
+        key: Zenoh key.
+        qos: QoS of the publisher.
+        identify: Returns tokens and attachments for the id of a Zenoh session and the number of the publisher in it.
+    """
     return Offer(
-        build_data_key(key),
+        key,
         depth=qos.kept if qos.latched else None,
         reliable=qos.reliable,
         block=qos.reliable and qos.keep_all,
-        identify=partial(identity_of, key, qos),
+        identify=identify,
     )
 
 
@@ -168,13 +176,13 @@ def full_name(name: str) -> str:
 
 
 def _attachment(gid: bytes, recorded: bytes | None, sequence: int, time: int) -> bytes:
-    version: int = 2
+    attachment = Attachment(sequence, time, gid)
     if recorded is not None:
         try:
-            version = parse_attachment(recorded).version
+            attachment = attachment._replace(version=parse_attachment(recorded).version)
         except PayloadError:
             return recorded  # it was corrupted on purpose
-    return build_attachment(Attachment(sequence, time, gid, 1 if version == 1 else 2))
+    return build_attachment(attachment)
 
 
 def clock_payload(time: int) -> bytes:

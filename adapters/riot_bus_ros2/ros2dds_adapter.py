@@ -12,7 +12,7 @@ from riot_bus_ros2 import ros2dds
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
-from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, ros_type_of
+from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, offer_on, ros_type_of
 from riot_bus_ros2.qos import BEST_EFFORT, RosQos, parse_offered
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, request_attachment
 from riot_bus_ros2.tokens import profiles_of
@@ -141,13 +141,7 @@ class Ros2DdsAdapter(Ros2Adapter):
     def _offer(self, name: str, type_name: str, qos: RosQos, type_hash: str | None) -> Offer:
         key = ros2dds.key_of(name, self._namespace)
         announced = BridgeQos.of(qos, type_hash=type_hash)
-        return Offer(
-            key,
-            depth=qos.kept if qos.latched else None,
-            reliable=qos.reliable,
-            block=qos.reliable and qos.keep_all,
-            identify=partial(_identity, BridgeToken("", "MP", key, type_name, announced)),
-        )
+        return offer_on(key, qos, partial(_identity, BridgeToken("", "MP", key, type_name, announced)))
 
 
 def _identity(token: BridgeToken, zid: str, entity: int) -> Identity:

@@ -11,10 +11,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.types.bridging import BridgedLink
-from riot_bus_mavlink.bridge.duplicates import Duplicates
 from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror
-from riot_bus_mavlink.bridge.routing import Routes
+from riot_bus_mavlink.bridge.routing import Duplicates, Routes
 from riot_bus_mavlink.bridge.side import Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally

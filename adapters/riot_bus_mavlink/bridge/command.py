@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,13 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["mavlink"]
 
 Names = list[str] | None
-
-
-class MirrorForm(StrEnum):
-    """What is published as JSON: whole messages, or each field, too."""
-
-    MESSAGES = "messages"
-    FIELDS = "fields"
 
 
 def mavlink(
@@ -113,7 +105,7 @@ def mavlink(
     ] = None,
     sniffer: Annotated[int, typer.Option(metavar="SYSID", help="System that gets all frames; 0: none.")] = 0,
     mirror: Annotated[
-        MirrorForm | None,
+        Literal["messages", "fields"] | None,
         typer.Option(help="Also publish frames as JSON on mavlink/..., and take such, as mavlink-server does."),
     ] = None,
     form: str = "text",
@@ -148,7 +140,7 @@ def mavlink(
         duplicates=duplicates,
         sniffer=sniffer,
         key_file=key_file,
-        mirror=None if mirror is None else mirror.value,
+        mirror=mirror,
         patient=bool(program),
     )
     host: BridgeHost = context.obj

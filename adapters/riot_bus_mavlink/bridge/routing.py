@@ -6,7 +6,7 @@ The rules are those of https://mavlink.io/en/guide/routing.html and of mavlink-r
 from __future__ import annotations
 
 import itertools
-from collections import Counter
+from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_mavlink.bridge.filters import Filter
@@ -15,14 +15,14 @@ from riot_bus_mavlink.frame import HEADER_SIZE
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from riot_bus_mavlink.bridge.duplicates import Duplicates
     from riot_bus_mavlink.frame import Frame
 
-__all__ = ["Addressed", "Peer", "Routes", "addressed"]
+__all__ = ["Addressed", "Duplicates", "Peer", "Routes", "addressed"]
 
 Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""
 
+_MOST_FRAMES = 1 << 16  # attackers may send any number: bounds memory at 18 MB of frames (280 bytes each)
 _MOST_TYPES = 4096  # of 24-bit ids; pymavlink knows 353 messages, others are looked up again each time
 
 
@@ -109,6 +109,40 @@ class _Knowledge:
     def merge(self, other: _Knowledge) -> None:
         self.sources |= other.sources
         self.systems |= other.systems
+
+
+class Duplicates:
+    """Recognises frames, byte for byte, that were seen within a period.
+
+    Each repetition restarts the period, as in mavlink-router. Since a frame contains its sequence number, its bytes
+    recur after 256 frames of its source at the earliest, unless the source keeps sending one and the same frame.
+
+    Args:
+        period: Length of the period in seconds.
+        most: Maximum number of remembered frames; beyond it, the oldest are forgotten.
+    """
+
+    def __init__(self, period: float, *, most: int = _MOST_FRAMES) -> None:
+        self._period, self._most = period, most
+        self._last: OrderedDict[bytes, float] = OrderedDict()
+
+    def seen(self, raw: bytes, now: float) -> bool:
+        """Return whether a frame was seen within the period; remember it.
+
+        Args:
+            raw: The whole frame.
+            now: Time of a monotonic clock in seconds.
+        """
+        last = self._last
+        while last:
+            oldest = next(iter(last))
+            if now - last[oldest] < self._period and len(last) <= self._most:
+                break
+            del last[oldest]
+        known = raw in last
+        last[raw] = now
+        last.move_to_end(raw)
+        return known
 
 
 PeerT = TypeVar("PeerT", bound=Peer)

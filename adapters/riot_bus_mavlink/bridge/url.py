@@ -56,12 +56,6 @@ _SCHEMES = {
     **dict.fromkeys(("tlogreader", "tlogr"), LinkKind.LOG_READER),
     **dict.fromkeys(("tlogwriter", "tlogw"), LinkKind.LOG_WRITER),
 }
-_SHORT = {
-    LinkKind.UDP_SERVER: "udp",
-    LinkKind.UDP_CLIENT: "udp",
-    LinkKind.TCP_SERVER: "tcp",
-    LinkKind.TCP_CLIENT: "tcp",
-}
 FILES = frozenset({LinkKind.LOG_READER, LinkKind.LOG_WRITER})
 LISTENS = frozenset({LinkKind.UDP_SERVER, LinkKind.TCP_SERVER})
 
@@ -301,7 +295,7 @@ def _segment_of(spec: LinkSpec, segments: Sequence[str]) -> str:
 
 def _usual_name(spec: LinkSpec) -> str:
     if not spec.path:
-        return f"{_SHORT[spec.kind]}{spec.port or ''}"
+        return f"{spec.kind.partition(' ')[0]}{spec.port or ''}"
     stem = spec.path.rpartition("/")[2].removesuffix(".tlog")
     return re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_") or "file"
 

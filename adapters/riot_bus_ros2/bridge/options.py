@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,26 +92,20 @@ class Names:
     def __init__(self, options: Ros2BridgeOptions) -> None:
         self._topics, self._services, self._exclude = options.topics, options.services, options.exclude
         self._parameters = [f"{node}/set_parameters" for node in options.parameters]
-        self._known: dict[tuple[str, bool], bool] = {}
+        self._is_bridged = cache(self._choose)  # names are asked for again at each change of the graph
 
     def topic(self, name: str) -> bool:
         """Return whether a topic is bridged: by default all but hidden ones and those that every node has."""
-        return self._cached(name, service=False)
+        return self._is_bridged(name, service=False)
 
     def service(self, name: str) -> bool:
         """Return whether a service is bridged: by default all but hidden ones and those that every node has.
 
         The services and topics of actions are hidden, but bridged.
         """
-        return self._cached(name, service=True)
+        return self._is_bridged(name, service=True)
 
-    def _cached(self, name: str, *, service: bool) -> bool:
-        known = self._known.get((name, service))
-        if known is None:
-            known = self._known[name, service] = self._chosen(name, service=service)
-        return known
-
-    def _chosen(self, name: str, *, service: bool) -> bool:
+    def _choose(self, name: str, *, service: bool) -> bool:
         action = action_of(name)
         names = [name] if action is None else [name, action[0]]
         if _any_matches(self._exclude, names):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from riot_bus.types.capabilities import Announcement
 from riot_bus_ros2.announcing import announcement_of
-from riot_bus_ros2.keys import ACTION_PARTS, action_parts
+from riot_bus_ros2.keys import action_parts
 from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.unit.riot_bus_ros2.ros_names import bridge_tokens, endpoints, names, relaxed
@@ -45,12 +45,13 @@ def test_bridges() -> None:
 
 def test_actions_are_told_by_each_of_their_parts() -> None:
     for number, (name, type_name) in enumerate(action_parts("/dock", "nav_msgs/action/Dock").items()):
-        part = ACTION_PARTS[name.rpartition("/")[2]]
-        token = build_token(NodeEndpoint(NODE, number, "SS" if part.is_service else "MP", name, type_name))
+        token = build_token(
+            NodeEndpoint(NODE, number, "MP" if name.endswith(("/feedback", "/status")) else "SS", name, type_name)
+        )
         found = announcement_of(token)
         assert found is not None
         assert (found.topic, found.type_name, found.action) == (name, type_name, "/dock")
-        assert found.action_type == ("nav_msgs/action/Dock" if part.ending else "")
+        assert found.action_type == ("nav_msgs/action/Dock" if type_name.startswith("nav_msgs") else "")
     bridged = announcement_of(build_bridge_token(BridgeToken("3f", "AS", "dock", "nav_msgs/action/Dock")))
     assert bridged is not None
     assert (bridged.role, bridged.topic, bridged.action) == ("serves", "/dock", "/dock")

@@ -1,7 +1,7 @@
 from riot_bus.types.fields import FieldType
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
-from riot_bus_ros2.cdr_units import UNITS
+from riot_bus_ros2.common_fields import UNITS
 from riot_bus_ros2.definitions import parse_msg
 from riot_bus_ros2.store import TypeStore
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_mavlink.bridge.duplicates import Duplicates
 from riot_bus_mavlink.bridge.filters import Filter
-from riot_bus_mavlink.bridge.routing import Peer, Routes, addressed
+from riot_bus_mavlink.bridge.routing import Duplicates, Peer, Routes, addressed
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
 
+STEPS = st.lists(st.tuples(st.integers(0, 12), st.sampled_from([b"a", b"b", b"c"])), max_size=40)
 AUTOPILOT, CAMERA, GROUND = (1, 1), (1, 100), (255, 190)
 
 
@@ -153,3 +153,23 @@ def test_against_the_rules_in_plain_words(
         assert found == wanted
     for number, peer in enumerate(peers):
         assert peer.sources == known(number)
+
+
+@given(STEPS)
+def test_seen_within_the_period(steps: list[tuple[int, bytes]]) -> None:
+    duplicates = Duplicates(1.0)
+    now = 0.0
+    last: dict[bytes, float] = {}
+    for tenths, raw in steps:
+        now += tenths / 8
+        assert duplicates.seen(raw, now) == (raw in last and now - last[raw] < 1.0)
+        last[raw] = now
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    duplicates = Duplicates(1e9, most=10)
+    for number in range(1000):
+        assert not duplicates.seen(b"%d" % number, number / 1000)
+    assert duplicates.seen(b"999", 1)
+    assert not duplicates.seen(b"1", 1)
+    assert len(duplicates._last) <= 11

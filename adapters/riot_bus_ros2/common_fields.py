@@ -1,8 +1,10 @@
-"""Units of fields in common_interfaces, from comments in their definitions and from REP 103."""
+"""Fields of common_interfaces: units, and whether NaN is a regular value; from their comments, REP 103 and REP 117."""
 
 from __future__ import annotations
 
-__all__ = ["UNITS"]
+import re
+
+__all__ = ["UNITS", "allows_non_finite"]
 
 _VELOCITY = {"linear": "m/s", "angular": "rad/s"}
 _ACCELERATION = {"linear": "m/s^2", "angular": "rad/s^2"}
@@ -49,3 +51,26 @@ UNITS: dict[str, dict[str, str]] = {
     "visualization_msgs/msg/Marker": {"scale": "m"},
 }  # fmt: skip
 """Unit by type and field; fields of a type without own units, such as `Vector3`, take the enclosing field's unit."""
+
+_NON_FINITE = {
+    "sensor_msgs/msg/BatteryState": (
+        r"voltage|temperature|current|charge|capacity|design_capacity|percentage|cell_(voltage|temperature)\[.*"
+    ),
+    "sensor_msgs/msg/LaserScan": r"(ranges|intensities)\[.*",
+    "sensor_msgs/msg/MagneticField": r"magnetic_field\.[xyz]",
+    "sensor_msgs/msg/MultiEchoLaserScan": r"(ranges|intensities)\[.*",
+    "sensor_msgs/msg/NavSatFix": r"altitude",
+    "sensor_msgs/msg/Range": r"range",
+}
+"""Paths in which NaN or an infinity is a regular value; ranges are from https://ros.org/reps/rep-0117.html."""
+
+
+def allows_non_finite(type_name: str, path: str) -> bool:
+    """Return whether NaN or an infinity in a field means "not measured", "no echo" or the like.
+
+    Args:
+        type_name: Name of the type, such as `sensor_msgs/msg/LaserScan`.
+        path: Path of a field, or of an element of an array.
+    """
+    fields = _NON_FINITE.get(type_name)
+    return fields is not None and re.fullmatch(fields, path) is not None
