@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,7 +62,7 @@ class MavlinkAdapter:
         self._dialect_name = chosen.get("dialect", DEFAULT)
         self._files: list[Path] = []
         self._types: dict[str, MavlinkType] = {}
-        self._from_schemas: dict[Schema, MavlinkType | None] = {}
+        self._of_schema = cache(self._parse_schema)
         if "dialect" in chosen:
             load_dialect(self._dialect_name)  # reports a wrong name at once
 
@@ -93,7 +93,7 @@ class MavlinkAdapter:
         self.dialect = load_dialect(self._dialect_name, wanted)
         self._files = wanted
         self._types.clear()
-        self._from_schemas.clear()
+        self._of_schema.cache_clear()
 
     def type_named(self, type_name: str) -> MavlinkType | None:
         """Return the type `mavlink/HEARTBEAT`."""
@@ -116,11 +116,7 @@ class MavlinkAdapter:
 
         If both agree on the message, the dialect's type is returned, which also knows command parameters and all enums.
         """
-        if schema.encoding != ENCODING:
-            return None
-        if schema not in self._from_schemas:
-            self._from_schemas[schema] = self._parse_schema(schema)
-        return self._from_schemas[schema]
+        return self._of_schema(schema) if schema.encoding == ENCODING else None
 
     def unpacker(self) -> TlogUnpacker:
         """Return an unpacker of telemetry logs; its messages belong to a link called `tlog`."""

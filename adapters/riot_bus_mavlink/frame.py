@@ -141,11 +141,6 @@ class Framer:
         self._rest = b""
         self._in_step = True
 
-    @property
-    def pending(self) -> int:
-        """Number of bytes that wait for the rest of their frame."""
-        return len(self._rest)
-
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are complete with these bytes, in their order."""
         self.counts.bytes += len(data)

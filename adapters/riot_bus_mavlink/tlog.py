@@ -49,11 +49,6 @@ class TlogReader:
         self._rest = b""
         self._in_step = True
 
-    @property
-    def pending(self) -> int:
-        """Number of bytes that wait for the rest of their record."""
-        return len(self._rest)
-
     def feed(self, data: bytes) -> list[TlogRecord]:
         """Return the records that are complete with these bytes."""
         self.counts.bytes += len(data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["Ros2Adapter"]
 
 _CALL_TYPES = {REQUEST: "_Request", REPLY: "_Response"}
-_CACHED = 1 << 14  # peers may make up names and hashes: bounds memory; a full cache is emptied
+_CACHED = 1 << 14  # peers may make up names and hashes: bounds memory
 
 
 class Ros2Adapter:
@@ -57,9 +58,8 @@ class Ros2Adapter:
     def __init__(self) -> None:
         require_rosbags()
         self.store = TypeStore()
-        self._types: dict[str, CdrType] = {}
-        self._by_hash: dict[tuple[str, str | None], CdrType | None] = {}
-        self._from_schemas: dict[Schema, CdrType | None] = {}
+        self._of_schema = cache(self._parse_schema)
+        self._forget()
 
     def topic(self, key: str) -> TopicName | None:
         """Return the ROS name and the type of a key; for a key expression, the name that it stands for."""
@@ -146,9 +146,7 @@ class Ros2Adapter:
         """Return the type that a log's definitions describe; in that log they override what is installed."""
         if schema.encoding not in ("ros2msg", "ros2idl"):
             return None
-        if schema not in self._from_schemas:
-            self._from_schemas[schema] = self._parse_schema(schema)
-        return self._from_schemas[schema]
+        return self._of_schema(schema)
 
     def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
         """Return how to publish a topic of a bag, or of rmw_zenoh."""
@@ -227,20 +225,10 @@ class Ros2Adapter:
             name, self.store, opaque=f"the definition of {parsed.type_name} here is another one than the key's"
         )
 
-    def _hashed(self, name: str, wanted: str | None) -> CdrType | None:
-        types = self._by_hash
-        try:
-            return types[name, wanted]
-        except KeyError:
-            found = self._make_hashed(name, wanted)
-            if len(types) >= _CACHED:  # any peer can make up new keys
-                types.clear()
-            types[name, wanted] = found
-            return found
-
     def _forget(self) -> None:
         """Look types up again; a lookup in progress writes its outdated result where nothing reads it."""
-        self._types, self._by_hash = {}, {}
+        self._types: dict[str, CdrType] = {}
+        self._hashed = lru_cache(_CACHED)(self._make_hashed)
 
     def _make_hashed(self, name: str, wanted: str | None) -> CdrType | None:
         if wanted is None:

@@ -128,7 +128,7 @@ def test_mutated_packets_are_taken_together_as_they_are_one_by_one():
                 at += 1
         assert found == [frame.raw for packet in packets for frame in alone.feed(packet)]
         assert together.counts == alone.counts
-        assert together.pending == alone.pending
+        assert together._rest == alone._rest
     assert known > made // 20
 
 

@@ -26,7 +26,7 @@ class _Device:
     def fileno(self) -> int:
         return self._number
 
-    def receive(self, most: int) -> bytes:
+    def recv(self, most: int) -> bytes:
         return os.read(self._number, most)
 
     def send(self, data: bytes) -> int:

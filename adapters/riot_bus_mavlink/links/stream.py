@@ -27,10 +27,10 @@ class Transport(Protocol):
     def fileno(self) -> int:
         """Return its descriptor."""
 
-    def receive(self, most: int) -> bytes:
+    def recv(self, most: int, /) -> bytes:
         """Return available bytes, none at the end. Raises BlockingIOError if nothing is there, OSError if it broke."""
 
-    def send(self, data: bytes) -> int:
+    def send(self, data: bytes, /) -> int:
         """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
 
     def close(self) -> None:
@@ -120,7 +120,7 @@ class Stream:
 
     def _read(self) -> None:
         try:
-            data = self._transport.receive(_MOST_READ)
+            data = self._transport.recv(_MOST_READ)
         except BlockingIOError:
             return
         except OSError:

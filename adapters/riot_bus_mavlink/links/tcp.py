@@ -25,23 +25,20 @@ _PROBES = 4  # with the default of 30 s, one each 6 s: one lost probe ends nothi
 _LONGEST_PROBE_S = 32767  # limit of Linux
 
 
-class _Socket:
-    """A connection that ends when the other end is silent, even to TCP itself, for `silence` seconds."""
-
-    def __init__(self, made: socket.socket, silence: float) -> None:
-        self._made = made
-        made.settimeout(0)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        probe = max(1, min(_LONGEST_PROBE_S, round(silence / (_PROBES + 1))))
-        for option, value in (
-            (socket.TCP_NODELAY, 1),
-            (socket.TCP_KEEPIDLE, probe),
-            (socket.TCP_KEEPINTVL, probe),
-            (socket.TCP_KEEPCNT, _PROBES),
-            (socket.TCP_USER_TIMEOUT, round(min(silence, _LONGEST_PROBE_S) * 1000)),
-        ):
-            made.setsockopt(socket.IPPROTO_TCP, option, value)
-        self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
+def _configured(made: socket.socket, silence: float) -> socket.socket:
+    """Return a connection that ends when the other end is silent, even to TCP itself, for `silence` seconds."""
+    made.settimeout(0)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    probe = max(1, min(_LONGEST_PROBE_S, round(silence / (_PROBES + 1))))
+    for option, value in (
+        (socket.TCP_NODELAY, 1),
+        (socket.TCP_KEEPIDLE, probe),
+        (socket.TCP_KEEPINTVL, probe),
+        (socket.TCP_KEEPCNT, _PROBES),
+        (socket.TCP_USER_TIMEOUT, round(min(silence, _LONGEST_PROBE_S) * 1000)),
+    ):
+        made.setsockopt(socket.IPPROTO_TCP, option, value)
+    return made
 
 
 class TcpServer(Link):
@@ -85,7 +82,7 @@ class TcpServer(Link):
             made.close()
             self._host.warn(self.spec, f"more than {_MOST_CLIENTS} clients are refused")
             return
-        transport = _Socket(made, self.spec.silence)
+        transport = _configured(made, self.spec.silence)
         self._streams.append(
             Stream(self, self._host, address=text_of(address), transport=transport, gone=self._streams.remove)
         )
@@ -138,7 +135,7 @@ class TcpClient(StreamClient):
             self._timer.cancel()
         self._host.loop.forget(made.fileno())
         self._trying = None
-        self._opened(_Socket(made, self.spec.silence))
+        self._opened(_configured(made, self.spec.silence))
 
     def _cancel_attempt(self) -> None:
         super()._cancel_attempt()

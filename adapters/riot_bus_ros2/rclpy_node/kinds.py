@@ -26,14 +26,9 @@ class UnknownTypeError(Exception):
     """A type is not installed here."""
 
 
-def message_type(name: str) -> Any:
-    """Return the class of `pkg/msg/Name`, or of `pkg/action/Name_FeedbackMessage`."""
-    return _find(name)
-
-
 def service_type(name: str) -> Any:
     """Return the class of `pkg/srv/Name`, or of `pkg/action/Name_SendGoal` and `..._GetResult`."""
-    found = _find(name)
+    found = message_type(name)
     if not hasattr(found, "Request"):
         raise UnknownTypeError(f"{name} is no service")
     return found
@@ -61,7 +56,8 @@ def type_hash(name: str) -> str:
     return ""
 
 
-def _find(name: str) -> Any:
+def message_type(name: str) -> Any:
+    """Return the class of `pkg/msg/Name`, or of `pkg/action/Name_FeedbackMessage`."""
     match = _NAME.fullmatch(name)
     if match is None:
         raise UnknownTypeError(f"{name!r} is no name of a type")

@@ -67,6 +67,7 @@ class Relay:
         self._subscriptions: dict[int, Subscription] = {}
         self._servers: dict[int, Server] = {}
         self._clients: dict[int, DomainClient] = {}
+        self._all: tuple[dict[int, Any], ...] = (self._publishers, self._subscriptions, self._servers, self._clients)
         self._writers: dict[str, list[str]] = {}
         self._gone: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
@@ -206,8 +207,8 @@ class Relay:
         self._guard.trigger()
 
     def _drop(self, number: int) -> None:
-        for endpoints in (self._publishers, self._subscriptions, self._servers, self._clients):
-            found: Any = endpoints.pop(number, None)
+        for endpoints in self._all:
+            found = endpoints.pop(number, None)
             if found is not None:
                 self._gone.put(found.close)  # closed by the thread that may be waiting for it
         self._guard.trigger()
@@ -255,11 +256,8 @@ class Relay:
         self._events.put(event)
 
     def _topic(self, frame: BridgeFrame) -> str:
-        for endpoints in (self._publishers, self._servers, self._clients):
-            found: Any = endpoints.get(frame.endpoint)
-            if found is not None:
-                return str(found.topic)
-        return "the bridge's orders"
+        found = (endpoints[frame.endpoint].topic for endpoints in self._all if frame.endpoint in endpoints)
+        return str(next(found, "the bridge's orders"))
 
 
 def _each(ends: dict[int, EndT], ask: Callable[[EndT], FoundT]) -> Iterator[tuple[int, FoundT]]:

@@ -32,7 +32,7 @@ def read(data, *sizes):
         at += size
     found += reader.flush()
     counts = reader.counts
-    assert reader.pending == 0
+    assert len(reader._rest) == 0
     assert counts.bytes == counts.frame_bytes + counts.junk_bytes == len(data)
     assert counts.frames == len(found)
     return found, counts

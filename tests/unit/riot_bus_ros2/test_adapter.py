@@ -220,9 +220,10 @@ def test_a_log_without_a_definition_does_not_hide_the_hash_of_its_key(adapter):
 
 def test_types_of_invented_keys_are_not_kept_for_ever(adapter, monkeypatch):
     monkeypatch.setattr(adapter_module, "_CACHED", 5)
+    adapter._forget()
     for number in range(20):
         assert adapter.type_of_key(key_of("no_such/msg/Type", f"RIHS01_{number:064x}")) is None
-    assert len(adapter._by_hash) <= 5
+    assert adapter._hashed.cache_info().currsize <= 5
 
 
 def test_a_key_with_the_hash_of_files_or_of_an_older_distribution(adapter, tmp_path):
