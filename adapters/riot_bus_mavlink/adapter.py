@@ -166,7 +166,7 @@ class MavlinkAdapter:
         from riot_bus_mavlink.survey import listen
 
         if unit is not None and not (unit.isascii() and unit.isdigit()):
-            raise ConfigError(f"{unit!r} is no id of a system", where="--unit", hint="a number from 1 to 255")
+            raise ConfigError(f"{unit!r} is not the id of a system", where="--unit", hint="a number from 1 to 255")
         survey, specs = listen(links, self.dialect, seconds=seconds, warn=warn)
         found = sketch(survey, specs, self.dialect, seconds=seconds, unit=None if unit is None else int(unit))
         origin = f"what came over {', '.join(links)} within {seconds:g} s"
@@ -194,6 +194,6 @@ def _options(text: str) -> dict[str, str]:
             name, value = "dialect", part
         if name not in _OPTIONS or name in found or not value:
             hint = did_you_mean(name, _OPTIONS)
-            raise ConfigError(f"{part!r} is no option of the adapter mavlink", hint=hint)
+            raise ConfigError(f"{part!r} is not an option of the adapter mavlink", hint=hint)
         found[name] = value
     return found

@@ -172,7 +172,7 @@ def _of_limits(low: float | None, high: float | None, step: float = 1) -> Iterat
 def _param(
     kind: MessageType, message: MessageTable, enums: Mapping[str, EnumTable], payload: bytes, name: str
 ) -> Param | None:
-    """Return what a parameter means for the command in a payload, None if it is no parameter."""
+    """Return what a parameter means for the command in a payload, None if it is not a parameter."""
     number = _PARAMS.get(name)
     commands = enums.get(_COMMANDS)
     carrier = _command_of(message)

@@ -262,11 +262,11 @@ def parse_frame(data: bytes) -> Frame:
     if is_plain(data):
         return _unsigned(data)
     if size < 8 or data[0] not in _STARTS:
-        raise PayloadError("no MAVLink frame: it begins with FE or FD and has at least 8 bytes")
+        raise PayloadError("not a MAVLink frame: it begins with FE or FD and has at least 8 bytes")
     length = frame_length(data, 0)
     if length != len(data):
         why = "has flags that are not defined" if length < 0 else f"should have {length} bytes by its header"
-        raise PayloadError(f"no MAVLink frame: it has {len(data)} bytes and {why}")
+        raise PayloadError(f"not a MAVLink frame: it has {len(data)} bytes and {why}")
     return _parse(data, 0, length)
 
 
@@ -318,7 +318,7 @@ def pack_frame(
     try:
         return seal(head + message_id.to_bytes(3, "little"), payload, crc_extra)
     except OverflowError as error:
-        raise ValueError(f"{message_id} is no id of a message") from error
+        raise ValueError(f"{message_id} is not the id of a message") from error
 
 
 def trimmed(payload: bytes) -> bytes:

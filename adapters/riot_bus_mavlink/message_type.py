@@ -217,7 +217,7 @@ class MavlinkType:
         return why_brittle(self.message, path)
 
     def allows_non_finite(self, path: str) -> bool:
-        """Return whether NaN is no fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
+        """Return whether NaN is not a fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
         return allows_nan(self.message, path)
 
     def _parts(self, payload: bytes) -> _Parts:
@@ -228,17 +228,17 @@ class MavlinkType:
             signed = payload[2] == SIGNED
             end = 10 + payload[1]
             if payload[2] & ~SIGNED or end + 2 + SIGNATURE * signed != size:
-                raise PayloadError(f"opaque: {size} bytes that are no frame of MAVLink 2")
+                raise PayloadError(f"opaque: {size} bytes that are not a frame of MAVLink 2")
             number = payload[7] | payload[8] << 8 | payload[9] << 16
             parts = _Parts(10, end, 2, signed)
         elif first == V1:
             end = 6 + payload[1]
             if end + 2 != size:
-                raise PayloadError(f"opaque: {size} bytes that are no frame of MAVLink 1")
+                raise PayloadError(f"opaque: {size} bytes that are not a frame of MAVLink 1")
             number = payload[5]
             parts = _Parts(6, end, 1, signed=False)
         else:
-            raise PayloadError(f"opaque: {size} bytes that are no frame of MAVLink")
+            raise PayloadError(f"opaque: {size} bytes that are not a frame of MAVLink")
         if number != self.message.id:
             raise PayloadError(f"opaque: message {number} instead of {self.message.id}, {self.message.name}")
         if self._crc(payload[1:end] + self._extra, 0xFFFF) != payload[end] | payload[end + 1] << 8:

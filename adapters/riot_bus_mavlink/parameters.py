@@ -79,7 +79,7 @@ def packed(value: Scalar, kind: ParameterKind, *, name: str) -> bytes:
     """Return the four bytes of a value.
 
     Raises:
-        ConfigError: It is no number, or the parameter's type is another one.
+        ConfigError: It is not a number, or the parameter's type is another one.
         PayloadError: It does not fit.
     """
     if isinstance(value, str | bytes):
@@ -126,7 +126,7 @@ def set_parameters(
     """
     for name in values:
         if not 0 < len(name.encode()) <= _NAME:
-            raise ConfigError(f"{name!r} is no name of a parameter", hint=f"it has up to {_NAME} characters")
+            raise ConfigError(f"{name!r} is not the name of a parameter", hint=f"it has up to {_NAME} characters")
     with ExitStack() as stack:
         exchange = _Exchange(dialect, keys, node, ports, stack, timeout=timeout, alive=alive)
         told = {name: exchange.set(name, value) for name, value in values.items()}

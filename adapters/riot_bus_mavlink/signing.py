@@ -153,7 +153,7 @@ def read_key(file: Path) -> bytes:
         text = ""
     if not text or "\n" in text or len(text) > 1024:
         hint = "32 bytes, 64 hexadecimal digits, or a passphrase on one line"
-        raise ConfigError("this is no key of MAVLink", where=str(file), hint=hint)
+        raise ConfigError("this is not a key of MAVLink", where=str(file), hint=hint)
     try:
         key = bytes.fromhex(text)
     except ValueError:

@@ -54,14 +54,14 @@ class NumberSlot:
             PayloadError: The value is not a number, or not finite for an integer.
         """
         if isinstance(value, str | bytes):
-            raise PayloadError(f"{value!r} is no {self.kind}", where=self.path)
+            raise PayloadError(f"{value!r} is not of type {self.kind}", where=self.path)
         if self.kind.startswith("float"):
             try:
                 return self.form.pack(float(value))
             except OverflowError:
                 return self.form.pack(math.inf if value > 0 else -math.inf)
         if isinstance(value, float) and not math.isfinite(value):
-            raise PayloadError(f"{value!r} is no {self.kind}", where=self.path)
+            raise PayloadError(f"{value!r} is not of type {self.kind}", where=self.path)
         return self.form.pack(wrap_integer(int(value), bits=8 * self.form.size, signed=self.kind[0] == "i"))
 
 
@@ -92,7 +92,7 @@ class TextSlot:
             PayloadError: The value is not text, or cannot be encoded.
         """
         if not isinstance(value, str):
-            raise PayloadError(f"{value!r} is no text", where=self.path)
+            raise PayloadError(f"{value!r} is not text", where=self.path)
         try:
             data = value.encode(errors="surrogateescape")
         except UnicodeEncodeError as error:

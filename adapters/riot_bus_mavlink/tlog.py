@@ -128,7 +128,7 @@ class TlogUnpacker:
         counts = self._reader.counts
         if not counts.junk_bytes:
             return ""
-        return f"{counts.junk_bytes} bytes are no records, {counts.bad_crc} records among them have a wrong checksum"
+        return f"{counts.junk_bytes} bytes are in no valid record; {counts.bad_crc} records there have a wrong checksum"
 
     def _message(self, record: TlogRecord) -> Message:
         frame = record.frame

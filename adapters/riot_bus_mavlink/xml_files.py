@@ -75,7 +75,7 @@ def parse_dialect(data: bytes, *, where: str) -> DialectFile:
         for each in root.iterfind("messages/message"):
             found.messages.append(_message(each))
     except (ElementTree.ParseError, DialectError, LookupError, ValueError) as error:  # no such encoding
-        raise ConfigError(f"no dialect of MAVLink: {error}", where=where) from error
+        raise ConfigError(f"not a dialect of MAVLink: {error}", where=where) from error
     return found
 
 
@@ -83,7 +83,7 @@ def _message(element: Element) -> MessageTable:
     name = _name(element)
     number = _integer(element.get("id", ""), f"the id of message {name}")
     if not 0 <= number <= _MOST_ID:
-        raise DialectError(f"message {name}: {number} is no id")
+        raise DialectError(f"message {name}: {number} is not an id")
     fields = []
     extension = False
     for each in element:
@@ -156,7 +156,7 @@ def _integer(text: str, what: str) -> int:
             raise ValueError
         return int(power[1]) ** int(power[2]) if power is not None else int(text, 0)
     except ValueError:
-        raise DialectError(f"{what} is {text[:40]!r}, which is no integer") from None
+        raise DialectError(f"{what} is {text[:40]!r}, which is not an integer") from None
 
 
 def _number(element: Element, name: str) -> float | None:
@@ -164,4 +164,4 @@ def _number(element: Element, name: str) -> float | None:
     try:
         return None if text is None else float(text)
     except ValueError:
-        raise DialectError(f"{name}={text!r} of {element.get('name')!r} is no number") from None
+        raise DialectError(f"{name}={text!r} of {element.get('name')!r} is not a number") from None

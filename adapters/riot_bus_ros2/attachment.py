@@ -44,7 +44,7 @@ def parse_attachment(data: bytes) -> Attachment:
         if (first, second, third) == _NAMES and size == _GID:
             return Attachment(sequence, time, gid, 1)
     raise PayloadError(
-        f"{len(data)} bytes are no rmw_zenoh attachment", hint="version 2 has 33 bytes, version 1 has 77"
+        f"{len(data)} bytes are not an attachment of rmw_zenoh", hint="version 2 has 33 bytes, version 1 has 77"
     )
 
 
@@ -58,7 +58,7 @@ def build_attachment(attachment: Attachment) -> bytes:
             return _V2.pack(sequence, time, _GID, gid)
         return _V1.pack(_NAMES[0], sequence, _NAMES[1], time, _NAMES[2], _GID, gid)
     except struct.error as error:
-        raise PayloadError(f"sequence {sequence} or time {time} is no 64-bit integer") from error
+        raise PayloadError(f"sequence {sequence} or time {time} is not a 64-bit integer") from error
 
 
 def stamp_of(attachment: bytes) -> Stamp | None:

@@ -147,7 +147,7 @@ class CdrType:
             raise PayloadError(f"opaque: type {error.args[0]} is unknown", where=self.name) from error
 
     def allows_non_finite(self, path: str) -> bool:
-        """Return whether NaN or an infinity is no fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
+        """Return whether NaN or an infinity is not a fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
         return allows_non_finite(self.name, path)
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
@@ -272,7 +272,7 @@ def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
 
 def _encoded(value: Scalar) -> bytes:
     if not isinstance(value, str):
-        raise PayloadError(f"{value!r} is no string")
+        raise PayloadError(f"{value!r} is not a string")
     try:
         return value.encode(errors="surrogateescape")
     except UnicodeEncodeError as error:

@@ -129,11 +129,11 @@ class Number:
 
     def _fit(self, value: Scalar) -> int | float | bool:
         if isinstance(value, str | bytes):
-            raise PayloadError(f"{value!r} is no {self.type}")
+            raise PayloadError(f"{value!r} is not of type {self.type}")
         if self.type.startswith("float"):
             return float(value)
         if isinstance(value, float) and not math.isfinite(value):
-            raise PayloadError(f"{value} is no {self.type}")
+            raise PayloadError(f"{value} is not of type {self.type}")
         return wrap_integer(int(value), bits=8 * self.size, signed=self.type.startswith("int"))
 
 

@@ -115,7 +115,7 @@ def find_way(root: Struct, field: FieldPath, path: str) -> Way:
         kind = "an array" if isinstance(node, Array) else "no array"
         raise PayloadError(f"{path!r}: this field is {kind}", hint="write 'len(name)' or 'name[3]' for arrays")
     if isinstance(node, Struct):
-        raise PayloadError("a message is no scalar field", hint=did_you_mean("", node.fields))
+        raise PayloadError("a message is not a scalar field", hint=did_you_mean("", node.fields))
     opaque = next((each for each in (*moves, node) if isinstance(each, Opaque)), None)
     if opaque is not None:
         raise opaque.error()

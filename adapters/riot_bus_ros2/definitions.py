@@ -152,7 +152,7 @@ def parse_recorded(text: str, name: str) -> dict[str, Definition]:
     interface = interface_of(name)  # its parts are named like messages: see `schema_text`
     chunks = interface.split("/")
     if len(chunks) != 3:
-        raise DefinitionError(f"{name!r} is no name of a type")
+        raise DefinitionError(f"{name!r} is not the name of a type")
     package, kind, short = chunks
     part = re.compile(rf"{re.escape(package)}/msg/({re.escape(short)}_\w+)")
 
@@ -210,7 +210,7 @@ def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Definition]:
     }
     odd = next((name for name in found if _NAMES.fullmatch(name) is None), None)
     if odd is not None:
-        raise DefinitionError(f"{odd!r} is no name of a type")
+        raise DefinitionError(f"{odd!r} is not the name of a type")
     return found
 
 

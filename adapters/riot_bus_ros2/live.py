@@ -158,5 +158,5 @@ def _type(kind: Any) -> Any:
 
 def _checked(name: str, pattern: re.Pattern[str]) -> str:
     if pattern.fullmatch(name) is None:
-        raise DefinitionError(f"{name[:200]!r} is no name")
+        raise DefinitionError(f"{name[:200]!r} is not a name")
     return name

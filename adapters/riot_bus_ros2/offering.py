@@ -66,7 +66,7 @@ def offer_of(
         type_hash: Returns the hash of a type that the bag does not contain.
     """
     if domain is not None and not 0 <= domain <= _LARGEST_DOMAIN:
-        raise ConfigError(f"{domain} is no ROS domain", hint="give a number such as 0")
+        raise ConfigError(f"{domain} is not a ROS domain", hint="give a number such as 0")
     found = parse_data_key(topic.key) if topic.keyed else _bag_key(topic, type_hash)
     if found is None:
         return None
@@ -78,7 +78,7 @@ def offer_of(
     )
     if not is_topic(found.topic):
         raise ConfigError(
-            f"{found.topic!r} is no name of a ROS topic", hint="rename it (--remap) or leave it out (--exclude)"
+            f"{found.topic!r} is not the name of a ROS topic", hint="rename it (--remap) or leave it out (--exclude)"
         )
     qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
     return _offer(found, qos)
@@ -166,7 +166,7 @@ def _default_domain() -> int:
     if not text:
         return 0
     if not text.isdecimal() or int(text) > _LARGEST_DOMAIN:
-        raise ConfigError(f"{text!r} is no ROS domain", where="ROS_DOMAIN_ID", hint="set it to a number such as 0")
+        raise ConfigError(f"{text!r} is not a ROS domain", where="ROS_DOMAIN_ID", hint="set it to a number such as 0")
     return int(text)
 
 

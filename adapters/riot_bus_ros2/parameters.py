@@ -41,7 +41,7 @@ def request_of(values: Mapping[str, Scalar], store: TypeStore) -> bytes:
     """Return the payload of a request that sets parameters.
 
     Raises:
-        ConfigError: A value is no boolean, integer, float or text.
+        ConfigError: A value is not a boolean, integer, float or text.
     """
     from riot_bus_ros2.cdr import CdrType
 
@@ -64,7 +64,7 @@ def refused_by(reply: bytes, names: Sequence[str], store: TypeStore) -> dict[str
         store: Store that knows the service's types.
 
     Raises:
-        PayloadError: It is no reply to a request for these.
+        PayloadError: It is not a reply to a request for these.
     """
     results = store.decode(reply, f"{_SERVICE}_Response").results
     if len(results) != len(names):

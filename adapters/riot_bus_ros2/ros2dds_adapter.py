@@ -49,7 +49,7 @@ class Ros2DdsAdapter(Ros2Adapter):
     def __init__(self, namespace: str = "/") -> None:
         super().__init__()
         if namespace != "/" and not is_topic(namespace):
-            raise ConfigError(f"{namespace!r} is no namespace of ROS", where="ros2dds", hint="such as ros2dds:/bot1")
+            raise ConfigError(f"{namespace!r} is not a ROS namespace", where="ros2dds", hint="such as ros2dds:/bot1")
         self._namespace = namespace
         self._announced: dict[str, tuple[str, str | None]] = {}
 
@@ -103,7 +103,7 @@ class Ros2DdsAdapter(Ros2Adapter):
         found = full_name(recorded if name is None else name)
         if not is_topic(found):
             hint = "rename it (--remap) or leave it out (--exclude)"
-            raise ConfigError(f"{found!r} is no name of a ROS topic", hint=hint)
+            raise ConfigError(f"{found!r} is not the name of a ROS topic", hint=hint)
         qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
         return self._offer(found, type_name, qos, topic.details.get("topic_type_hash") or None)
 

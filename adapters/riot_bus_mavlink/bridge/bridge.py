@@ -226,7 +226,7 @@ class MavlinkBridge:
     def _problem(self, line: str) -> None:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
-            with suppress(OSError):  # nobody reads the warnings any more; bridging continues
+            with suppress(OSError):  # the reader of the warnings is gone; bridging continues
                 self._warn(f"warning: {line}")
 
     def _counts(self, segment: str) -> Counter[str]:

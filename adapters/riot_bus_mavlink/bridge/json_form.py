@@ -145,24 +145,24 @@ def _parts(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         document = json.loads(payload)
     except (ValueError, RecursionError) as error:
-        raise PayloadError(f"no JSON: {error}") from error
+        raise PayloadError(f"not JSON: {error}") from error
     header, message = (document.get(name) if isinstance(document, dict) else None for name in ("header", "message"))
     if not isinstance(header, dict) or not isinstance(message, dict):
-        raise PayloadError('no message: {"header": {...}, "message": {"type": ...}} is expected')
+        raise PayloadError('not a message: {"header": {...}, "message": {"type": ...}} is expected')
     return header, dict(message)
 
 
 def _byte(header: dict[str, Any], name: str) -> int:
     value = header.get(name)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 255:
-        told = "missing" if value is None else f"{value!r:.100} is no id"
+        told = "missing" if value is None else f"{value!r:.100} is not an id"
         raise PayloadError(told, where=f"header: {name}", hint="give a whole number from 0 to 255")
     return value
 
 
 def _number(value: Any, where: str) -> Scalar:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise PayloadError(f"{value!r:.100} is no number", where=where)
+        raise PayloadError(f"{value!r:.100} is not a number", where=where)
     if isinstance(value, int) and abs(value) >= 1 << 64:
         raise PayloadError("the number is out of range", where=where)
     return value
@@ -174,13 +174,13 @@ def _text(value: Any, where: str) -> str:
         try:
             value = "".join(each if isinstance(each, str) else chr(each) for each in value[:256])
         except (TypeError, ValueError, OverflowError) as error:
-            raise PayloadError("no text", where=where) from error
+            raise PayloadError("not text", where=where) from error
     if not isinstance(value, str):
-        raise PayloadError(f"{value!r:.100} is no text", where=where)
+        raise PayloadError(f"{value!r:.100} is not text", where=where)
     return value.partition("\0")[0]
 
 
 def _elements(value: Any, field: FieldText, where: str) -> list[tuple[int, Scalar]]:
     if not isinstance(value, list) or len(value) > field.array:
-        raise PayloadError(f"no list of at most {field.array} numbers", where=where)
+        raise PayloadError(f"not a list of at most {field.array} numbers", where=where)
     return [(index, _number(each, where)) for index, each in enumerate(value)]

@@ -72,9 +72,9 @@ class MavlinkBridgeOptions:
             raise ConfigError("there is no link to be bridged", where="--link", hint=hint)
         if not 0 <= self.duplicates <= _LONGEST_PERIOD_S:
             hint = f"0 to {_LONGEST_PERIOD_S:g} s; less than the period of the fastest message that never changes"
-            raise ConfigError(f"{self.duplicates:g} s are no such period", where="--duplicates", hint=hint)
+            raise ConfigError(f"{self.duplicates:g} s is not a usable period", where="--duplicates", hint=hint)
         if not 0 <= self.sniffer <= 255:
-            raise ConfigError(f"{self.sniffer} is no system", where="--sniffer", hint="1 to 255")
+            raise ConfigError(f"{self.sniffer} is not the id of a system", where="--sniffer", hint="1 to 255")
         dialect = load_dialect(self.dialect, self.files)
         links = parse_links(self.links, id_of=dialect.id_of, segments=segments)
         signer = None if self.key_file is None else Signer(read_key(self.key_file))

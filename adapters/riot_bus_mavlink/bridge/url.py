@@ -173,7 +173,9 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
         raise ConfigError(f"{text!r} has no path", where="--link", hint=_HINT)
     name = settings.pop("name", name)
     if name and not _NAME.fullmatch(name):
-        raise ConfigError(f"{name!r} is no name for a link", where=text, hint="use letters, digits, '_', '-' and '.'")
+        raise ConfigError(
+            f"{name!r} is not a name for a link", where=text, hint="use letters, digits, '_', '-' and '.'"
+        )
     group = settings.pop("group", "")
     direction = _direction(settings, kind, text)
     silence = _seconds(settings.pop("timeout", "30"), text)
@@ -236,9 +238,9 @@ def _address(kind: LinkKind, rest: str, text: str) -> tuple[str, int]:
     if ":" in bare and not re.fullmatch(r"\[[^\[\]]+\]", host):
         raise ConfigError(f"the address in {text!r} is not clear", where="--link", hint="brackets: udpin:[::1]:14550")
     if kind not in LISTENS and (not bare or int(port) == 0):
-        raise ConfigError(f"nobody can connect to {text!r}", where="--link", hint=_HINT)
+        raise ConfigError(f"{text!r} is not an address to connect to", where="--link", hint=_HINT)
     if re.search(r"[\s/@,]", bare):
-        raise ConfigError(f"{bare!r} in {text!r} is no host", where="--link", hint=_HINT)
+        raise ConfigError(f"{bare!r} in {text!r} is not a host", where="--link", hint=_HINT)
     return bare or "0.0.0.0", int(port)  # noqa: S104 - as those spellings mean
 
 
@@ -252,7 +254,7 @@ def _device(rest: str, settings: dict[str, str], text: str) -> tuple[str, int]:
     for key in ("baud", "baudrate", "arg2"):
         baud = settings.pop(key, baud)
     if baud and (not baud.isdigit() or not 0 < int(baud[:9]) <= 20_000_000 or len(baud) > 8):
-        raise ConfigError(f"{baud!r} is no rate of a serial link", where=text, hint="such as 57600 or 115200")
+        raise ConfigError(f"{baud!r} is not a rate of a serial link", where=text, hint="such as 57600 or 115200")
     return path, int(baud or DEFAULT_BAUD)
 
 
@@ -268,14 +270,14 @@ def _direction(settings: dict[str, str], kind: LinkKind, text: str) -> Direction
 
 def _number(text: str, where: str) -> float:
     if not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text):
-        raise ConfigError(f"{text!r} is no number", where=where, hint="such as 30 or 0.5")
+        raise ConfigError(f"{text!r} is not a number", where=where, hint="such as 30 or 0.5")
     return float(text)
 
 
 def _seconds(text: str, where: str) -> float:
     found = _number(text, where)
     if found <= 0:
-        raise ConfigError(f"{text!r} is no time", where=where, hint="seconds, such as timeout=30")
+        raise ConfigError(f"{text!r} is not a duration", where=where, hint="seconds, such as timeout=30")
     return found
 
 

@@ -116,7 +116,7 @@ class TelemetryLogSource(_LogLink):
                 self._close_file()
                 junk = self._reader.counts.junk_bytes
                 if junk:
-                    self._host.warn(self.spec, f"{junk} bytes are in no record")
+                    self._host.warn(self.spec, f"{junk} bytes are not in any record")
         return bool(self._records)
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TcpClient", "TcpServer"]
 
-_MOST_CLIENTS = 64  # a guess: anybody may connect; each takes a descriptor and is sent frames
+_MOST_CLIENTS = 64  # a guess: any host may connect; each takes a descriptor and is sent frames
 _CONNECT_S = 5.0  # a lost SYN is repeated after 1 and 3 s; Linux would wait 2 minutes
 _PROBES = 4  # with the default of 30 s, one each 6 s: one lost probe ends nothing
 _LONGEST_PROBE_S = 32767  # limit of Linux

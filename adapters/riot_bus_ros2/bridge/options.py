@@ -67,9 +67,9 @@ class Ros2BridgeOptions:
         """Raise ConfigError if an option is not usable."""
         if not 0 <= self.domain <= _LARGEST_DOMAIN:
             hint = f"ROS_DOMAIN_ID is a number from 0 to {_LARGEST_DOMAIN}"
-            raise ConfigError(f"{self.domain} is no ROS domain", where="--domain", hint=hint)
+            raise ConfigError(f"{self.domain} is not a ROS domain", where="--domain", hint=hint)
         if not 0 <= self.zenoh_domain <= _LARGEST_ZENOH_DOMAIN:
-            raise ConfigError(f"{self.zenoh_domain} is no ROS domain", where="--zenoh-domain", hint="such as 0")
+            raise ConfigError(f"{self.zenoh_domain} is not a ROS domain", where="--zenoh-domain", hint="such as 0")
         for where, number in (("--depth", self.depth), ("--latched", self.latched)):
             if not 0 < number <= _MOST_KEPT:
                 raise ConfigError(f"cannot keep {number} messages", where=where, hint=f"1 to {_MOST_KEPT}")
@@ -77,7 +77,7 @@ class Ros2BridgeOptions:
         for where, names in {**named, "--parameters": self.parameters}.items():
             for name in names or ():
                 if not name.startswith("/"):
-                    raise ConfigError(f"{name!r} is no full ROS name", where=where, hint=f"write it like /{name}")
+                    raise ConfigError(f"{name!r} is not a full ROS name", where=where, hint=f"write it like /{name}")
         if self.setup is not None and not self.setup.is_file():
             raise ConfigError("no such file", where=f"--setup {self.setup}", hint="such as /opt/ros/jazzy/setup.bash")
 

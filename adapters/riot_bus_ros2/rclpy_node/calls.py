@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DomainClient", "Server"]
 
-_MOST_OPEN = 1024  # a guess: requests that nobody answers would be kept for ever
+_MOST_OPEN = 1024  # a guess: unanswered requests would be kept for ever
 _AT_ONCE = 16  # then other services and topics get their turn; not measured
 
 

@@ -30,7 +30,7 @@ def service_type(name: str) -> Any:
     """Return the class of `pkg/srv/Name`, or of `pkg/action/Name_SendGoal` and `..._GetResult`."""
     found = message_type(name)
     if not hasattr(found, "Request"):
-        raise UnknownTypeError(f"{name} is no service")
+        raise UnknownTypeError(f"{name} is not a service")
     return found
 
 
@@ -60,7 +60,7 @@ def message_type(name: str) -> Any:
     """Return the class of `pkg/msg/Name`, or of `pkg/action/Name_FeedbackMessage`."""
     match = _NAME.fullmatch(name)
     if match is None:
-        raise UnknownTypeError(f"{name!r} is no name of a type")
+        raise UnknownTypeError(f"{name!r} is not the name of a type")
     package, kind, short = match.groups()
     try:
         module = importlib.import_module(f"{package}.{kind}")
@@ -69,6 +69,6 @@ def message_type(name: str) -> Any:
         for end, part in _OF_ACTIONS.items():
             if short.endswith(end):
                 return getattr(getattr(module, short[: -len(end)]).Impl, part)
-        raise UnknownTypeError(f"{name} is no part of an action")
+        raise UnknownTypeError(f"{name} is not a part of an action")
     except (ImportError, AttributeError) as error:
         raise UnknownTypeError(f"{name} is not installed ({error})") from error

@@ -75,7 +75,7 @@ def test_an_adapter_of_others_hears_the_system(tmp_path: Path) -> None:
         (("--link=deaf=a",), "adapter 'deaf' hears no systems on links"),
         (("--link=tyo=a",), "did you mean 'toy'"),
         (("--link=toy=a", "--unit=nobody"), "nobody was not heard"),
-        (("--mavlink=udpin:127.0.0.1:0", "--unit=x"), "'x' is no id of a system"),
+        (("--mavlink=udpin:127.0.0.1:0", "--unit=x"), "'x' is not the id of a system"),
     ],
 )
 def test_what_cannot_be_heard_is_an_error(words: tuple[str, ...], message: str) -> None:

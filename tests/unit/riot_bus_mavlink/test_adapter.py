@@ -119,13 +119,13 @@ def test_definitions_of_the_user(tmp_path):
         ("<mavlink>", "no element found"),
         ("<other/>", "<other>"),
         (MINE.replace("uint8_t", "byte"), "has type 'byte'"),
-        (MINE.replace("54321", "16777216"), "no id"),
-        (MINE.replace("54321", "many"), "no integer"),
+        (MINE.replace("54321", "16777216"), "not an id"),
+        (MINE.replace("54321", "many"), "not an integer"),
         (MINE.replace('"colour"', '"state"'), "two fields are called 'state'"),
         (MINE.replace("float[3]", "float[64]"), "265 bytes of 255"),
         (MINE.replace("float[3]", "float[0]"), "has type"),
         (MINE.replace("LAMP_STATE", "LAMP STATE"), "has the name"),
-        (MINE.replace('maxValue="100"', 'maxValue="lots"'), "no number"),
+        (MINE.replace('maxValue="100"', 'maxValue="lots"'), "not a number"),
         (MINE.replace("<mavlink>", '<!DOCTYPE x [<!ENTITY a "b">]><mavlink>', 1), "document type"),
         (MINE.replace("minimal.xml", "nowhere.xml"), "cannot be read"),
     ],
@@ -142,7 +142,7 @@ def test_encodings_that_are_none(tmp_path):
     file = tmp_path / "mine.xml"
     for encoding in ("klingon", "utf-32"):
         file.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{MINE}')
-        with pytest.raises(ConfigError, match=r"no dialect of MAVLink: .*encoding"):
+        with pytest.raises(ConfigError, match=r"not a dialect of MAVLink: .*encoding"):
             MavlinkAdapter("minimal").load([file])
 
 

@@ -134,7 +134,7 @@ def test_trailing_zeros():
     assert trimmed(b"\0\0") == b"\0"
     raw = pack_frame(0, bytes(9), 50, version=2, sequence=256 + 7, system=1, component=1)
     assert (raw[1], raw[4], len(raw)) == (1, 7, 13)
-    with pytest.raises(ValueError, match="no id"):
+    with pytest.raises(ValueError, match="not the id of a message"):
         pack_frame(1 << 24, b"", 0, version=2, sequence=0, system=1, component=1)
 
 

@@ -211,7 +211,7 @@ def test_text_ends_at_a_nul_and_is_cut_to_its_field():
     odd = one.patch(raw, {"param_id": "é\udcff"})
     assert one.read(odd, "param_id") == "é\udcff"
     for value in (3, b"A", math.nan):
-        with pytest.raises(PayloadError, match="no text"):
+        with pytest.raises(PayloadError, match="not text"):
             one.patch(raw, {"param_id": value})
     with pytest.raises(PayloadError, match="encoded"):
         one.patch(raw, {"param_id": "\ud800"})
@@ -255,7 +255,7 @@ def test_damaged_and_foreign_frames_are_opaque():
         (frame("HEARTBEAT", bytes(range(9))), "message 0 instead of 30, ATTITUDE"),
         (ATTITUDE + b"\0", "MAVLink 2"),
         (frame("ATTITUDE", b"abc", 1), "3 bytes instead of 28"),
-        (b"", "no frame"),
+        (b"", "not a frame"),
     ):
         assert why in one.opaque(raw)
         for act in (lambda raw=raw: one.leaves(raw), lambda raw=raw: one.patch(raw, {"roll": 1.0})):

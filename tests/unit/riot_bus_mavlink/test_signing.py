@@ -129,7 +129,7 @@ def test_keys(tmp_path):
         assert read_key(file) == key
     for content in (b"", b"two\nlines", b"\xff\xfe", b"x" * 2_000):
         file.write_bytes(content)
-        with pytest.raises(ConfigError, match="no key"):
+        with pytest.raises(ConfigError, match="not a key"):
             read_key(file)
     with pytest.raises(ConfigError, match="cannot be read"):
         read_key(tmp_path / "none")

@@ -219,7 +219,7 @@ def test_an_empty_message_has_no_fields():
     ("path", "message"),
     [
         ("pose.pose.positon.x", "no field 'positon'"),
-        ("pose", "a message is no scalar"),
+        ("pose", "a message is not a scalar"),
         ("pose.covariance", "this field is an array"),
         ("len(pose)", "this field is no array"),
         ("pose.covariance[36]", "no element 36 in an array of 36"),
@@ -240,10 +240,10 @@ def test_paths_that_lead_nowhere(path, message):
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("c", "text", "is no int16"),
-        ("c", math.nan, "nan is no int16"),
-        ("b", b"x", "is no float64"),
-        ("s", 5, "is no string"),
+        ("c", "text", "is not of type int16"),
+        ("c", math.nan, "nan is not of type int16"),
+        ("b", b"x", "is not of type float64"),
+        ("s", 5, "is not a string"),
         ("s", "\ud800", "cannot be encoded"),
         ("len(e)", 5, "length cannot be patched"),
         ("e[2]", 5, "no element 2 in a sequence of 2"),

@@ -58,10 +58,10 @@ def test_a_node_that_does_not_know():
         (lambda parts: parts["referenced_type_descriptions"].pop(), "not complete"),
         (lambda parts: parts["type_description"].update(type_name="pkg/msg/Other"), "not complete"),
         (lambda parts: parts["type_description"]["fields"].pop(0), "another hash"),
-        (lambda parts: parts["type_description"]["fields"][0].update(name="a b"), "is no name"),
+        (lambda parts: parts["type_description"]["fields"][0].update(name="a b"), "is not a name"),
         (lambda parts: parts["type_description"]["fields"][0]["type"].update(type_id=99), "another hash"),
         (lambda parts: parts["type_description"]["fields"][0]["type"].update(type_id=255), "unknown number"),
-        (lambda parts: parts["type_description"]["fields"][2]["type"].update(nested_type_name="x\ny"), "is no name"),
+        (lambda parts: parts["type_description"]["fields"][2]["type"].update(nested_type_name="x\ny"), "is not a name"),
     ],
 )
 def test_descriptions_that_are_not_believed(change, problem):

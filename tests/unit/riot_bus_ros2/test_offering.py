@@ -48,9 +48,9 @@ def test_domain_and_name(adapter, monkeypatch):
     assert offer(adapter, of_bag()).key.startswith("7/chatter/")
     assert offer(adapter, of_bag(), name="/replay/chatter", domain=3).key == f"3/replay/chatter/{STRING_KEY}"
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(ConfigError, match="'seven' is no ROS domain"):
+    with pytest.raises(ConfigError, match="'seven' is not a ROS domain"):
         offer(adapter, of_bag())
-    with pytest.raises(ConfigError, match="-1 is no ROS domain"):
+    with pytest.raises(ConfigError, match="-1 is not a ROS domain"):
         offer(adapter, of_bag(), domain=-1)
 
 
@@ -79,7 +79,7 @@ def test_what_is_no_ros_topic(adapter, topic):
 
 @pytest.mark.parametrize("name", ["/with space", "/with-dash", "/", "/a//b", "/a/*"])
 def test_names_that_ros_does_not_have(adapter, name):
-    with pytest.raises(ConfigError, match="no name of a ROS topic"):
+    with pytest.raises(ConfigError, match="not the name of a ROS topic"):
         offer(adapter, of_bag(name))
 
 

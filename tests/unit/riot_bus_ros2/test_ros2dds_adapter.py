@@ -35,7 +35,7 @@ def test_it_is_loaded_only_where_it_is_named(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("RIOT_ADAPTERS", "")
     assert chosen_adapters(["ros2"]) == ["ros2"]
     assert chosen_adapters() is None
-    with pytest.raises(ConfigError, match="'bot 1' is no namespace"):
+    with pytest.raises(ConfigError, match="'bot 1' is not a ROS namespace"):
         load_adapters(["ros2dds:bot 1"])
     with pytest.raises(ConfigError, match="adapter 'ros2' does not take '/bot1'"):
         load_adapters(["ros2:/bot1"])
@@ -142,7 +142,7 @@ def test_what_is_played_takes_the_way_of_a_bridge(adapter: Ros2DdsAdapter, topic
     renamed = adapter.offer(topic, name="/replay/map", domain=None)
     assert renamed is not None
     assert renamed.key == "replay/map"
-    with pytest.raises(ConfigError, match="no name of a ROS topic"):
+    with pytest.raises(ConfigError, match="not the name of a ROS topic"):
         adapter.offer(topic, name="/a b", domain=None)
 
 

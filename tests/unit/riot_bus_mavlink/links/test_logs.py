@@ -63,6 +63,6 @@ def test_a_damaged_log_is_read_and_said(tmp_path: Path) -> None:
     with KeepingHost() as host:
         host.open(f"tlogreader:{file}?rate=0")
         assert host.wait(lambda: host.data.get(str(file)) == b"".join(frame.raw for frame in FRAMES))
-        assert host.wait(lambda: host.warnings == ["15 bytes are in no record"])
+        assert host.wait(lambda: host.warnings == ["15 bytes are not in any record"])
         with pytest.raises(EnvironmentFaultError, match="cannot be read"):
             host.open(f"tlogreader:{tmp_path}/none.tlog")

@@ -52,7 +52,7 @@ def test_what_is_not_there_is_said_so(package, name):
 
 
 def test_a_message_is_no_service(package):
-    with pytest.raises(UnknownTypeError, match="is no service"):
+    with pytest.raises(UnknownTypeError, match="is not a service"):
         service_type("bridge_test_msgs/msg/Thing")
 
 
