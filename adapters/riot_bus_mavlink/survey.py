@@ -135,7 +135,7 @@ class _Listener:
     def leave(self, end: End) -> None:
         pass
 
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
+    def receive(self, end: End, packets: Sequence[bytes]) -> None:
         for data in packets:
             for frame in end.framer.feed(data):
                 self.survey.see(frame, end.link)

@@ -88,7 +88,7 @@ def _medium(data: bytes) -> int:
 def _long(data: bytes) -> int:
     sums = [_P32_3, _P64_1, _P64_2, _P64_3, _P64_4, _P32_2, _P64_5, _P32_1]
 
-    def take(position: int, secret: int) -> None:
+    def accumulate(position: int, secret: int) -> None:
         for lane in range(8):
             value = _read(data, position + 8 * lane)
             key = value ^ _read(_SECRET, secret + 8 * lane)
@@ -99,13 +99,13 @@ def _long(data: bytes) -> int:
     blocks = (size - 1) // block
     for number in range(blocks):
         for stripe in range(_STRIPES):
-            take(number * block + stripe * _STRIPE, 8 * stripe)
+            accumulate(number * block + stripe * _STRIPE, 8 * stripe)
         for lane in range(8):
             value = sums[lane] ^ (sums[lane] >> 47) ^ _read(_SECRET, len(_SECRET) - _STRIPE + 8 * lane)
             sums[lane] = value * _P32_1 & _64
     for stripe in range((size - 1 - blocks * block) // _STRIPE):
-        take(blocks * block + stripe * _STRIPE, 8 * stripe)
-    take(size - _STRIPE, len(_SECRET) - _STRIPE - 7)
+        accumulate(blocks * block + stripe * _STRIPE, 8 * stripe)
+    accumulate(size - _STRIPE, len(_SECRET) - _STRIPE - 7)
 
     def merge(start: int, secret: int) -> int:
         for pair in range(4):

@@ -119,7 +119,7 @@ class MavlinkBridge:
                 stack.callback(part.close)
             stack.callback(self._close_links)
             for side in sides:
-                stack.callback(side.deafen)
+                stack.callback(side.stop_listening)
             for spec in self._plan.links:
                 self._links.append(open_link(spec, self))
             for part in mirrors if self._patient else parts:
@@ -138,7 +138,7 @@ class MavlinkBridge:
         """Wait until frames can reach the other segments, before any are taken from links."""
         deadline = time.monotonic() + _MEET_S
         for name, side in self._sides.items() if len(self._sides) > 1 else ():
-            if not side.is_heard(deadline - time.monotonic()):
+            if not side.await_subscriber(deadline - time.monotonic()):
                 self._problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
 
     def _close_links(self) -> None:
@@ -171,16 +171,16 @@ class MavlinkBridge:
 
     def links(self) -> Collection[BridgedLink]:
         """Return the links, as graphs show them."""
-        spoken: dict[str, dict[str, str]] = {name: {} for name in self._tallies}
+        speakers: dict[str, dict[str, str]] = {name: {} for name in self._tallies}
         for side in self._sides.values():
-            for link, system, component, key in side.spoken():
-                spoken.get(link, {})[key] = f"{system}/{component}"
+            for link, system, component, key in side.published():
+                speakers.get(link, {})[key] = f"{system}/{component}"
         return [
             BridgedLink(
                 spec.segment,
                 spec.name,
                 self._tallies[spec.name].addresses(),
-                spoken[spec.name],
+                speakers[spec.name],
                 "" if spec.direction is Direction.RECEIVER else self._plan.keys.expression(),
             )
             for spec in self._plan.links
@@ -215,9 +215,9 @@ class MavlinkBridge:
         self._sides[end.segment].routes.remove(end)
         self._tallies[end.link].leave(end)
 
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
+    def receive(self, end: End, packets: Sequence[bytes]) -> None:
         """Take packets, or pieces of a stream, in the order in which they came."""
-        self._sides[end.segment].take(end, packets)
+        self._sides[end.segment].receive(end, packets)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Report a problem once."""

@@ -76,7 +76,7 @@ class Side:
         self._extra = streams.crc_extra
         self._renewer = None if signer is None else Renewer(signer)
         self._outlets: dict[tuple[str, int, int, int], PortPublisher] = {}
-        self._known: dict[bytes, tuple[int, list[End]]] = {}
+        self._deliveries: dict[bytes, tuple[int, list[End]]] = {}
         self._inlet: Closeable | None = None
         self._lock, self._declaring = threading.Lock(), threading.Lock()
 
@@ -85,7 +85,7 @@ class Side:
         """Whether this side listens to the bus."""
         return self._inlet is not None
 
-    def spoken(self) -> list[tuple[str, int, int, str]]:
+    def published(self) -> list[tuple[str, int, int, str]]:
         """Return link, system, component and key of what was put on the bus so far."""
         return [
             (link, system, component, self._keys.key(link, system, component, self._name_of(message_id)))
@@ -94,9 +94,9 @@ class Side:
 
     def open(self) -> None:
         """Listen to the bus; to be called once."""
-        self._inlet = self.port.collect(self._keys.expression(), self.hear)
+        self._inlet = self.port.collect(self._keys.expression(), self.deliver)
 
-    def is_heard(self, seconds: float) -> bool:
+    def await_subscriber(self, seconds: float) -> bool:
         """Wait for a subscriber on the bus, without which the first frames would be lost; return whether there is one.
 
         Args:
@@ -113,7 +113,7 @@ class Side:
         finally:
             outlet.close()
 
-    def deafen(self) -> None:
+    def stop_listening(self) -> None:
         """Stop listening to the bus, after the links have got what arrived."""
         inlet, self._inlet = self._inlet, None
         if inlet is not None:
@@ -121,12 +121,12 @@ class Side:
 
     def close(self) -> None:
         """Close the side; no link may bring frames any more."""
-        self.deafen()
+        self.stop_listening()
         for outlet in self._outlets.values():
             outlet.close()
         self._outlets.clear()
 
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
+    def receive(self, end: End, packets: Sequence[bytes]) -> None:
         """Carry packets, or pieces of a stream, that came over an end of a link, in their order.
 
         Frames of known flows go together, packets without a look at more than their header and checksum: a call per
@@ -138,10 +138,10 @@ class Side:
             self._carry(end, flows, packets[at : at + len(flows)])
             at += len(flows)
             if at < len(packets):
-                self.take_frames(end, end.framer.feed(packets[at]))
+                self.receive_frames(end, end.framer.feed(packets[at]))
                 at += 1
 
-    def take_frames(self, end: End, frames: Iterable[Frame]) -> None:
+    def receive_frames(self, end: End, frames: Iterable[Frame]) -> None:
         """Carry frames that came over a link; those of known flows together."""
         now = time.monotonic()
         flows: list[Flow] = []
@@ -154,10 +154,10 @@ class Side:
             else:
                 self._carry(end, flows, raws)
                 flows, raws = [], []
-                self._take_new(end, frame, now)
+                self._receive_new(end, frame, now)
         self._carry(end, flows, raws)
 
-    def _take_new(self, end: End, frame: Frame, now: float) -> None:
+    def _receive_new(self, end: End, frame: Frame, now: float) -> None:
         """Carry a frame, unless it is dropped, and remember its route."""
         routes, raw = self.routes, frame.raw
         end.losses.see(frame.system, frame.component, frame.sequence)
@@ -212,9 +212,9 @@ class Side:
             if end.generation == generation:
                 flows[frame.raw[KIND]] = Flow(bytes([extra]), count, others, outlet)
 
-    def hear(self, messages: Sequence[tuple[bytes, bytes | None]]) -> None:
+    def deliver(self, messages: Sequence[tuple[bytes, bytes | None]]) -> None:
         """Carry what came from the bus, payloads and attachments; one thread at a time."""
-        known, own, routes = self._known, self._mark, self.routes
+        known, own, routes = self._deliveries, self._mark, self.routes
         raws: list[bytes] = []
         ends: list[End] = []
         for payload, attachment in messages:
@@ -228,38 +228,38 @@ class Side:
                 or payload[1] != size - 12
                 or payload[2]
             ):
-                self._give(raws, ends)
+                self._send_together(raws, ends)
                 raws = []
-                self._hear_new(payload, attachment)
+                self._deliver_new(payload, attachment)
                 continue
             if raws and found[1] is not ends and found[1] != ends:
-                self._give(raws, ends)
+                self._send_together(raws, ends)
                 raws = []
             ends = found[1]
             raws.append(payload)
-        self._give(raws, ends)
+        self._send_together(raws, ends)
 
-    def _give(self, raws: Sequence[bytes], ends: Sequence[End]) -> None:
+    def _send_together(self, raws: Sequence[bytes], ends: Sequence[End]) -> None:
         if raws:
             self.counts["from_bus"] += len(raws)
             for end in ends:
                 end.send_all(raws)
 
-    def _hear_new(self, payload: bytes, attachment: bytes | None) -> None:
+    def _deliver_new(self, payload: bytes, attachment: bytes | None) -> None:
         own = attachment == self._mark
         try:
             frame = parse_frame(payload)
         except PayloadError:
-            self._hear_broken(payload)
+            self._deliver_broken(payload)
             return
         if not is_mark(attachment) and self._linked(frame.system, frame.component):
             payload = self._renumbered(frame)
         generation = self.routes.generation
         ends = self.routes.deliver(frame, looped=own)
         if ends and own and is_plain(payload) and self.routes.settled(frame.message_id):
-            if len(self._known) >= _MOST_FLOWS:
-                self._known.clear()
-            self._known[payload[KIND]] = generation, ends
+            if len(self._deliveries) >= _MOST_FLOWS:
+                self._deliveries.clear()
+            self._deliveries[payload[KIND]] = generation, ends
         counts = self.counts
         counts["from_bus"] += 1
         counts["unrouted"] += not ends
@@ -290,7 +290,7 @@ class Side:
             self.counts["inserted"] += 1
             return self.streams.renumber(frame)
 
-    def _hear_broken(self, payload: bytes) -> None:
+    def _deliver_broken(self, payload: bytes) -> None:
         """Send a payload that is not a frame to all links unchanged: it was broken on purpose and names no target."""
         fits = 0 < len(payload) <= LONGEST
         self.counts["from_bus"] += 1

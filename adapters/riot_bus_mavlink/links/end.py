@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Batching", "End", "Flow"]
 
-_MOST_WAITING = 64  # as many as one call can send over UDP (`_MOST_SEGMENTS` in udp.py)
+_MOST_PENDING = 64  # as many as one call can send over UDP (`_MOST_SEGMENTS` in udp.py)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class End(Peer):
     __slots__ = (
         "_batching",
         "_lock",
-        "_waiting",
+        "_pending",
         "_write",
         "address",
         "flows",
@@ -114,23 +114,23 @@ class End(Peer):
         self.flows: dict[bytes, Flow] = {}
         self.generation = -1
         self._write, self._batching = write, batching
-        self._waiting: list[bytes] = []  # never replaced, so that threads can append without a lock
+        self._pending: list[bytes] = []  # never replaced, so that threads can append without a lock
         self._lock = threading.Lock()
 
     def send(self, raw: bytes) -> None:
-        """Send a frame, or count it as lost, without waiting for room; callable on any thread."""
+        """Send a frame, or count it as lost, without pending for room; callable on any thread."""
         batching = self._batching
         if batching is not None and batching.loop.ident == get_ident():
-            waiting = self._waiting
-            if not waiting:
+            pending = self._pending
+            if not pending:
                 batching.loop.at_end(self.flush)
-            waiting.append(raw)
-            if len(waiting) >= _MOST_WAITING:
+            pending.append(raw)
+            if len(pending) >= _MOST_PENDING:
                 self.flush()
             return
         with self._lock:
-            if self._waiting:  # they came first
-                self._send_waiting()
+            if self._pending:  # they came first
+                self._send_pending()
             if self._write(raw):
                 self.out += 1
             else:
@@ -143,20 +143,20 @@ class End(Peer):
             for raw in raws:
                 self.send(raw)
             return
-        if not self._waiting:
+        if not self._pending:
             batching.loop.at_end(self.flush)
-        self._waiting += raws
-        if len(self._waiting) >= _MOST_WAITING:
+        self._pending += raws
+        if len(self._pending) >= _MOST_PENDING:
             self.flush()
 
     def flush(self) -> None:
         """Send the frames that wait for the end of a handler; callable on any thread."""
         with self._lock:
-            self._send_waiting()
+            self._send_pending()
 
-    def _send_waiting(self) -> None:
-        frames = self._waiting[:]
-        del self._waiting[: len(frames)]
+    def _send_pending(self) -> None:
+        frames = self._pending[:]
+        del self._pending[: len(frames)]
         if frames and self._batching is not None:
             done = self._batching.write(frames)
             self.out += done

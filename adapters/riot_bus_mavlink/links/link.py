@@ -43,7 +43,7 @@ class Host(Protocol):
     def leave(self, end: End) -> None:
         """Forget an end that is gone."""
 
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
+    def receive(self, end: End, packets: Sequence[bytes]) -> None:
         """Take packets, or pieces of a stream, in the order in which they came."""
 
     def warn(self, spec: LinkSpec, text: str) -> None:
@@ -129,7 +129,7 @@ class RetriedLink(Link, ABC):
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)
         self._timer: Timer | None = None
-        self._told = ""
+        self._last_reason = ""
         self._closed = False
 
     def close(self) -> None:
@@ -148,8 +148,8 @@ class RetriedLink(Link, ABC):
         if self._closed:
             return
         why = reason(why) if isinstance(why, OSError) else why
-        if why != self._told:
-            self._told = why
+        if why != self._last_reason:
+            self._last_reason = why
             self._host.warn(self.spec, f"{why}; it is tried again")
         self._timer = self._host.loop.later(self.retry, self._try)
 

@@ -91,7 +91,7 @@ class TelemetryLogSource(_LogLink):
             if wait > 0:
                 self._timer = self._host.loop.later(wait, self._go_on)
                 return
-            self._host.take(self._end, [self._records.popleft().frame.raw])
+            self._host.receive(self._end, [self._records.popleft().frame.raw])
         self._timer = self._host.loop.later(0.0, self._go_on)
 
     def _wait(self, time_ns: int) -> float:

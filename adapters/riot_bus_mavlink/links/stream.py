@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Stream", "StreamClient", "Transport"]
 
-_MOST_WAITING = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
+_MOST_UNSENT = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
 _MOST_READ = 1 << 16  # other links wait while the frames of one read are handled; not measured
 
 
@@ -53,7 +53,7 @@ class Stream:
     ) -> None:
         self._link, self._host, self._transport, self._gone = link, host, transport, gone
         self._lock = threading.Lock()
-        self._waiting = bytearray()
+        self._unsent = bytearray()
         self._open = True
         self._number = transport.fileno()
         with self._lock:  # nothing is written before it is watched
@@ -76,10 +76,10 @@ class Stream:
         with self._lock:
             if not self._open:
                 return False
-            if self._waiting:
-                if len(self._waiting) + len(data) > _MOST_WAITING:
+            if self._unsent:
+                if len(self._unsent) + len(data) > _MOST_UNSENT:
                     return False
-                self._waiting += data
+                self._unsent += data
                 return True
             try:
                 done = self._transport.send(data)
@@ -88,13 +88,13 @@ class Stream:
             except OSError:  # the next read detects that the stream has ended
                 return False
             if done < len(data):
-                self._waiting += data[done:]
+                self._unsent += data[done:]
                 self._host.loop.change(self._number, READ | WRITE)
             return True
 
     def _write_all(self, frames: Sequence[bytes]) -> int:
         """Take whole frames; return how many."""
-        if len(self._waiting) + sum(map(len, frames)) <= _MOST_WAITING:
+        if len(self._unsent) + sum(map(len, frames)) <= _MOST_UNSENT:
             return len(frames) if self._write(b"".join(frames)) else 0
         return sum(map(self._write, frames))
 
@@ -109,13 +109,13 @@ class Stream:
             if not self._open:
                 return
             try:
-                done = self._transport.send(bytes(self._waiting))
+                done = self._transport.send(bytes(self._unsent))
             except BlockingIOError:
                 return
             except OSError:
-                done = len(self._waiting)
-            del self._waiting[:done]
-            if not self._waiting:
+                done = len(self._unsent)
+            del self._unsent[:done]
+            if not self._unsent:
                 self._host.loop.change(self._number, READ)
 
     def _read(self) -> None:
@@ -126,7 +126,7 @@ class Stream:
         except OSError:
             data = b""
         if data:
-            self._host.take(self.end, [data])
+            self._host.receive(self.end, [data])
         else:
             self.close()
             self._gone(self)
@@ -152,7 +152,7 @@ class StreamClient(RetriedLink):
         super().close()
 
     def _opened(self, transport: Transport) -> None:
-        self._told = ""
+        self._last_reason = ""
         self._stream = Stream(self, self._host, address=self.where, transport=transport, gone=self._lost)
 
     def _lost(self, stream: Stream) -> None:

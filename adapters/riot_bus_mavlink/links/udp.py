@@ -148,7 +148,7 @@ class UdpServer(_UdpLink):
                     continue
                 end = self._add(address)
             self._heard[address] = now
-            self._host.take(end, packets)
+            self._host.receive(end, packets)
 
     def _add(self, address: Any) -> End:
         if len(self._by_address) >= _MOST_PEERS:
@@ -218,7 +218,7 @@ class UdpClient(_UdpLink, RetriedLink):
             if self._many:
                 self._answering = (address, time.monotonic())
             for end in self._ends:  # none once it is closed
-                self._host.take(end, packets)
+                self._host.receive(end, packets)
 
 
 def _alike(frames: Sequence[bytes], at: int) -> int:

@@ -78,7 +78,7 @@ class Ros2Bridge:
         self._port, self._options, self._warn = port, options, warn
         self._names = Names(options)
         self.name = f"{NODE_PREFIX}{time.time_ns():016x}{secrets.token_hex(4)}"  # an older bridge has a smaller name
-        self._node = NodeProcess(self.name, options, self._take)
+        self._node = NodeProcess(self.name, options, self._receive)
         self._announcer = Announcer(port, options.zenoh_domain)
         self._node_says: dict[str, Any] = {}
         self._graph: DomainGraph | None = None
@@ -109,11 +109,11 @@ class Ros2Bridge:
         with ExitStack() as stack:
             stack.callback(self._node.close)
             options = self._options
-            for watched, take in (
+            for watched, report in (
                 (f"@ros2_lv/{options.zenoh_domain}/**", self._see_token),
                 (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
             ):
-                stack.callback(self._port.watch(watched, take).close)
+                stack.callback(self._port.watch(watched, report).close)
             # Before the node starts, which takes time: bridges with a later name must see this token in time.
             mine = OtherBridge(options.domain, self._port.zid, self.name)
             stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
@@ -186,22 +186,22 @@ class Ros2Bridge:
 
     # -- what comes in ------------------------------------------------------------------------------------------------
 
-    def _take(self, frame: BridgeFrame | None) -> None:
+    def _receive(self, frame: BridgeFrame | None) -> None:
         """Carry what the node sends."""
         if frame is None:
             if not self._ended.is_set():
                 self._fail("the ROS node of the bridge has ended", "what ROS says about it stands above")
         elif frame.kind == BridgeFrameKind.DOCUMENT:
-            self._hear(frame.document())
+            self._on_event(frame.document())
         else:
             route = self._by_number.get(frame.endpoint)
             try:
                 if route is not None:
-                    route.take(frame)
+                    route.carry(frame)
             except Exception as error:
                 self._problem(route.key.topic if route else "", str(error))
 
-    def _hear(self, event: dict[str, Any]) -> None:
+    def _on_event(self, event: dict[str, Any]) -> None:
         if event["event"] == "graph":
             self._graph = DomainGraph.of(event)
             self._wake()
@@ -368,7 +368,7 @@ class Ros2Bridge:
     def _finish(self) -> None:
         """Let messages that are under way pass."""
         for down in self._routes[DownRoute].values():
-            down.mute()
+            down.unsubscribe()
         self._node.finish()
 
     # -- what goes wrong ----------------------------------------------------------------------------------------------

@@ -37,11 +37,11 @@ class NodeProcess:
     Args:
         name: Name of the node.
         options: Options with domain and interpreter.
-        take: Called on a separate thread with each frame, and with None when the process has ended.
+        received: Called on a separate thread with each frame, and with None when the process has ended.
     """
 
-    def __init__(self, name: str, options: Ros2BridgeOptions, take: Callable[[BridgeFrame | None], None]) -> None:
-        self._name, self._options, self._take = name, options, take
+    def __init__(self, name: str, options: Ros2BridgeOptions, received: Callable[[BridgeFrame | None], None]) -> None:
+        self._name, self._options, self._received = name, options, received
         self._process: subprocess.Popen[bytes] | None = None
         self._wire: Wire | None = None
         self._thread = threading.Thread(target=self._receive, name="riot-bridge-node", daemon=True)
@@ -127,8 +127,8 @@ class NodeProcess:
     def _receive(self) -> None:
         wire = self._wire
         while wire is not None and (frame := wire.receive()) is not None:
-            self._take(frame)
-        self._take(None)
+            self._received(frame)
+        self._received(None)
 
 
 def interpreter() -> str:

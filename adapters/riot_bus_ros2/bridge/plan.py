@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from riot_bus_ros2.qos import Duration
     from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
 
-__all__ = ["BridgePlan", "DomainAnnouncement", "Down", "Up", "plan_of"]
+__all__ = ["BridgePlan", "DomainAnnouncement", "DownPlan", "UpPlan", "plan_of"]
 
 _MOST_LATCHED = 1 << 16  # peers may announce depths of ten digits: bounds what is fetched and kept
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 
-class Up(NamedTuple):
+class UpPlan(NamedTuple):
     """Plan for a topic that goes from the domain to the segment.
 
     Attributes:
@@ -57,7 +57,7 @@ class Up(NamedTuple):
         return self == other
 
 
-class Down(NamedTuple):
+class DownPlan(NamedTuple):
     """Plan for a topic that goes from the segment to the domain.
 
     Attributes:
@@ -72,7 +72,7 @@ class Down(NamedTuple):
 
     def means(self, other: object) -> bool:
         """Return whether the same is to be done as with another plan."""
-        return isinstance(other, Down) and self[:2] == other[:2]
+        return isinstance(other, DownPlan) and self[:2] == other[:2]
 
 
 class DomainAnnouncement(NamedTuple):
@@ -106,8 +106,8 @@ class BridgePlan:
         foreign: Topics and services whose types or type hashes differ between domain and segment.
     """
 
-    ups: dict[DataKey, Up] = field(default_factory=dict)
-    downs: dict[DataKey, Down] = field(default_factory=dict)
+    ups: dict[DataKey, UpPlan] = field(default_factory=dict)
+    downs: dict[DataKey, DownPlan] = field(default_factory=dict)
     offered: set[DataKey] = field(default_factory=set)
     wanted: set[DataKey] = field(default_factory=set)
     announcements: set[DomainAnnouncement] = field(default_factory=set)
@@ -170,18 +170,18 @@ def plan_of(
     )
 
 
-def _up(profiles: Sequence[RosQos], options: Ros2BridgeOptions) -> Up:
+def _up(profiles: Sequence[RosQos], options: Ros2BridgeOptions) -> UpPlan:
     """Subscribe so that all publishers match, as `ros2 bag record` does."""
     reliable = all(each.reliable for each in profiles)
     latched = all(each.latched for each in profiles)
     depth = max(options.depth, options.latched) if latched else options.depth
     durability = LATCHED if latched else VOLATILE
-    return Up(RosQos(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
+    return UpPlan(RosQos(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
 
 
 def _down(
     elsewhere: Sequence[RosQos], subscribed: Sequence[RosQos], depths: Iterable[int], options: Ros2BridgeOptions
-) -> Down:
+) -> DownPlan:
     """Publish like the publishers on the segment; if their QoS is unknown, so that all subscriptions match."""
     profiles = elsewhere or subscribed
     latched = any(each.latched for each in profiles)
@@ -199,7 +199,7 @@ def _down(
         BY_TOPIC if any(each.liveliness == BY_TOPIC for each in profiles) else AUTOMATIC,
         _shortest(each.lease for each in profiles),
     )
-    return Down(writer, kept if latched else None, bool(elsewhere))
+    return DownPlan(writer, kept if latched else None, bool(elsewhere))
 
 
 def _announcements(

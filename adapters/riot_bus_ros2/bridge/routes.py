@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from riot_bus.types.port import Closeable, PortQuery, SegmentAccess
     from riot_bus_ros2.bridge.graph import DomainGraph
     from riot_bus_ros2.bridge.node import NodeProcess
-    from riot_bus_ros2.bridge.plan import Down, Up
+    from riot_bus_ros2.bridge.plan import DownPlan, UpPlan
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 
@@ -91,10 +91,10 @@ class BridgeRoute:
     def update(self, graph: DomainGraph) -> None:
         """Join or leave the other side, as needed."""
 
-    def take(self, frame: BridgeFrame) -> None:
+    def carry(self, frame: BridgeFrame) -> None:
         """Carry a frame of the node to the segment."""
 
-    def mute(self) -> None:
+    def unsubscribe(self) -> None:
         """Take nothing more from the segment."""
         inlet, self._inlet = self._inlet, None
         if inlet is not None:
@@ -102,7 +102,7 @@ class BridgeRoute:
 
     def close(self) -> None:
         """End the route on both sides."""
-        self.mute()
+        self.unsubscribe()
         self._node.tell(do="drop", id=self.number)
 
     def _order(self, do: str, **more: Any) -> None:
@@ -114,7 +114,7 @@ class UpRoute(BridgeRoute):
 
     way, token_kind = "to_segment", "MP"
 
-    def __init__(self, number: int, key: DataKey, plan: Up, context: RouteContext) -> None:
+    def __init__(self, number: int, key: DataKey, plan: UpPlan, context: RouteContext) -> None:
         super().__init__(number, key, plan, context)
         self._subscribed = self._closed = False
         self._outlet = self._port.publisher(
@@ -133,7 +133,7 @@ class UpRoute(BridgeRoute):
             self._node.tell(do="drop", id=self.number)
         self._subscribed = wanted
 
-    def take(self, frame: BridgeFrame) -> None:
+    def carry(self, frame: BridgeFrame) -> None:
         """Publish a message from the domain with its time of publication, or the current time if that is unknown."""
         attachment = build_attachment(Attachment(self.count + 1, frame.number or time.time_ns(), self.gid))
         try:
@@ -155,7 +155,7 @@ class DownRoute(BridgeRoute):
     """A topic from the segment to the domain."""
 
     way = "to_domain"
-    plan: Down
+    plan: DownPlan
 
     def open(self) -> None:
         """Create a publisher in the domain."""
@@ -166,11 +166,11 @@ class DownRoute(BridgeRoute):
         matched = graph.matched.get(self.number)  # None while there is no publisher yet
         wanted = matched is not None and (matched > 0 or self.plan.latched is not None)
         if not wanted:
-            self.mute()
+            self.unsubscribe()
         elif self._inlet is None:
-            self._inlet = self._port.subscribe(build_data_key(self.key), self._hear, latched=self.plan.latched)
+            self._inlet = self._port.subscribe(build_data_key(self.key), self._carry_message, latched=self.plan.latched)
 
-    def _hear(self, payload: bytes, attachment: bytes | None) -> None:
+    def _carry_message(self, payload: bytes, attachment: bytes | None) -> None:
         if self._context.is_own(attachment):
             return
         if len(payload) < _LEAST:
@@ -204,7 +204,7 @@ class OfferedService(BridgeRoute):
         if self._inlet is None and self.number in graph.ready:
             self._inlet = self._port.serve(build_data_key(self.key), self._ask)
 
-    def take(self, frame: BridgeFrame) -> None:
+    def carry(self, frame: BridgeFrame) -> None:
         """Answer a request."""
         with self._lock:
             query = self._open.pop(frame.number, None)
@@ -245,7 +245,7 @@ class WantedService(BridgeRoute):
         """Create a server in the domain."""
         self._order("serve")
 
-    def take(self, frame: BridgeFrame) -> None:
+    def carry(self, frame: BridgeFrame) -> None:
         """Send a request to the segment, or drop one whose client does not wait for it any more."""
         if frame.kind == BridgeFrameKind.FAILURE:
             self._forget(frame.number)

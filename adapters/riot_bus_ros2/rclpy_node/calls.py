@@ -34,7 +34,7 @@ class Server:
         self._next = 0
         self._lock = threading.Lock()
 
-    def take(self, wire: Wire) -> bool:
+    def forward(self, wire: Wire) -> bool:
         """Forward the requests that have arrived; return whether there may be more."""
         for _ in range(_AT_ONCE):
             request, header = self.handle.service_take_request(self._kind.Request) or (None, None)
@@ -94,7 +94,7 @@ class DomainClient:
         if lost is not None:
             wire.send(BridgeFrameKind.FAILURE, self._number, lost, b"too many requests are open", patient=False)
 
-    def take(self, wire: Wire) -> bool:
+    def forward(self, wire: Wire) -> bool:
         """Forward the responses that have arrived; return whether there may be more."""
         for _ in range(_AT_ONCE):
             with self._lock:

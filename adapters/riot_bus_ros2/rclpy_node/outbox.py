@@ -30,7 +30,7 @@ class Outbox:
         self._socket = connection
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
-        self._waiting: list[bytes | memoryview] = []
+        self._queue: list[bytes | memoryview] = []
         self._size = 0  # bytes in the queue or being written by the thread
         self._ended = False
         self._thread: threading.Thread | None = None
@@ -54,7 +54,7 @@ class Outbox:
                     sent = self._socket.sendmsg(pieces, (), socket.MSG_DONTWAIT)
                 if sent == size:
                     return
-            self._waiting += _after(pieces, sent)
+            self._queue += _after(pieces, sent)
             self._size += size - sent
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="riot-outbox", daemon=True)
@@ -75,7 +75,7 @@ class Outbox:
         """Stop taking and writing bytes, and drop the queue; safe to call twice, and from any thread."""
         with self._lock:
             self._ended = True
-            self._waiting.clear()
+            self._queue.clear()
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -87,10 +87,10 @@ class Outbox:
     def _run(self) -> None:
         while True:
             with self._lock:
-                self._changed.wait_for(lambda: self._ended or self._waiting)
+                self._changed.wait_for(lambda: self._ended or self._queue)
                 if self._ended:
                     return
-                pieces, self._waiting = self._waiting, []
+                pieces, self._queue = self._queue, []
             try:
                 for data in _joined(pieces):
                     self._socket.sendall(data)

@@ -122,18 +122,18 @@ class Relay:
             for server in servers:
                 wait_set.add_service(server.handle)
             wait_set.wait(_WAIT_NS)
-            self._take(subscriptions, set(wait_set.get_ready_entities("subscription")))
-            self._take(clients, set(wait_set.get_ready_entities("client")))
-            self._take(servers, set(wait_set.get_ready_entities("service")))
+            self._forward(subscriptions, set(wait_set.get_ready_entities("subscription")))
+            self._forward(clients, set(wait_set.get_ready_entities("client")))
+            self._forward(servers, set(wait_set.get_ready_entities("service")))
             with contextlib.suppress(queue.Empty):
                 while True:
                     self._gone.get_nowait()()
 
-    def _take(self, endpoints: list[Any], ready: set[int]) -> None:
+    def _forward(self, endpoints: list[Any], ready: set[int]) -> None:
         for each in endpoints:
             if each.handle.pointer in ready:
                 try:
-                    each.take(self._wire)
+                    each.forward(self._wire)
                 except OSError:
                     raise
                 except Exception as error:
@@ -144,7 +144,7 @@ class Relay:
         deadline = time.monotonic() + _LINGER_S
         ends: list[Any] = [*self._subscriptions.values(), *self._clients.values(), *self._servers.values()]
         for each in ends:
-            while each.take(self._wire) and time.monotonic() < deadline:
+            while each.forward(self._wire) and time.monotonic() < deadline:
                 pass
 
     # -- from the bridge ----------------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ class Relay:
                 self._publishers[number] = self._topics.publisher(order["topic"], order["type"], order["qos"])
             elif order["do"] == "subscribe":
                 subscription = self._topics.subscription(number, order["topic"], order["type"], order["qos"])
-                subscription.see(self._writers.get(subscription.topic, ()))
+                subscription.set_publishers(self._writers.get(subscription.topic, ()))
                 self._subscriptions[number] = subscription
             elif order["do"] == "serve":
                 self._servers[number] = Server(self._node, number, order["topic"], order["type"])
@@ -232,7 +232,7 @@ class Relay:
                     writers.setdefault(topic, []).append(gid)
                 self._writers = writers
                 for subscription in self._subscriptions.copy().values():
-                    subscription.see(writers.get(subscription.topic, ()))
+                    subscription.set_publishers(writers.get(subscription.topic, ()))
                 if found != last:
                     last, changed = found, began
                     self._wire.tell({"event": "graph", **found})

@@ -131,7 +131,7 @@ class Subscription:
             raise
         self.handle: Any = self._subscription.handle
 
-    def take(self, wire: Wire) -> bool:
+    def forward(self, wire: Wire) -> bool:
         """Forward the messages from others; return whether there may be more."""
         take, kind, is_echo = self.handle.take_message, self._kind, self._both.echoes.is_echo
         found: list[tuple[int, bytes]] = []
@@ -154,7 +154,7 @@ class Subscription:
                 wire.send_messages(self._number, found)
         return True
 
-    def see(self, publishers: Iterable[str]) -> None:
+    def set_publishers(self, publishers: Iterable[str]) -> None:
         """Record the gids of the publishers."""
         found = tuple(sorted(publishers))
         if found != self._publishers:

@@ -103,7 +103,7 @@ class Bench:
 def test_what_comes_over_a_link_goes_to_the_others_and_to_the_bus() -> None:
     bench = Bench("a", "b")
     frames = [frame_of(sequence=1), unknown_frame(sequence=3)]
-    bench.side.take_frames(bench.ends["a"], frames)
+    bench.side.receive_frames(bench.ends["a"], frames)
     assert bench.got == {"a": [], "b": [each.raw for each in frames]}
     assert bench.port.puts == [
         ("mavlink_raw/a/1/1/HEARTBEAT", frames[0].raw, MARK),
@@ -122,17 +122,17 @@ def test_what_is_known_of_frames_changes_with_the_links() -> None:
     raws = [frame_of(sequence=sequence).raw for sequence in range(6)]
     known = end.framer.known
     assert known(raws, 0, side._flows(end)) == []
-    side.take(end, raws[:2])  # the first one makes the source known, the second one where such frames go
+    side.receive(end, raws[:2])  # the first one makes the source known, the second one where such frames go
     assert len(known(raws, 2, side._flows(end))) == 4
     assert known([raws[4][:-1] + b"?"], 0, side._flows(end)) == []
     assert known([raws[4] + raws[5]], 0, side._flows(end)) == []
     end.framer.counts = StreamCounts(2, bytes=2 * len(raws[0]), frame_bytes=2 * len(raws[0]))
-    side.take(end, raws[2:4])
+    side.receive(end, raws[2:4])
     late = bench.ends["c"] = bench._end("c")
     bench.got["c"] = []
     side.routes.add(late)
     assert known(raws, 4, side._flows(end)) == []
-    side.take(end, raws[4:])
+    side.receive(end, raws[4:])
     assert bench.got == {"a": [], "b": raws, "c": raws[4:]}
     assert [payload for _, payload, _ in bench.port.puts] == raws
     assert end.counts == {"in": 6}
@@ -154,14 +154,14 @@ def test_it_makes_no_difference_what_is_known_or_comes_at_once(steps: list[tuple
         if not last and number + 1 < len(steps):
             continue
         for place, packets in _runs(waiting):
-            one.side.take(one.ends[place], packets)
-        one.side.hear([(packet, MARK) for _, packet in waiting])
+            one.side.receive(one.ends[place], packets)
+        one.side.deliver([(packet, MARK) for _, packet in waiting])
         for place, packet in waiting:
             _forget(other)
-            other.side.take(other.ends[place], [packet])
+            other.side.receive(other.ends[place], [packet])
         for _, packet in waiting:
             _forget(other)
-            other.side.hear([(packet, MARK)])
+            other.side.deliver([(packet, MARK)])
         waiting = []
     assert one.got == other.got
     assert one.port.puts == other.port.puts
@@ -176,7 +176,7 @@ def test_it_makes_no_difference_what_is_known_or_comes_at_once(steps: list[tuple
 
 
 def _forget(bench: Bench) -> None:
-    bench.side._known.clear()
+    bench.side._deliveries.clear()
     for end in bench.ends.values():
         end.flows.clear()
 
@@ -188,27 +188,27 @@ def _runs(packets: list[tuple[str, bytes]]) -> list[tuple[str, list[bytes]]]:
 
 def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
     bench = Bench("a", "b")
-    bench.side.take_frames(bench.ends["b"], [frame_of(source=(9, 9))])
+    bench.side.receive_frames(bench.ends["b"], [frame_of(source=(9, 9))])
     bench.got = {"a": [], "b": []}
     heartbeat = frame_of(source=(1, 1), sequence=5)
-    bench.side.hear([(heartbeat.raw, None)])
+    bench.side.deliver([(heartbeat.raw, None)])
     command = frame_of("COMMAND_LONG", source=(1, 1), target=(9, 9))
-    bench.side.hear([(command.raw, b"something")])
+    bench.side.deliver([(command.raw, b"something")])
     nobody = frame_of("COMMAND_LONG", source=(1, 1), target=(8, 8))
-    bench.side.hear([(nobody.raw, None)])
+    bench.side.deliver([(nobody.raw, None)])
     assert bench.got == {"a": [heartbeat.raw], "b": [heartbeat.raw, command.raw]}
     assert bench.side.counts == {"to_bus": 1, "from_bus": 3, "unrouted": 1}
 
 
 def test_inserted_frames_are_numbered_on_their_own_and_others_are_not() -> None:
     bench = Bench("a", "b")
-    bench.side.take_frames(bench.ends["a"], [frame_of(source=(1, 1), sequence=50)])
+    bench.side.receive_frames(bench.ends["a"], [frame_of(source=(1, 1), sequence=50)])
     bench.got = {"a": [], "b": []}
     frame = frame_of(source=(1, 1), sequence=51)
     for mark in (None, b"x", MARK, new_mark(), INSERTED):
-        bench.side.hear([(frame.raw, mark)])
+        bench.side.deliver([(frame.raw, mark)])
     # Nobody else was seen as 2/2, so it is no insertion: numbers of sources are never changed.
-    bench.side.hear([(frame_of(source=(2, 2), sequence=7).raw, None)])
+    bench.side.deliver([(frame_of(source=(2, 2), sequence=7).raw, None)])
     assert [parse_frame(raw).sequence for raw in bench.got["b"]] == [0, 1, 51, 51, 51, 7]
     assert [parse_frame(raw).sequence for raw in bench.got["a"]] == [0, 1, 51, 51, 7]  # not what came from there
     assert bench.side.counts["inserted"] == 2
@@ -219,7 +219,7 @@ def test_what_was_broken_on_purpose_goes_on_as_it_is() -> None:
     raw = frame_of(source=(1, 1)).raw
     wrong_sum = raw[:-1] + bytes([raw[-1] ^ 255])
     for payload in (wrong_sum, raw[:-3], b"x" * 280, b"", b"x" * 281, b"x" * 100_000):
-        bench.side.hear([(payload, MARK)])
+        bench.side.deliver([(payload, MARK)])
     assert bench.got["a"] == bench.got["b"] == [wrong_sum, raw[:-3], b"x" * 280]
     assert bench.side.counts == {"from_bus": 6, "unrouted": 0, "broken": 2, "refused": 3}
 
@@ -241,7 +241,7 @@ def test_signed_frames_that_come_again_get_a_later_time_with_the_key() -> None:
     signed = sign_frame(frame_of(source=(1, 1)).raw, SIGNER, extra, link=1, time=100)
     for each in (bench, keyless):
         for _ in range(3):
-            each.side.hear([(signed, MARK)])
+            each.side.deliver([(signed, MARK)])
     assert keyless.got["a"] == [signed] * 3
     frames = [parse_frame(raw) for raw in bench.got["a"]]
     assert frames[0].raw == signed
@@ -253,7 +253,7 @@ def test_outlets_are_bounded() -> None:
     bench = Bench("a")
     for system in range(1, 18):
         for component in range(256):
-            bench.side.take_frames(bench.ends["a"], [frame_of(source=(system, component))])
+            bench.side.receive_frames(bench.ends["a"], [frame_of(source=(system, component))])
     assert len(bench.port.puts) == 17 * 256
     assert bench.port.closed == [key for key, _, _ in bench.port.puts[:256]]
 
@@ -262,7 +262,7 @@ def test_outlets_are_bounded() -> None:
 def test_any_bytes_on_the_bus_are_counted(payloads: list[tuple[bytes, bytes | None]]) -> None:
     bench = Bench("a")
     for payload, attachment in payloads:
-        bench.side.hear([(payload, attachment)])
+        bench.side.deliver([(payload, attachment)])
     counts = bench.side.counts
     assert counts["from_bus"] == len(payloads)
     assert len(bench.got["a"]) == len(payloads) - counts["refused"] - counts["unrouted"]

@@ -40,7 +40,7 @@ class KeepingHost:
             self.ends = [each for each in self.ends if each is not end]
             self._bell.notify_all()
 
-    def take(self, end: End, packets: Sequence[bytes]) -> None:
+    def receive(self, end: End, packets: Sequence[bytes]) -> None:
         with self._bell:
             self.data[end.address] = self.data.get(end.address, b"") + b"".join(packets)
             self._bell.notify_all()

@@ -82,7 +82,7 @@ def test_senders_of_one_fetch_are_told_apart() -> None:
         assert host.data["127.0.0.1:2"] == FRAME + b"a piece" + FRAME
         before = dict(host.data)
         runs = [(one, [FRAME]), (other, [FRAME])]
-        host.take = lambda end, packets: link.close()  # type: ignore[method-assign]
+        host.receive = lambda end, packets: link.close()  # type: ignore[method-assign]
         link._read(0)
         assert host.ends == []
         assert host.data == before
