@@ -66,7 +66,7 @@ _NON_FINITE = {
 
 
 def allows_non_finite(type_name: str, path: str) -> bool:
-    """Return whether NaN or an infinity in a field means "not measured", "no echo" or the like.
+    """Return whether NaN or an infinity in a field means that there is no value, such as "not measured" or "no echo".
 
     Args:
         type_name: Name of the type, such as `sensor_msgs/msg/LaserScan`.

@@ -1,4 +1,15 @@
-"""One segment of a bridge: frames between its links, and between the links and the bus."""
+"""One segment of a bridge: frames between its links, and between the links and the bus.
+
+The first frame of a kind (message, component and end of a link) is routed by itself; its route is then kept until the
+routing table changes, and further frames of the kind are carried together, without being taken apart:
+
+    from        frame                                       carried by
+    a link      whole packets of known flows                `receive`: `Framer.known` checks them, `_carry` sends them
+    a link      frames of known flows in a stream           `receive_frames`, `_carry`
+    a link      all others                                  `_receive_new`, which remembers a `Flow`
+    the bus     own unsigned ones of known deliveries       `deliver`, `_send_together`
+    the bus     all others                                  `_deliver_new`, which remembers the ends
+"""
 
 from __future__ import annotations
 
@@ -120,7 +131,7 @@ class Side:
             inlet.close()
 
     def close(self) -> None:
-        """Close the side; no link may bring frames any more."""
+        """Close the side, after its links."""
         self.stop_listening()
         for outlet in self._outlets.values():
             outlet.close()
@@ -213,7 +224,11 @@ class Side:
                 flows[frame.raw[KIND]] = Flow(bytes([extra]), count, others, outlet)
 
     def deliver(self, messages: Sequence[tuple[bytes, bytes | None]]) -> None:
-        """Carry what came from the bus, payloads and attachments; one thread at a time."""
+        """Carry what came from the bus, payloads and attachments; one thread at a time.
+
+        Consecutive frames for the same ends go with one call for each end. Nothing here calls per frame, since a call
+        costs as much as all the checks; so `is_plain` is inlined.
+        """
         known, own, routes = self._deliveries, self._mark, self.routes
         raws: list[bytes] = []
         ends: list[End] = []
@@ -223,7 +238,7 @@ class Side:
                 found is None
                 or found[0] != routes.generation
                 or attachment != own
-                or size < 12  # this and the next three: `is_plain`, inlined
+                or size < 12  # this and the next three: `is_plain`
                 or payload[0] != V2
                 or payload[1] != size - 12
                 or payload[2]

@@ -140,7 +140,7 @@ class RetriedLink(Link, ABC):
 
     @abstractmethod
     def _try(self) -> None:
-        """Open it."""
+        """Open the link's end."""
 
     def _again(self, why: str | OSError) -> None:
         """Try again later; report the same reason only once."""

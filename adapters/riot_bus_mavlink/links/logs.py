@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TelemetryLogSink", "TelemetryLogSource"]
 
-_READ = 1 << 16  # so many bytes of records wait in memory; less would cost more calls
+_READ = 1 << 16  # bytes of records in memory; less would cost more calls
 _AT_ONCE = 256  # then other links get their turn, even if the log is read at full speed
 
 

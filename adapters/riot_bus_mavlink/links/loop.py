@@ -122,7 +122,7 @@ class Loop:
                 self._call(timer.fire)
 
     def _call(self, handler: Callable[..., None], *args: int) -> None:
-        """Call a handler, then what it wants to be called at its end."""
+        """Call a handler, then what it has passed to `at_end`."""
         try:
             handler(*args)
         except Exception:

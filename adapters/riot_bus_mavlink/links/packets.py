@@ -12,7 +12,7 @@ from typing import Any
 
 __all__ = ["Packets"]
 
-_AT_ONCE = 64  # per call; buffers for so many take 4 MiB of address space for each socket
+_AT_ONCE = 64  # packets per call; their buffers take 4 MiB of address space for each socket
 _LARGEST = 1 << 16  # UDP has 16 bits for the length of a packet
 _NAME = 32  # bytes, more than addresses of IPv4 and IPv6 have
 _WORD = 4  # bytes of `c_uint`, the type of `size` in `_Slot`

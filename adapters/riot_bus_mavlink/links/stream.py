@@ -25,7 +25,7 @@ class Transport(Protocol):
     """An open socket or device that never waits."""
 
     def fileno(self) -> int:
-        """Return its descriptor."""
+        """Return the file descriptor."""
 
     def recv(self, most: int, /) -> bytes:
         """Return available bytes, none at the end. Raises BlockingIOError if nothing is there, OSError if it broke."""
@@ -34,7 +34,7 @@ class Transport(Protocol):
         """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
 
     def close(self) -> None:
-        """Close it."""
+        """Close the stream."""
 
 
 class Stream:
@@ -61,7 +61,7 @@ class Stream:
             host.loop.watch(self._number, self._handle)
 
     def close(self) -> None:
-        """Close it."""
+        """Close the stream."""
         self.end.flush()
         with self._lock:
             if not self._open:

@@ -221,7 +221,7 @@ class Ros2Bridge:
                 elif room:
                     self._segment[token] = found
             if not room:
-                self._problem(found.topic, f"more than {_MOST_TOKENS} publishers and the like are not bridged")
+                self._problem(found.topic, f"more than {_MOST_TOKENS} announced endpoints are not bridged")
             self._wake()
 
     def _see_bridge(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
@@ -388,7 +388,7 @@ class Ros2Bridge:
     def _refuse(self, topic: str) -> None:
         with self._changed:
             self._refused[topic] += 1
-        self._problem(topic, "what is too short for a message is left out")
+        self._problem(topic, "messages that are too short to be valid are left out")
 
     def _fail(self, text: str, hint: str | None) -> None:
         if self.failure is None:

@@ -18,13 +18,13 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
     """
     topics, services, refused = status["topics"], status["services"], status["refused"]
     if not topics and not services:
-        return ["nothing was there to be bridged"]
+        return ["there was nothing to bridge"]
     rows = [("", "to segment", "to domain")]
     rows += [(name, str(ways["to_segment"]), str(ways["to_domain"])) for name, ways in topics.items()]
     rows += [(name, f"{count} calls", "") for name, count in services.items()]
     return [
         *(f"{name}: {count} messages of the domain were lost" for name, count in status["lost"].items()),
-        *(f"{name}: {count} messages that cannot be any were left out" for name, count in refused.items()),
+        *(f"{name}: {count} messages too short to be valid were left out" for name, count in refused.items()),
         *_table(rows),
     ]
 

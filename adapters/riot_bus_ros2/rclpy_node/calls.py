@@ -61,7 +61,7 @@ class Server:
             self._service.send_response(deserialize_message(payload, self._kind.Response), header)
 
     def close(self) -> None:
-        """Destroy it."""
+        """Destroy the service."""
         self._node.destroy_service(self._service)
 
 
@@ -107,5 +107,5 @@ class DomainClient:
         return True
 
     def close(self) -> None:
-        """Destroy it."""
+        """Destroy the client."""
         self._node.destroy_client(self._client)

@@ -1,6 +1,6 @@
 """Distinguishes messages that this process has published from those of others on the same topic.
 
-rclpy neither says who published a message nor lets a subscription ignore its own process. But a message carries its
+rclpy neither tells the publisher of a message nor lets a subscription ignore its own process. But a message carries its
 time of publication, which lies within the call that published it.
 """
 

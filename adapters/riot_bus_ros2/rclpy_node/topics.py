@@ -103,7 +103,7 @@ class Publisher:
         self._publisher.wait_for_all_acked(Duration(nanoseconds=int(seconds * 1e9)))
 
     def close(self) -> None:
-        """Destroy it."""
+        """Destroy the publisher."""
         self._node.destroy_publisher(self._publisher)
 
 
@@ -168,7 +168,7 @@ class Subscription:
         self._last = sequence
 
     def close(self) -> None:
-        """Destroy it."""
+        """Destroy the subscription."""
         self._node.destroy_subscription(self._subscription)
         self._both.leave(self._qos)
 
