@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.confirm import more_nominal, repeat_in_order
 from riot_bus.campaign.covering import is_hang
 from riot_bus.campaign.effects import Effects
-from riot_bus.campaign.history import AfterOthers, add_history
-from riot_bus.campaign.triage import Failure, group, plainer
+from riot_bus.campaign.triage import AfterOthers, Failure, add_history, group, plainer
 from riot_bus.monitors.liveness import is_compared
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import EnvironmentFaultError

@@ -9,9 +9,8 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.moves import moves_of
 from riot_bus.campaign.targets import Target, family_of, targets_of
-from riot_bus.campaign.variations import Variation
+from riot_bus.campaign.variations import Variation, moves_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.backchain.study import Study
-from riot_bus.chain.crash_region import axes_of, crash_region
+from riot_bus.chain.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
-from riot_bus.chain.region_rule import FOLDER
 from riot_bus.chain.replay import Replay, replay
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord

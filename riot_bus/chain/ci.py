@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.ci_result import CiResult, UnitResult
-from riot_bus.chain.kept import NOMINAL, take_up
+from riot_bus.chain.kept import take_up
 from riot_bus.chain.reproduce import Reproduction, play_again
 from riot_bus.chain.robustness import test_unit
+from riot_bus.chain.workspace import NOMINAL
 from riot_bus.events import CampaignStarted, FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFinding, KnownFindings, fingerprint_of, title_of
 from riot_bus.findings.records import FindingRecord
@@ -121,9 +122,9 @@ def log_of(entry: KnownFinding, known: KnownFindings, findings: Path) -> Path | 
 def _recorded(findings: Path) -> list[tuple[Path, FindingRecord]]:
     """Return the findings of an output folder, without those that cannot be used."""
     found = []
-    for path in sorted(findings.glob(f"*/{FindingRecord.FILE}")):
+    for folder in FindingRecord.folders(findings):
         with suppress(ConfigError):
-            found.append((path.parent, FindingRecord.load(path.parent)))
+            found.append((folder, FindingRecord.load(folder)))
     return found
 
 
@@ -277,8 +278,7 @@ class _UnitRun:
     def _was_fixed(self, workspace: Workspace, folder: Path, entry: KnownFinding | None) -> bool:
         """Record in the output folder that a finding is fixed; return whether that was known."""
         path, before = workspace.findings / folder.name, bool(entry and entry.fixed)
-        if FindingRecord.exists(path):
-            record = FindingRecord.load(path)
+        if record := FindingRecord.find(path):
             before = before or (entry is None and bool(record.fixed_in))
             record.model_copy(update={"fixed_in": self.fingerprint}).save(path)
         return before

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.logs import FailingLog
-from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import FindingRecord, RuleRecord, shortest_log
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.counting import counted
@@ -92,10 +92,10 @@ def plan_guard(
     """
     record, finding, path = RuleRecord.load(folder), FindingRecord.load(folder), folder / RuleRecord.FILE
     file, registry = workspace.context.file, workspace.context.registry
-    failing = "minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap"
+    failing = shortest_log(folder)
     logs: list[tuple[str, Sequence[Message]]] = [
         ("nominal log", workspace.known_unit_log(finding.unit)),
-        (failing, FailingLog.load(folder / failing, registry=registry).messages),
+        (failing.name, FailingLog.load(failing, registry=registry).messages),
     ]
     trials = tuple(_tried(name, log, RuleGuard(path, action), workspace) for name, log in logs if log)
     root = file.path.resolve().parent

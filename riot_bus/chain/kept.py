@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.robustness import keep_evidence, put_aside
+from riot_bus.chain.workspace import NOMINAL
 from riot_bus.events import FindingWritten
-from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
+from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
@@ -25,12 +26,10 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["LARGEST", "NOMINAL", "keep_finding", "take_up"]
+__all__ = ["LARGEST", "keep_finding", "take_up"]
 
 LARGEST = 8 << 20
 """Most bytes of a log that is kept in a user's repository."""
-NOMINAL = "nominal.mcap"
-"""Name of the nominal run in an output folder."""
 _IGNORED = "/trials/\n"
 
 
@@ -44,14 +43,13 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
         folder: Folder of the finding.
         into: Target folder, beside the system's code.
     """
-    record, minimal = FindingRecord.load(folder), MinimalRecord.exists(folder)
-    log = folder / ("minimal.mcap" if minimal else "failure.mcap")
+    record, log = FindingRecord.load(folder), shortest_log(folder)
     if not log.is_file() or log.stat().st_size > LARGEST:
         return None
     target = into / "findings" / folder.name
     target.mkdir(parents=True, exist_ok=True)
     write_file(_IGNORED, into / ".gitignore")
-    for name in ("minimal.json", log.name) if minimal else (log.name,):
+    for name in (MinimalRecord.FILE, log.name) if MinimalRecord.exists(folder) else (log.name,):
         shutil.copyfile(folder / name, target / name)
     nominal, kept = folder.parent.parent / NOMINAL, into / NOMINAL
     if needs_baseline(record.monitor) and nominal.is_file() and nominal.stat().st_size <= LARGEST and not kept.exists():
@@ -80,11 +78,10 @@ def take_up(
     record = FindingRecord.load(source)
     name = source.name if other is None else finding_id(other) + ("-system" if record.whole_system else "")
     target, log = workspace.findings / name, source / found.log
-    if FindingRecord.exists(target):
-        there = FindingRecord.load(target).fingerprint
-        if there == workspace.fingerprint:
+    if known := FindingRecord.find(target):
+        if known.fingerprint == workspace.fingerprint:
             return target
-        aside = put_aside(target, there or "unknown")
+        aside = put_aside(target, known.fingerprint or "unknown")
         log = aside / found.log if target.resolve() == source.resolve() else log
     target.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(log, target / "failure.mcap")

@@ -196,7 +196,7 @@ class UnitQuestions:
         self.dictionary = dictionary_of(step.workspace, self.finding.unit)
         self.runner = step.unit_runner(self.finding.unit)
         cases = FreshCases(self.runner)
-        minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
+        minimal = MinimalRecord.find(folder)
         self._unprobed = minimal is not None and minimal.unprobed
         self.noise = noise_of(self.finding, minimal)
         self._known = _counts(self.finding, minimal)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from riot_bus.chain.external import driving_log, parameter_name
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
-from riot_bus.chain.workspace import StepRun
-from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
+from riot_bus.chain.workspace import NOMINAL, StepRun
+from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord, shortest_log
 from riot_bus.log.reader import read_log
 from riot_bus.monitors.model import names_of
 from riot_bus.plugins import MONITORS
@@ -121,7 +121,7 @@ def play_again(
         shown = () if finding.whole_system else _replays(folder)
         noise = Noise.after(*shown) if shown else noise_of(finding)
     else:
-        path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
+        path = shortest_log(folder)
         messages, parameters = FailingLog.load(path, registry=registry).messages, ()
         nominal = workspace.known_unit_log(finding.unit)
         runner = workspace.runners.unit(finding.unit, lambda: nominal)
@@ -130,7 +130,7 @@ def play_again(
         untold = why_untold(workspace, **of, nominal=nominal)
         if untold and finding.monitor != "hang":  # if it occurs again, it may show in other ways
             raise _nothing_tells(workspace, finding, folder, untold)
-        minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
+        minimal = MinimalRecord.find(folder)
         noise, unprobed = noise_of(finding, minimal), minimal is not None and minimal.unprobed
     ordered = finding.ordered and not whole_system
     most = times or (_MOST_RUNS if whole_system else _MOST)
@@ -158,7 +158,7 @@ def play_again(
 
 def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, why: str) -> InconclusiveError:
     """Return the error for passing trials that prove nothing about a failure."""
-    log = workspace.out / "nominal.mcap"
+    log = workspace.out / NOMINAL
     return InconclusiveError(
         f"nothing tells {finding.monitor!r} here: {why}",
         where=str(folder),

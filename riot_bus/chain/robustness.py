@@ -16,14 +16,12 @@ from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
-from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
-from riot_bus.campaign.targets import targets_of
+from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
 from riot_bus.chain.external import driving_log, system_log
-from riot_bus.chain.histories import shrink_history
-from riot_bus.chain.leaks import find_leak
+from riot_bus.chain.histories import find_leak, shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.chain.testcases import injection_of
@@ -239,14 +237,9 @@ def test_unit(
 
 def tested(workspace: Workspace, unit: str) -> list[Path] | None:
     """Return the findings of a finished campaign on this very system, unit and seed; None if there was none."""
-    if not CampaignRecord.exists(workspace.out):
-        return None
-    record = CampaignRecord.load(workspace.out)
-    if record.whole_system or (record.unit, record.fingerprint, record.seed) != (
-        unit,
-        workspace.fingerprint,
-        workspace.seed,
-    ):
+    record = CampaignRecord.find(workspace.out)
+    same = (unit, workspace.fingerprint, workspace.seed, False)
+    if record is None or (record.unit, record.fingerprint, record.seed, record.whole_system) != same:
         return None
     return [workspace.findings / name for name in record.findings]
 
@@ -418,7 +411,7 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     workspace = step.workspace
     name = finding_id(failure.violation) + ("-system" if subject.whole_system else "")
     folder = workspace.findings / name
-    known = FindingRecord.load(folder) if FindingRecord.exists(folder) else None
+    known = FindingRecord.find(folder)
     told = known is None
     if known is not None and known.fingerprint not in ("", workspace.fingerprint):
         put_aside(folder, known.fingerprint)

@@ -33,9 +33,11 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["StepRun", "Workspace", "open_finding", "system_of"]
+__all__ = ["NOMINAL", "StepRun", "Workspace", "open_finding", "system_of"]
 
 _LOG = logging.getLogger(__name__)
+NOMINAL = "nominal.mcap"
+"""Name of the recorded nominal run in an output folder."""
 _ATTEMPTS = 3  # fewer failures are only warned of; three of three mean a broken system
 
 
@@ -228,7 +230,7 @@ class Workspace:
             if not path.is_file():
                 raise ConfigError(f"the nominal log {file.system.nominal!r} is not there", where=str(file.path))
             return path
-        path = self.out / "nominal.mcap"
+        path = self.out / NOMINAL
         if not path.is_file() or self._recorded_otherwise(path):
             self._record(path, file.system.nominal_run)
         return path
@@ -283,7 +285,7 @@ class Workspace:
     def known_unit_log(self, name: str) -> tuple[Message, ...]:
         """Return `unit_log` if there is a nominal log already, else no messages: none is recorded for this."""
         file = self.context.file
-        recorded = (self.out / "nominal.mcap").is_file()
+        recorded = (self.out / NOMINAL).is_file()
         return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
 
     def judged_in_system(
@@ -329,15 +331,13 @@ def open_finding(path: Path) -> tuple[Path, FindingRecord]:
     Raises:
         ConfigError: There is none, or there are several.
     """
-    if FindingRecord.exists(path):
-        return path, FindingRecord.load(path)
-    inside = sorted(folder.parent for folder in (path / "findings").glob(f"*/{FindingRecord.FILE}"))
+    if record := FindingRecord.find(path):
+        return path, record
+    inside = FindingRecord.folders(path / "findings")
     if len(inside) == 1:
         return inside[0], FindingRecord.load(inside[0])
     if not inside:
-        near = did_you_mean(
-            path.name, [folder.name for folder in path.parent.glob("*") if FindingRecord.exists(folder)]
-        )
+        near = did_you_mean(path.name, [folder.name for folder in FindingRecord.folders(path.parent)])
         raise ConfigError(f"no finding at {str(path)!r}", hint=near or "run `riot test` first, or name its folder")
     names = ", ".join(str(folder) for folder in inside[:5])
     raise ConfigError(f"{len(inside)} findings in {str(path)!r}", hint=f"name one of: {names}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict
 
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
 from riot_bus.statistics.rates import Proportion, proportion
@@ -15,12 +16,14 @@ from riot_bus.vocabulary.errors import ConfigError
 __all__ = ["ComparedFinding", "Comparison", "compare"]
 
 _Failure = tuple[str, ProportionRecord | None]
-Change = Literal["new", "still failing", "comes more often", "comes less often", "not seen"]
+Change = Literal["new", "comes more often", "still failing", "comes less often", "not seen"]
+"""What became of a failure, in the order in which failures are listed."""
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedFinding:
+class ComparedFinding(BaseModel):
     """One failure in both campaigns, with the rates of its fresh trials; None where it was not found."""
+
+    model_config = ConfigDict(frozen=True)
 
     signature: str
     severity: str
@@ -29,14 +32,15 @@ class ComparedFinding:
     new: ProportionRecord | None
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(BaseModel):
     """Changes in the failures of a unit between two campaigns.
 
     Attributes:
         old: Share of the older campaign's trials that failed.
         new: Share of the newer campaign's trials that failed.
     """
+
+    model_config = ConfigDict(frozen=True)
 
     unit: str
     old: Proportion
@@ -45,17 +49,7 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """Return the comparison as JSON values."""
-        found = [
-            {
-                "signature": each.signature,
-                "severity": each.severity,
-                "change": each.change,
-                "old": each.old.model_dump() if each.old else None,
-                "new": each.new.model_dump() if each.new else None,
-            }
-            for each in self.findings
-        ]
-        return {"unit": self.unit, "old": asdict(self.old), "new": asdict(self.new), "findings": found}
+        return self.model_dump(mode="json")
 
     def lines(self) -> Iterator[str]:
         """Yield the changes for people; a failure that was not seen may need other trials to appear."""
@@ -95,28 +89,20 @@ def compare(old: Path, new: Path) -> Comparison:
         failures.update(
             {each.signature: ("", ProportionRecord.of(proportion(each.hits, each.repeats))) for each in again}
         )
-    order: dict[Change, int] = {
-        "new": 0,
-        "comes more often": 1,
-        "still failing": 2,
-        "comes less often": 3,
-        "not seen": 4,
-    }
-    found = []
+    order, found = get_args(Change), []
     for signature in earlier.keys() | later.keys():
         severity, was = earlier.get(signature, ("", None))
         other, now = later.get(signature, ("", None))
         change = _change(was, now, seen=(signature in earlier, signature in later))
-        found.append(ComparedFinding(signature, other or severity, change, was, now))
-    found.sort(key=lambda each: (order[each.change], each.signature))
-    return Comparison(after.unit, _share(before), _share(after), tuple(found))
+        found.append(ComparedFinding(signature=signature, severity=other or severity, change=change, old=was, new=now))
+    found.sort(key=lambda each: (order.index(each.change), each.signature))
+    return Comparison(unit=after.unit, old=_share(before), new=_share(after), findings=tuple(found))
 
 
 def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
     """Return the failures that a campaign found, and those of the same code that others left in its folder."""
     findings = folder / "findings"
-    names = [path.parent.name for path in sorted(findings.glob(f"*/{FindingRecord.FILE}"))]
-    others = [FindingRecord.load(findings / name) for name in names if name not in campaign.findings]
+    others = [FindingRecord.load(one) for one in FindingRecord.folders(findings) if one.name not in campaign.findings]
     same = (campaign.unit, campaign.fingerprint, campaign.whole_system)
     records = [
         *(each for each in others if (each.unit, each.fingerprint, each.whole_system) == same),

@@ -48,6 +48,7 @@ __all__ = [
     "UnconfirmedRecord",
     "UnjudgedRecord",
     "Value",
+    "shortest_log",
 ]
 
 RecordT = TypeVar("RecordT", bound="Artefact")
@@ -121,6 +122,11 @@ class Artefact(_Model):
     def exists(cls, directory: Path) -> bool:
         """Return whether the step that writes this file has finished."""
         return (directory / cls.FILE).is_file()
+
+    @classmethod
+    def find(cls, directory: Path) -> Self | None:
+        """Read the file if the step that writes it has finished; return None if not."""
+        return cls.load(directory) if cls.exists(directory) else None
 
 
 class ProportionRecord(_Model):
@@ -312,6 +318,11 @@ class FindingRecord(Artefact):
         whole = os.path.normpath(directory.absolute() / record.system_file)
         return record.model_copy(update={"system_file": whole})
 
+    @classmethod
+    def folders(cls, findings: Path) -> list[Path]:
+        """Return the folders of all findings in a folder, sorted."""
+        return sorted(path.parent for path in findings.glob(f"*/{cls.FILE}"))
+
     @property
     def rank(self) -> tuple[int, float, int]:
         """Sort key among findings: first those worse on the CRASH scale, more frequent, with fewer modifications."""
@@ -445,6 +456,11 @@ class MinimalRecord(Artefact):
             return not cls.load(directory).interrupted
         except ConfigError:
             return True  # the file exists, and reading it reports what is wrong with it
+
+
+def shortest_log(directory: Path) -> Path:
+    """Return the path of the log that shows a finding: the minimal log, or the failing log while there is none."""
+    return directory / ("minimal.mcap" if MinimalRecord.exists(directory) else "failure.mcap")
 
 
 class CertificateRecord(_Model):

@@ -7,9 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.kept import NOMINAL
 from riot_bus.chain.reproduce import Reproduction, reproduce
-from riot_bus.chain.workspace import Workspace, system_of
+from riot_bus.chain.workspace import NOMINAL, Workspace, system_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import ConfigError
 

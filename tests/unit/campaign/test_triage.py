@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from riot_bus.campaign.history import AfterOthers, add_history
+from riot_bus.campaign.triage import AfterOthers, add_history
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 WORN = ["crash", "part", "crash in part: worn", "ValueError: worn"]
