@@ -127,8 +127,8 @@ def applied(
     messages: Sequence[Message],
     registry: TypeRegistry,
     *,
-    leave: Iterable[str] = (),
-    include: Iterable[str] = (),
+    leave: Sequence[str] = (),
+    include: Sequence[str] = (),
 ) -> dict[str, AppliesTo]:
     """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log.
 
@@ -140,7 +140,6 @@ def applied(
         leave: Patterns of fields to leave alone, as for `targets_of`.
         include: Patterns of brittle fields to include.
     """
-    leave, include = tuple(leave), tuple(include)
     every = [each for found in targets_of(messages, registry, include=["*"]).values() for each in found]
     chosen = {each for found in targets_of(messages, registry, leave=leave, include=include).values() for each in found}
     tables: dict[str, list[tuple[str, bool]]] = {}

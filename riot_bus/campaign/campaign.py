@@ -38,13 +38,13 @@ _NARROWED = 2
 """One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
-_ATTEMPTS = 3
+_MOST_CASES = 3
 """Cases of one signature that are repeated before it counts as unconfirmed."""
 _HANGS, _HANG_SHARE = 8, 0.5
 """Hangs take more than this share of the time of all trials only until there have been so many; a guess."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class CampaignResult:
     """Results of a campaign.
 
@@ -72,24 +72,24 @@ class CampaignResult:
             how much more, as a share of what is allowed.
     """
 
-    trials: int
-    failing: int
-    failures: Mapping[str, Failure]
-    exhausted: bool
-    unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
-    notes: Mapping[str, int] = field(default_factory=dict)
-    starts: Mapping[str, int] = field(default_factory=dict)
+    trials: int = 0
+    failing: int = 0
+    failures: dict[str, Failure] = field(default_factory=dict)
+    exhausted: bool = False
+    unconfirmed: dict[str, Failure] = field(default_factory=dict)
+    notes: dict[str, int] = field(default_factory=dict)
+    starts: dict[str, int] = field(default_factory=dict)
     tried: Sequence[tuple[Variation, bool]] = ()
     undecided: Sequence[Variation] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
-    after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
-    unjudged: Sequence[tuple[TestCase, str]] = ()
+    after_others: dict[str, AfterOthers] = field(default_factory=dict)
+    unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
     alarms: Sequence[str] = ()
     unordered: int = 0
     calm: int = 0
     stopped: bool = False
-    grown: Sequence[tuple[float, TestCase]] = ()
+    grown: list[tuple[float, TestCase]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,21 +116,14 @@ class _Campaign:
     found: Callable[[Failure], object]
     ordered: bool
     types: Mapping[tuple[str, str], str]
+    result: CampaignResult = field(default_factory=CampaignResult)
     failures: dict[str, Failure] = field(default_factory=dict)
-    failing: int = 0
     alarms: dict[str, int] = field(default_factory=dict)
     baseless: dict[str, str] = field(default_factory=dict)
-    unordered: int = 0
-    notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
     usual: list[Outcome] = field(default_factory=list)
     asked: dict[str, TestCase] = field(default_factory=dict)
-    after_others: dict[str, AfterOthers] = field(default_factory=dict)
     unseen: dict[str, dict[int, str]] = field(default_factory=dict)
-    starts: dict[str, int] = field(default_factory=dict)
-    effects: Effects = field(default_factory=Effects)
-    unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
-    grown: list[tuple[float, TestCase]] = field(default_factory=list)
     controlled: dict[str, int] = field(default_factory=dict)
     hangs: list[float] = field(default_factory=list)
     seconds: float = 0.0
@@ -146,40 +139,35 @@ class _Campaign:
         return TestCase(log, injections, seed, ordered=self.ordered)
 
     @property
-    def nominal_outputs(self) -> int:
-        """The fewest outputs of a trial of the nominal log."""
-        return min(int(outcome.statistics.get("outputs", 0)) for outcome in self.nominal)
-
-    @property
     def calm(self) -> bool:
         """Whether hangs have taken so much of the time of trials that the next ones should not hang."""
         return len(self.hangs) >= _HANGS and sum(self.hangs) > _HANG_SHARE * self.seconds
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Record the outcomes of some trials, and confirm new failures."""
-        fresh: dict[str, Failure] = {}
+        fresh, result = dict[str, Failure](), self.result
         for (trial, case), trial_outcome in zip(cases.items(), outcomes, strict=True):
             outcome = self._without_usual_growth(case, trial_outcome)
             if not outcome.judged:
-                self.unjudged.append((case, outcome.detail))
+                result.unjudged.append((case, outcome.detail))
                 continue
             self.seconds += outcome.seconds
             self.hangs += [outcome.seconds] if is_hang(outcome) else []
             if started := str(outcome.statistics.get("started", "")):
-                self.starts[started] = self.starts.pop(started, 0) + 1
+                result.starts[started] = result.starts.pop(started, 0) + 1
             if outcome.detail:
-                self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
-            self.unordered += bool(outcome.statistics.get("unordered")) and outcome.verdict is Verdict.PASS
+                result.notes[outcome.detail] = result.notes.get(outcome.detail, 0) + 1
+            result.unordered += bool(outcome.statistics.get("unordered")) and outcome.verdict is Verdict.PASS
             lines = map(str, outcome.statistics.get("unseen", ()))
             for name, reason in dict(line.partition(": ")[::2] for line in lines).items():
                 self.unseen.setdefault(name, {}).setdefault(trial, reason)
             if case.injections:
-                self.effects.add(case, outcome, self.usual)
-                add_history(self.after_others, case, outcome, asked=self.asked)
+                result.effects.add(case, outcome, self.usual)
+                add_history(result.after_others, case, outcome, asked=self.asked)
                 if grown := outcome.statistics.get("grown"):
-                    self.grown.append((float(grown), case))
+                    result.grown.append((float(grown), case))
             if outcome.verdict is Verdict.FAIL:
-                self.failing += 1
+                result.failing += 1
                 fresh |= {
                     each.violation.signature: each
                     for each in group(self.failures, case, outcome, trial=trial, types=self.types)
@@ -191,7 +179,7 @@ class _Campaign:
 
     def confirm(self, failure: Failure) -> None:
         """Repeat a failure, unless it, or this same case, has been repeated often enough."""
-        if failure.attempts >= _ATTEMPTS or failure.trial in failure.tried:
+        if failure.attempts >= _MOST_CASES or failure.trial in failure.tried:
             return
         failure.attempts += 1
         failure.tried.add(failure.trial)
@@ -199,7 +187,7 @@ class _Campaign:
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
         failure.case, failure.rate = repeat_in_order(failure.case, signature, self.repeating)
         if not failure.rate.total:
-            self.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
+            self.result.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
 
     def simplify(self, failure: Failure) -> None:
         """Make the simplest case that fails as often represent a failure, without injections that it does not need."""
@@ -216,7 +204,7 @@ class _Campaign:
         case, rate = repeat_in_order(case, failure.violation.signature, self.repeating)
         as_often = failure.rate is None or rate.rate >= failure.rate.rate
         if as_often:
-            failure.take(case, trial, outcome)
+            failure.represent_by(case, trial, outcome)
             failure.rate = rate
         return as_often
 
@@ -326,11 +314,14 @@ def run_campaign(
     Raises:
         EnvironmentFaultError: Trials of the nominal log cannot be judged.
     """
-    log = tuple(messages)
+    log, stopped = tuple(messages), False
     work = _Campaign(runner, explorer or runner, found, ordered, schedule.types)
     nominal = work.check_nominal(log, seed)
+    result = work.result
     done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
-    hopeless, stopped, spared = work.failing == nominal, False, 0
+    hopeless = result.failing == nominal
+    if covering:
+        covering.nominal_outputs = min(int(one.statistics.get("outputs", 0)) for one in work.nominal)
 
     def tell(doing: str = "") -> None:
         if progress:
@@ -338,7 +329,7 @@ def run_campaign(
             told = f", {covering.covered} of {covering.total} tried" if covering else ""
             left = None if seconds is None else max(0.0, started + seconds - time.monotonic())
             total = None if covered and covering else trials  # covering ends before that
-            progress(done, total, f"{work.failing} failing, {distinct} distinct{told}{doing}", left)
+            progress(done, total, f"{result.failing} failing, {distinct} distinct{told}{doing}", left)
 
     work.tell = tell
     while not hopeless and done < most and (seconds is None or time.monotonic() - started < seconds):
@@ -348,7 +339,7 @@ def run_campaign(
             break
         batch = range(done, min(most, done + max(_ROUND, runner.parallelism)))
         calm = work.calm and not covered
-        spared += len(batch) if calm and covering else 0
+        result.calm += len(batch) if calm and covering else 0
         together = {trial: _together(covering, trial, calm=calm) for trial in batch}
         cases = {
             trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
@@ -363,38 +354,24 @@ def run_campaign(
         work.judge(cases, outcomes)
         for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
             if chooser and chosen:
-                chooser.take(chosen, outcome, nominal_outputs=work.nominal_outputs)
+                chooser.record(chosen, outcome)
         tell()
-    confirmed = {key: each for key, each in work.failures.items() if each.confirmed}
-    for failure in confirmed.values():
+    for failure in work.failures.values():
+        (result.failures if failure.confirmed else result.unconfirmed)[failure.violation.signature] = failure
+    for failure in result.failures.values():
         work.simplify(failure)
-    rest = {key: each for key, each in work.failures.items() if not each.confirmed}
-    every = nominal + done - len(work.unjudged)
+    every = nominal + done - len(result.unjudged)
     blind = {name: next(reversed(each.values())) for name, each in work.unseen.items() if len(each) == every}
-    notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
-    notes |= {f"{signature}: {why}, in no nominal trial": nominal for signature, why in work.baseless.items()}
-    notes |= {f"{signature}: nominal trials show the same": count for signature, count in work.alarms.items()}
-    finished = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
-    return CampaignResult(
-        nominal + done,
-        work.failing,
-        confirmed,
-        finished,
-        rest,
-        notes,
-        starts=work.starts,
-        tried=covering.tried if covering else (),
-        undecided=covering.undecided if covering else (),
-        coverable=covering.total if covering else 0,
-        effects=work.effects,
-        after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
-        unjudged=work.unjudged,
-        alarms=sorted(work.alarms),
-        unordered=work.unordered,
-        calm=spared,
-        stopped=stopped,
-        grown=sorted(work.grown, key=lambda each: -each[0]),
-    )
+    result.notes |= {f"{name}: {why}": every for name, why in blind.items()}
+    result.notes |= {f"{signature}: {why}, in no nominal trial": nominal for signature, why in work.baseless.items()}
+    result.notes |= {f"{signature}: nominal trials show the same": count for signature, count in work.alarms.items()}
+    if covering:
+        result.tried, result.undecided, result.coverable = covering.tried, covering.undecided, covering.total
+    result.trials, result.stopped, result.alarms = nominal + done, stopped, sorted(work.alarms)
+    result.exhausted = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
+    result.after_others = {key: each for key, each in result.after_others.items() if key not in result.failures}
+    result.grown.sort(key=lambda each: -each[0])
+    return result
 
 
 def _together(

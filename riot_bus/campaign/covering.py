@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.novelty import Novelties
 from riot_bus.campaign.situations import numbers_within
-from riot_bus.campaign.stretches import Stretches
+from riot_bus.campaign.stretches import ENOUGH, Stretches
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Verdict
@@ -33,7 +33,7 @@ __all__ = ["Covering", "failure_rates", "is_hang"]
 
 _LARGEST = 256
 """Most things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
-_ATTEMPTS = 3
+_MOST_MISSED = 3
 """Trials that do not reach a thing before it counts as not tried."""
 _SHARE_SILENT = 0.25
 _SEVERAL = 0.06
@@ -71,6 +71,7 @@ class Covering:
         novelties: Choice of things to try because of new behaviour.
         tried: Things that were delivered in a conclusive trial, and whether they failed alone.
         total: Number of things to try.
+        nominal_outputs: Number of outputs of a nominal trial: a group after which many are missing is tried in parts.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class Covering:
         self._missed: Counter[int] = Counter()
         self._size = 1
         self.total = len(fitting)
+        self.nominal_outputs = 0
         self.tried: list[tuple[Variation, bool]] = []
         self._free: dict[str, list[Variation]] = {}
         self._faults: dict[str, list[Variation]] = {}
@@ -140,19 +142,13 @@ class Covering:
         waiting, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
         return self._gather(deque(waiting), fill=True, placed=placed)
 
-    def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Record the outcome of a trial of a group.
-
-        Args:
-            group: The group that was tried, from `next`.
-            outcome: Outcome of the trial.
-            nominal_outputs: Number of outputs of a nominal trial.
-        """
+    def record(self, group: Sequence[Placed], outcome: Outcome) -> None:
+        """Record the outcome of a trial of a group that `next`, `further` or `policies` gave."""
         reached = self._reached(group, outcome)
         failed = outcome.verdict is Verdict.FAIL
         hung = is_hang(outcome)
-        missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
-        hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
+        missing = self.nominal_outputs - int(outcome.statistics.get("outputs", self.nominal_outputs))
+        hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * self.nominal_outputs
         apart = failed or hidden or not outcome.judged
         at = {id(placed) for placed in reached}
         self._put_back(placed.item for placed in group if id(placed) not in at)
@@ -202,7 +198,7 @@ class Covering:
         if self._random.random() < _SEVERAL:
             if self._faults and self._random.random() < 0.5:
                 varied = replace(self._random.choice(self._faults[self._random.choice(list(self._faults))]), again=True)
-            known = self._failed[varied.injections] or self._failed[varied.about] >= _ATTEMPTS
+            known = self._failed[varied.injections] or self._failed[varied.about] >= ENOUGH
             return None if known else replace(varied, times=self._random.choice(_TIMES))
         way = self._random.random()
         if way < _TWO:
@@ -214,7 +210,7 @@ class Covering:
             varied = replace(varied, injections=both, about=" and ".join(sorted((one.about, other.about))))
         elif way < _TWO + _ROW and len(self._positions[one.topic]) >= _IN_A_ROW:
             varied = replace(varied, span=_IN_A_ROW)
-        known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= _ATTEMPTS)
+        known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= ENOUGH)
         return None if known else varied
 
     def _gather(self, waiting: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
@@ -227,7 +223,7 @@ class Covering:
         found: list[Placed] = []
         for shift in (0, *(self._random.randint(-_FURTHEST, _FURTHEST) for _ in range(_SHIFTS if placed else 0))):
             moved = [replace(each, firsts=tuple(first + shift for first in each.firsts)) for each in placed]
-            if all(self._take(each, taken) for each in moved):
+            if all(self._occupy(each, taken) for each in moved):
                 found += moved
         passed_over: list[Variation] = []
         while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
@@ -248,7 +244,7 @@ class Covering:
                 found.append(Placed(varied, firsts))
         return tuple(sorted(found, key=self._position))
 
-    def _take(self, placed: Placed, taken: dict[str, list[tuple[int, int]]]) -> bool:
+    def _occupy(self, placed: Placed, taken: dict[str, list[tuple[int, int]]]) -> bool:
         """Mark the messages of a thing as taken if all exist and are free; return whether they do."""
         spans = [(first, first + placed.item.span) for first in placed.firsts]
         free = taken.setdefault(placed.item.topic, [])
@@ -307,7 +303,7 @@ class Covering:
             if item.again:
                 continue
             self._missed[id(item)] += 1
-            if self._missed[id(item)] < _ATTEMPTS:
+            if self._missed[id(item)] < _MOST_MISSED:
                 self._fresh.append(item)
 
     def _remember(self, passed: Iterable[Variation]) -> None:

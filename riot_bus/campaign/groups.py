@@ -55,8 +55,8 @@ def groups_of(
     registry: TypeRegistry,
     dictionary: Dictionary,
     *,
-    leave: Iterable[str] = (),
-    include: Iterable[str] = (),
+    leave: Sequence[str] = (),
+    include: Sequence[str] = (),
 ) -> dict[str, dict[str, list[Group]]]:
     """List the mutations that can be made in a log, by topic and by what they contradict.
 
@@ -70,7 +70,6 @@ def groups_of(
     Raises:
         ConfigError: A mutation of the user's names a field that its type does not have.
     """
-    leave, include = tuple(leave), tuple(include)
     groups: dict[str, dict[str, list[Group]]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         for kind, payloads in _by_type(samples):

@@ -6,17 +6,16 @@ import re
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import may_change, samples_by_topic
+from riot_bus.campaign.targets import any_names, may_change, samples_by_topic
 from riot_bus.campaign.variations import Variation
 from riot_bus.types.brittle import STAMPS, why_brittle
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.types.model import member_path, parse_path
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from riot_bus.types.model import Leaf, MessageType
     from riot_bus.types.registry import TypeRegistry
@@ -34,7 +33,7 @@ _KEEP = (0.5, 0.0)
 
 
 def malformations(
-    messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = (), include: Iterable[str] = ()
+    messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = (), include: Sequence[str] = ()
 ) -> list[Variation]:
     """Return the ways to malform a log's messages, as things to try once.
 
@@ -48,7 +47,6 @@ def malformations(
         leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
         include: Patterns of brittle fields to include.
     """
-    leave, include = tuple(leave), tuple(include)
     found = []
     longest = Counter[str]()
     for message in messages:
@@ -58,11 +56,9 @@ def malformations(
         fields: dict[str, tuple[MessageType, Leaf]] = {}
         inside: dict[str, tuple[OmitsFields, bytes, list[str]]] = {}
         stamps: list[dict[str, Scalar]] = [{}, {}]
-        for number, (kind, payload) in enumerate(samples):
-            try:
-                leaves = kind.leaves(payload, elements=1)
-            except PayloadError:
-                continue
+        for number, sample in enumerate(samples):
+            kind, payload = sample
+            leaves = sample.leaves(elements=1)
             for leaf in leaves:
                 if leaf.path not in fields and isinstance(kind, OmitsFields):
                     for outer in _outer(leaf.path):
@@ -70,12 +66,12 @@ def malformations(
                 fields.setdefault(leaf.path, (kind, leaf))
             if number in (0, len(samples) - 1):
                 now = {leaf.path: leaf.value for leaf in leaves if why_brittle(leaf.path, kind) in STAMPS}
-                stamps[number > 0] = {path: value for path, value in now.items() if not _listed(leave, topic, path)}
+                stamps[number > 0] = {path: value for path, value in now.items() if not any_names(leave, topic, path)}
         for path, (kind, leaf) in fields.items():
             if may_change(topic, path, leave, include, kind=kind) and not _LATER_ELEMENT.search(path):
                 found += [Variation(topic, (each,), f"{topic} {path}") for each in _of_field(topic, kind, leaf)]
         for outer, (omitting, payload, paths) in inside.items():
-            left = any(_listed(leave, topic, path) for path in (outer, *paths)) or _LATER_ELEMENT.search(outer)
+            left = any(any_names(leave, topic, path) for path in (outer, *paths)) or _LATER_ELEMENT.search(outer)
             if not left and any(may_change(topic, path, leave, include) for path in paths):
                 array = f"len({outer})" in fields
                 faults = _of_container(topic, omitting, payload, outer, array=array)
@@ -83,7 +79,7 @@ def malformations(
         for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
             found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
-        most = 0 if _listed(leave, topic, "") else longest[topic]
+        most = 0 if any_names(leave, topic, "") else longest[topic]
         sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in _KEEP}
         found += [Variation(topic, (each,), f"{topic} truncate") for size, each in sizes.items() if size < most]
     return found
@@ -120,7 +116,3 @@ def _outer(path: str) -> Iterator[str]:
     for step in field.steps if field.length else field.steps[:-1]:
         name = f"{name}[{step}]" if isinstance(step, int) else member_path(name, step)
         yield name
-
-
-def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
-    return any(names_field(pattern, f"{topic}:{path}") for pattern in patterns)

@@ -92,9 +92,8 @@ class Novelties:
         self._tried[pursuit.part] = pursuit
         return pursuit.part
 
-    def take(self, group: _Group, outcome: Outcome, *, nominal_outputs: int) -> None:
+    def record(self, group: _Group, outcome: Outcome) -> None:
         """Record the outcome of a part."""
-        del nominal_outputs
         passed = outcome.verdict is Verdict.PASS
         self._go_on(pursuit := self._tried.pop(group), passed and bool(pursuit.shown & _shown(outcome)))
         if passed:

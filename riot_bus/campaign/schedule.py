@@ -9,14 +9,13 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import Target, family_of, targets_of
+from riot_bus.campaign.targets import Target, any_names, family_of, targets_of
 from riot_bus.campaign.variations import Variation, moves_of
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.campaign.groups import Group
     from riot_bus.inject.dictionary import Dictionary
@@ -151,7 +150,7 @@ def _stretch(draw: random.Random, messages: int, most: int | None = None) -> tup
 
 
 def message_faults(
-    messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = ()
+    messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = ()
 ) -> list[Variation]:
     """Return faults of whole messages of a log, as things to try once on each topic.
 
@@ -163,10 +162,9 @@ def message_faults(
         registry: Registry that names topics.
         leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
     """
-    patterns = tuple(leave)
     found = []
     times, places = [message.time for message in messages], positions_of(messages, registry)
-    still = {topic for topic in places if any(names_field(pattern, f"{topic}:") for pattern in patterns)}
+    still = {topic for topic in places if any_names(leave, topic, "")}
     for topic, positions in places.items():
         if topic in still:
             continue

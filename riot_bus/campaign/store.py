@@ -15,7 +15,7 @@ import time
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner, TestCase
 
-__all__ = ["StoredRunner", "TrialStore", "stored_trials"]
+__all__ = ["ATTEMPTS", "StoredRunner", "TrialStore", "stored_trials"]
+
+ATTEMPTS: Final = 3
+"""Attempts to carry out a trial: one error may be chance, the third in a row is the result."""
 
 _OUTCOME: TypeAdapter[Outcome] = TypeAdapter(Outcome)
-_ATTEMPTS = 3
-_OLDER = "trials.jsonl"
 _WAIT_S = 60.0
 """Time to wait for a lock on the file: copying or reading it takes much less, and should not end a campaign."""
 
@@ -56,7 +57,7 @@ class TrialStore:
     """Outcomes by test case, in one SQLite file that others may read at the same time, by `stored_trials`.
 
     The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an interruption leaves all of
-    it or nothing. A new file takes over the outcomes of an older `trials.jsonl` in the same folder.
+    it or nothing.
 
     Args:
         path: Path of the file, which is created if it does not exist.
@@ -76,7 +77,7 @@ class TrialStore:
             for setting in _SETTINGS:
                 self._database.execute(setting)
             if not self._database.execute(_TABLES).fetchone():
-                self._begin(path.with_name(_OLDER))
+                self._begin()
             elif ("injected",) not in self._database.execute(_COLUMNS).fetchall():
                 self._database.execute("ALTER TABLE trials ADD COLUMN injected TEXT")
 
@@ -103,7 +104,7 @@ class TrialStore:
             OSError: The disk is full.
         """
         with self._lock, _told(self.path):
-            self._database.execute(_PUT, _row(key, outcome, _injected(case) if case and case.injections else ""))
+            self._database.execute(_PUT, _row(key, outcome, case))
 
     def tried(
         self, scope: Mapping[str, object], log: Sequence[Message]
@@ -134,14 +135,12 @@ class TrialStore:
         """Close the file, which is then one file again; safe to call twice."""
         self._database.close()
 
-    def _begin(self, older: Path) -> None:
-        """Create the table, with the outcomes of an older store, or nothing if this is interrupted."""
+    def _begin(self) -> None:
+        """Create the table, unless another process does so at the same time."""
         self._database.execute("BEGIN IMMEDIATE")
         with self._database:
-            if not self._database.execute(_TABLES).fetchone():  # no other process has made it meanwhile
+            if not self._database.execute(_TABLES).fetchone():
                 self._database.execute(_CREATE)
-                if older.is_file():
-                    self._database.executemany(_PUT, _rows_of(older))
 
 
 def stored_trials(path: Path) -> list[dict[str, object]]:
@@ -185,7 +184,9 @@ def _text(scope: Mapping[str, object]) -> str:
     return json.dumps(scope, sort_keys=True, default=str)
 
 
-def _injected(case: TestCase) -> str:
+def _injected(case: TestCase | None) -> str:
+    if case is None or not case.injections:
+        return ""
     rows = [each.row() for each in case.injections]
     return json.dumps({"log": _identity(case.messages), "seed": case.seed, "injections": rows}, default=repr)
 
@@ -195,11 +196,11 @@ def _identity(log: Sequence[Message]) -> list[object]:
     return [len(log), *(log[place].digest().hex() for place in (0, -1) if log)]
 
 
-def _row(key: str, outcome: Outcome, injected: str = "") -> tuple[object, ...]:
+def _row(key: str, outcome: Outcome, case: TestCase | None) -> tuple[object, ...]:
     signatures = "\n".join(each.signature for each in outcome.violations)
     shown = [text.encode(errors="backslashreplace").decode() for text in (signatures, outcome.detail)]
     text = json.dumps(asdict(outcome), separators=(",", ":"))
-    return key, str(outcome.verdict), shown[0], outcome.seconds, shown[1], text, injected
+    return key, str(outcome.verdict), shown[0], outcome.seconds, shown[1], text, _injected(case)
 
 
 def _outcome(text: str) -> Outcome | None:
@@ -207,17 +208,6 @@ def _outcome(text: str) -> Outcome | None:
         return _OUTCOME.validate_python(json.loads(text))
     except (ValueError, RecursionError):
         return None
-
-
-def _rows_of(path: Path) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of an older store, whose lines are JSON; truncated lines and invalid outcomes are left out."""
-    with path.open("rb") as stream:
-        for line in stream:
-            try:
-                record = json.loads(line)
-                yield _row(str(record["key"]), _OUTCOME.validate_python(record["outcome"]))
-            except (ValueError, KeyError, TypeError, RecursionError):
-                continue
 
 
 @runtime_checkable
@@ -272,7 +262,7 @@ class StoredRunner:
         stored = {key: self._store.get(key) for key in keys}
         known = {key: outcome for key, outcome in stored.items() if outcome is not None and self._counts(outcome)}
         fresh = {key: case for key, case in zip(keys, cases, strict=True) if key not in known}
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(ATTEMPTS):
             pending = {key: case for key, case in fresh.items() if key not in known}
             if not pending:
                 break
@@ -280,7 +270,7 @@ class StoredRunner:
                 self.executed += 1
                 if self._counts(outcome):
                     known[key] = outcome
-                elif attempt == _ATTEMPTS - 1 or outcome.verdict is Verdict.UNJUDGED:
+                elif attempt == ATTEMPTS - 1 or outcome.verdict is Verdict.UNJUDGED:
                     raise EnvironmentFaultError(f"a trial could not be carried out: {outcome.detail}")
         self.trials += len(cases)
         outcomes = [known[key] for key in keys]

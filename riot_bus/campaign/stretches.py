@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.campaign.situations import Situation
     from riot_bus.vocabulary.trial import Outcome
 
-__all__ = ["Stretches"]
+__all__ = ["ENOUGH", "Stretches"]
 
 _LEAST = 4
 """Fewest messages in a row that are a stretch: `Covering` tries three."""
@@ -31,8 +31,8 @@ _FAULTS = 0.2
 """Share of faults of whole messages, of which there are fewer than values."""
 _BOTH = 0.25
 """Share of policies that set two fields."""
-_ENOUGH = 3
-"""Policies about one thing that fail alone after which no more are tried."""
+ENOUGH = 3
+"""Variations of one thing that fail alone, after which no more are tried."""
 _SHARES = (0.1, 0.3, 0.5)  # a guess: from every tenth message to every second; more is nearly a row
 _MISSES = 4  # a guess: what has failed often enough is drawn again, but perhaps all has
 
@@ -74,9 +74,8 @@ class Stretches:
         found = [placed for topic in known if (placed := self._policy(topic)) is not None]
         return tuple(sorted(found, key=lambda placed: self._positions[placed.item.topic][placed.firsts[0]]))
 
-    def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Record the outcome of a trial of a group, as `Covering.take` does; outputs do not matter here."""
-        del nominal_outputs
+    def record(self, group: Sequence[Placed], outcome: Outcome) -> None:
+        """Record the outcome of a trial of a group."""
         if outcome.verdict is Verdict.PASS:
             return
         if len(group) > 1:
@@ -90,7 +89,7 @@ class Stretches:
             item = self._item(topic)
             most = len(self._positions[topic])
             most = min(most, item.most or most, most // max(each.copies for each in item.injections))
-            if self._failed[item.about] < _ENOUGH and most >= _LEAST:
+            if self._failed[item.about] < ENOUGH and most >= _LEAST:
                 way = self._random.choice((self._row, self._row, self._while, self._share))
                 item = replace(item, again=True, moves=None)
                 return way(item, most) or self._row(item, most)

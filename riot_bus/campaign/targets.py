@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.types.brittle import why_brittle
 from riot_bus.types.capabilities import SuggestedValue, suggested_values
@@ -15,12 +15,23 @@ from riot_bus.vocabulary.field_pattern import names_field
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from riot_bus.types.model import MessageType
+    from riot_bus.types.model import Leaf, MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["ELEMENTS", "Target", "family_of", "may_change", "samples_by_topic", "spread", "targets_of", "with_observed"]
+__all__ = [
+    "ELEMENTS",
+    "Sample",
+    "Target",
+    "any_names",
+    "family_of",
+    "may_change",
+    "samples_by_topic",
+    "spread",
+    "targets_of",
+    "with_observed",
+]
 
 _SAMPLES = 5  # a guess: messages of a topic with the same fields nearly always
 ELEMENTS = 4
@@ -34,6 +45,20 @@ _WORDS = _OTHERS = 4
 """Number of texts of the field itself, and of values of other fields of its message, that are tried."""
 _LONG = 4096
 """Texts of this length or longer are not tried elsewhere: each test case would hold them."""
+
+
+class Sample(NamedTuple):
+    """A message's type and payload."""
+
+    kind: MessageType
+    payload: bytes
+
+    def leaves(self, elements: int = 16) -> Sequence[Leaf]:
+        """Return the fields of the payload, with as many elements of each array; none if it cannot be read."""
+        try:
+            return self.kind.leaves(self.payload, elements=elements)
+        except PayloadError:
+            return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +82,8 @@ def targets_of(
     messages: Sequence[Message],
     registry: TypeRegistry,
     *,
-    leave: Iterable[str] = (),
-    include: Iterable[str] = (),
+    leave: Sequence[str] = (),
+    include: Sequence[str] = (),
 ) -> dict[str, list[Target]]:
     """List the fields of a log that injections may change, by topic.
 
@@ -68,7 +93,6 @@ def targets_of(
         leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
         include: Patterns of brittle fields (stamps, sequence numbers, frame ids) to include.
     """
-    leave, include = tuple(leave), tuple(include)
     targets: dict[str, list[Target]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, str] = {}
@@ -79,13 +103,10 @@ def targets_of(
         def may(path: str, kind: MessageType, topic: str = topic) -> bool:
             return may_change(topic, path, leave, include, kind=kind)
 
-        for kind, payload in samples:
-            try:
-                leaves = kind.leaves(payload, elements=ELEMENTS)
-            except PayloadError:
-                continue
+        for sample in samples:
+            kind, payload = sample
             lengths: dict[str, int] = {}
-            for leaf in leaves:
+            for leaf in sample.leaves(ELEMENTS):
                 if leaf.path.startswith("len("):
                     continue
                 fields.setdefault(leaf.path, leaf.type)
@@ -144,8 +165,8 @@ def _at(path: str, indices: Iterable[int]) -> str:
 
 def samples_by_topic(
     messages: Sequence[Message], registry: TypeRegistry, *, most: int = _SAMPLES
-) -> dict[str, tuple[int, list[tuple[MessageType, bytes]]]]:
-    """Return for each topic, sorted, its number of messages, and types and payloads of about `most` of them."""
+) -> dict[str, tuple[int, list[Sample]]]:
+    """Return for each topic, sorted, its number of messages, and samples of about `most` of them."""
     by_topic: dict[str, list[Message]] = {}
     for message in messages:
         if message.kind == "put":
@@ -156,7 +177,7 @@ def samples_by_topic(
         for message in carried[:: max(1, len(carried) // most)]:
             kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             if kind is not None:
-                samples.append((kind, message.payload))
+                samples.append(Sample(kind, message.payload))
         found[topic] = (len(carried), samples)
     return found
 
@@ -164,8 +185,8 @@ def samples_by_topic(
 def may_change(
     topic: str,
     path: str,
-    leave: tuple[str, ...],
-    include: tuple[str, ...],
+    leave: Sequence[str],
+    include: Sequence[str],
     *,
     kind: MessageType | None = None,
     asked: bool = False,
@@ -180,13 +201,14 @@ def may_change(
         kind: Type of its messages.
         asked: Whether it must be in `include`, brittle or not.
     """
-    if _listed(leave, topic, path):
+    if any_names(leave, topic, path):
         return False
-    return _listed(include, topic, path) or not (asked or why_brittle(path, kind))
+    return any_names(include, topic, path) or not (asked or why_brittle(path, kind))
 
 
-def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
-    names = [path, path[4:-1]] if path.startswith("len(") else [path]  # naming an array includes its length
+def any_names(patterns: Sequence[str], topic: str, path: str) -> bool:
+    """Return whether one of some patterns (`topic:path`) names a field; one that names an array names its length."""
+    names = [path, path[4:-1]] if path.startswith("len(") else [path]
     return any(names_field(pattern, f"{topic}:{name}") for pattern in patterns for name in names)
 
 
@@ -202,13 +224,8 @@ def with_observed(
     """
     found = {}
     for topic, (_, samples) in samples_by_topic(messages, registry, most=_OBSERVED).items():
-        rows: list[dict[str, tuple[str, Scalar]]] = []
-        for kind, payload in samples if topic in targets else ():
-            try:
-                rows.append({leaf.path: (leaf.type, leaf.value) for leaf in kind.leaves(payload, elements=4)})
-            except PayloadError:
-                continue
         if topic in targets:
+            rows = [{leaf.path: (leaf.type, leaf.value) for leaf in one.leaves(ELEMENTS)} for one in samples]
             found[topic] = [replace(each, told=(*each.told, *_values(each, rows))) for each in targets[topic]]
     return found
 

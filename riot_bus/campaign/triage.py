@@ -78,7 +78,7 @@ class Failure:
         """Messages of the case that were played before the failure; 0 if that is not known."""
         return int(self.outcome.statistics.get("played", 0))
 
-    def take(self, case: TestCase, trial: int, outcome: Outcome) -> None:
+    def represent_by(self, case: TestCase, trial: int, outcome: Outcome) -> None:
         """Make another case represent the failure."""
         self.case, self.trial, self.outcome, self.modified = case, trial, outcome, _modified(case, outcome)
 
@@ -159,7 +159,7 @@ def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, tri
         if is_simpler and known.confirmed:
             known.simpler = case, trial, outcome
         elif is_simpler:
-            known.take(case, trial, outcome)
+            known.represent_by(case, trial, outcome)
         elif len(known.others) < _MOST_OTHERS:
             known.others.append(case)
         known.occurrences += 1

@@ -9,10 +9,10 @@ from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.campaign.targets import ELEMENTS, Target, family_of, may_change, samples_by_topic, targets_of
+from riot_bus.campaign.targets import ELEMENTS, Target, any_names, family_of, may_change, samples_by_topic, targets_of
 from riot_bus.chain.logs import nominal_values
 from riot_bus.types.brittle import why_brittle
-from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
 
@@ -115,7 +115,7 @@ class ExternalField:
             return self.choices[min(max(round(value), 0), len(self.choices) - 1)]
         if not self.integer or not math.isfinite(value):
             return value
-        least, most = _whole_limits(self.type)
+        least, most = _limits(self.type)
         return min(max(round(value), least), most)  # as a float, the largest 64-bit value is rounded up
 
     def injection(
@@ -282,18 +282,14 @@ def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str,
     for topic, (_, samples) in samples_by_topic(messages, registry).items():
         if not samples:
             found[topic] = _NO_TYPE
-        for kind, payload in samples:
-            try:
-                leaves = kind.leaves(payload, elements=ELEMENTS + 1)
-            except PayloadError:
-                continue
-            for leaf in leaves:
+        for sample in samples:
+            for leaf in sample.leaves(ELEMENTS + 1):
                 name = f"{topic}:{leaf.path}"
-                if leaf.path.startswith("len(") or any(names_field(each, name) for each in file.external.exclude):
+                if leaf.path.startswith("len(") or any_names(file.external.exclude, topic, leaf.path):
                     continue
                 if f"[{ELEMENTS}]" in leaf.path:
                     found[f"{topic}:{family_of(leaf.path)}"] = _FURTHER
-                elif why := why_brittle(leaf.path, kind):
+                elif why := why_brittle(leaf.path, sample.kind):
                     found[name] = f"a {why}, which is left alone"
                 elif name not in known:
                     found[name] = _BYTES if leaf.type == "bytes" else _NOT_FINITE
@@ -305,13 +301,9 @@ def _lengths(messages: Sequence[Message], workspace: Workspace) -> dict[str, lis
     leave, found = workspace.context.file.external.exclude, dict[str, list[Target]]()
     for topic, (count, samples) in samples_by_topic(messages, workspace.context.registry).items():
         paths: dict[str, str] = {}
-        for kind, payload in samples:
-            try:
-                leaves = kind.leaves(payload)
-            except PayloadError:
-                continue
-            for leaf in leaves:
-                if leaf.path.startswith("len(") and may_change(topic, leaf.path, leave, (), kind=kind):
+        for sample in samples:
+            for leaf in sample.leaves():
+                if leaf.path.startswith("len(") and may_change(topic, leaf.path, leave, (), kind=sample.kind):
                     paths.setdefault(leaf.path, leaf.type)
         if paths:
             found[topic] = [Target(topic, path, type_name, count) for path, type_name in paths.items()]
@@ -334,7 +326,7 @@ def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) ->
     late = _PERIODS / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
     for path, most in ((DELAY, late), (LOSS, _MOST_LOSS)):
         name = f"{topic}:{path}"
-        if any(names_field(pattern, name) for pattern in file.external.exclude):
+        if any_names(file.external.exclude, topic, path):
             continue
         low, high = _range(name, (0.0, most), file)
         if path == LOSS and high > 1:
@@ -392,7 +384,7 @@ def _described(
     usual = (nominal - _REACH * spread, nominal + _REACH * spread)
     if path.startswith("len("):
         usual = (0.0, max(_LONG, min(_LONGER * max(numbers), max(numbers) + _MOST_LONGER)))
-    low, high, first, last = (min(max(value, least), most) for value in (low, high, *_range(name, usual, file)))
+    low, high, first, last = (float(min(max(one, least), most)) for one in (low, high, *_range(name, usual, file)))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
 
 
@@ -415,16 +407,10 @@ def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[flo
 
 
 def _limits(type_name: str) -> tuple[float, float]:
-    """Return the least and the largest value of a type."""
-    if type_name != "bool" and "int" not in type_name:
-        return -math.inf, math.inf
-    least, most = _whole_limits(type_name)
-    return float(least), float(most)
-
-
-def _whole_limits(type_name: str) -> tuple[int, int]:
-    """Return the least and the largest value of an integer type."""
+    """Return the least and the largest value of a type, as integers if it is one of integers."""
     if type_name == "bool":
         return 0, 1
+    if "int" not in type_name:
+        return -math.inf, math.inf
     bits = int(type_name.partition("int")[2])
     return (0, 2**bits - 1) if type_name[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from riot_bus.campaign.store import ATTEMPTS
 from riot_bus.chain.reproduce import why_untold
 from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
@@ -35,7 +36,6 @@ __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 
 _LOG = logging.getLogger(__name__)
 _LARGEST = 1 << 29  # 512 MiB: each of the --jobs logs tried at once is held in memory
-_ATTEMPTS = 3  # one error may be chance; the third in a row is the answer for the log
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,7 @@ class _Work:
         return LogAnswer(place, "failed" if alike or others else "fixed", "; ".join(notes), failed, **figures)
 
     def _execute(self, case: TestCase) -> Outcome:
-        for _ in range(_ATTEMPTS):
+        for _ in range(ATTEMPTS):
             if self._stopping.is_set():
                 raise KeyboardInterrupt
             (outcome,) = self._runner.run([case])

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.campaign.store import StoredRunner, TrialStore
+from riot_bus.campaign.store import ATTEMPTS, StoredRunner, TrialStore
 from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
@@ -38,7 +38,6 @@ __all__ = ["NOMINAL", "StepRun", "Workspace", "open_finding", "system_of"]
 _LOG = logging.getLogger(__name__)
 NOMINAL = "nominal.mcap"
 """Name of the recorded nominal run in an output folder."""
-_ATTEMPTS = 3  # fewer failures are only warned of; three of three mean a broken system
 
 
 @dataclass(slots=True)
@@ -244,7 +243,7 @@ class Workspace:
         partial = path.with_suffix(".partial.mcap")
         runner = self.runners.system(pace, record=partial)
         failed: list[str] = []
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(ATTEMPTS):
             partial.unlink(missing_ok=True)
             (outcome,) = runner.run([TestCase(seed=self.seed, again=attempt)])
             if outcome.verdict is Verdict.FAIL:
@@ -253,7 +252,7 @@ class Workspace:
                 break
         if failed:
             told = f"the system fails in {len(failed)} of {attempt + 1} nominal runs: {failed[0]}"
-            if len(failed) == _ATTEMPTS:
+            if len(failed) == ATTEMPTS:  # the system is broken; fewer failures are only warned of
                 hint = "RIOT starts from a run that works; mend the system, its riot.toml or its monitors first"
                 raise ConfigError(told, hint=hint)
             _LOG.warning("%s", told)

@@ -48,7 +48,7 @@ def cover(covering: Covering, run: Callable[[Sequence[Placed]], Outcome], most: 
     asked = []
     while group := covering.next():
         asked.append(group)
-        covering.take(group, run(group), nominal_outputs=100)
+        covering.record(group, run(group))
         assert len(asked) <= most
     return asked
 
@@ -107,13 +107,13 @@ def test_what_has_failed_together_is_undecided_until_it_is_told_apart() -> None:
     covering = Covering(items(1, 1, 8), log(1, 100), seed=1)
     passed, failed = (Outcome(verdict, statistics={"outputs": 9}) for verdict in (Verdict.PASS, Verdict.FAIL))
     for _ in range(2):
-        covering.take(covering.next(), passed, nominal_outputs=9)
+        covering.record(covering.next(), passed)
     group = covering.next()
-    covering.take(group, failed, nominal_outputs=9)
+    covering.record(group, failed)
     assert [id(item) for item in covering.undecided] == [id(placed.item) for placed in group]
     assert len(group) == 4
     for outcome in (failed, passed, passed, passed):
-        covering.take(covering.next(), outcome, nominal_outputs=9)
+        covering.record(covering.next(), outcome)
     assert covering.undecided == []
 
 
@@ -140,7 +140,7 @@ def test_what_may_hang_waits_while_a_campaign_is_calm_and_is_tried_later() -> No
 
     def step(*, calm: bool) -> set[str]:
         group = covering.next(calm=calm) or covering.further()
-        covering.take(group, run(group), nominal_outputs=100)
+        covering.record(group, run(group))
         return {each.item.about for each in group}
 
     while not any(failed for _, failed in covering.tried):
@@ -218,7 +218,7 @@ def test_what_was_tried_is_varied_further_without_an_end() -> None:
         group = covering.next() or covering.further()
         assert group
         outcome = run(group)
-        covering.take(group, outcome, nominal_outputs=100)
+        covering.record(group, outcome)
         if outcome.verdict is Verdict.FAIL and len(group) == 1:
             found.append(({one.field for one in group[0].injections}, group[0].item.span))
     assert ({"f2", "f4"}, 1) in found
@@ -238,7 +238,7 @@ def test_faults_of_whole_messages_come_several_times_in_a_trial() -> None:
         group = covering.next() or covering.further()
         bursts = [one for each in group for one in each.injections if one.fault == "duplicate"]
         outcome = Outcome(Verdict.FAIL, (CRASH,), statistics={}) if len(bursts) > 1 else Outcome(Verdict.PASS)
-        covering.take(group, outcome, nominal_outputs=100)
+        covering.record(group, outcome)
         found += [group[0]] if outcome.verdict is Verdict.FAIL and len(group) == 1 else []
     assert found
     assert all(2 <= len(set(each.firsts)) == each.item.times <= 4 for each in found)
@@ -253,7 +253,7 @@ def test_rare_situations_are_looked_for() -> None:
         for _ in range(100):
             group = covering.next() or covering.further()
             count += any(each.firsts == (120,) and each.item.span == 1 for each in group)
-            covering.take(group, Outcome(Verdict.PASS), nominal_outputs=100)
+            covering.record(group, Outcome(Verdict.PASS))
         return count
 
     assert hits(Situation("t0", "mode", (Window(120, 121, 1.2, 1.3),), "mode == 2")) > hits()
@@ -270,10 +270,10 @@ def test_policies_on_many_messages_wait_until_all_of_a_topic_was_tried() -> None
         policies = covering.policies()
         assert not {each.item.topic for each in policies} & waiting
         drawn |= {each.item.topic for each in policies}
-        covering.stretches.take(policies, Outcome(Verdict.PASS), nominal_outputs=100)
+        covering.stretches.record(policies, Outcome(Verdict.PASS))
         group = covering.next()
         tried |= {id(each.item) for each in group}
-        covering.take(group, Outcome(Verdict.PASS), nominal_outputs=100)
+        covering.record(group, Outcome(Verdict.PASS))
     assert drawn == {"t0", "t1"}
 
 

@@ -40,7 +40,7 @@ def run(novelties: Novelties, group: tuple[Placed, ...], needed: set[int], most:
         part = novelties.next()
         if not part:
             return trial
-        novelties.take(part, outcome(part), nominal_outputs=0)
+        novelties.record(part, outcome(part))
     return most
 
 
@@ -76,9 +76,9 @@ def test_the_same_part_is_asked_once_at_a_time() -> None:
     novelties.learn(group, showing("two"))
     part = novelties.next()
     assert novelties.next() == ()
-    novelties.take(part, showing("one"), nominal_outputs=0)
+    novelties.record(part, showing("one"))
     assert novelties.next() == part
-    novelties.take(part, showing("one", "two"), nominal_outputs=0)
+    novelties.record(part, showing("one", "two"))
     assert [values(each) for each in novelties.kept] == [values(part)] * 2
 
 
@@ -99,7 +99,7 @@ def test_chance_is_not_built_upon() -> None:
     novelties.learn(group, showing("limp"))
     for _ in range(100):
         if part := novelties.next():
-            novelties.take(part, showing(), nominal_outputs=0)
+            novelties.record(part, showing())
     assert novelties.kept == []
     assert novelties.next() == ()
 
@@ -109,7 +109,7 @@ def test_it_happens_in_later_trials_with_others_around_it(needed: set[int]) -> N
     items = [thing(topic, number) for number in range(40) for topic in "ab"]
     covering = Covering(items, POSITIONS, seed=0)
     while not covering.finished:
-        covering.take(covering.next(), Outcome(Verdict.PASS), nominal_outputs=0)
+        covering.record(covering.next(), Outcome(Verdict.PASS))
     group = (Placed(thing("a", 1), (3,)), Placed(thing("b", 2), (3,)))
     run(covering.novelties, group, needed)
     trials = [covering.further() for _ in range(40)]
@@ -130,10 +130,10 @@ def test_equal_answers_give_equal_choices() -> None:
             group = covering.next() or covering.further()
             found.append(group)
             modes = [str(chance.randrange(4))]
-            covering.take(group, showing(*modes), nominal_outputs=0)
+            covering.record(group, showing(*modes))
             if part := covering.novelties.next():
                 found.append(part)
-                covering.novelties.take(part, showing(*modes), nominal_outputs=0)
+                covering.novelties.record(part, showing(*modes))
         return found
 
     assert told() == told()

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 import resource
 import sqlite3
@@ -8,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -79,17 +77,6 @@ def test_rows_tell_what_others_want_to_know(tmp_path: Path) -> None:
     }
     assert (second["key"], second["verdict"]) == ("a", "pass")
     assert store.get("b") == FAILED
-
-
-def test_a_store_of_lines_is_taken_over_once(tmp_path: Path) -> None:
-    lines = [json.dumps({"key": key, "outcome": asdict(FAILED)}) for key in "abc"]
-    older = tmp_path / "trials.jsonl"
-    older.write_text("\n".join([*lines, '{"key": 1}', "[]", '{"key": "half']))
-    store = TrialStore(tmp_path / TrialStore.NAME)
-    assert len(store) == 3
-    assert store.get("b") == FAILED
-    older.write_text(json.dumps({"key": "d", "outcome": asdict(FAILED)}))
-    assert len(TrialStore(store.path)) == 3
 
 
 WRITER = """

@@ -111,7 +111,7 @@ def test_each_is_placed_where_it_can_be_done(seed: int) -> None:
     while not covering.finished:
         group = covering.next()
         placed += group
-        covering.take(group, Outcome(Verdict.PASS), nominal_outputs=0)
+        covering.record(group, Outcome(Verdict.PASS))
     for each in [*placed, *(each for _ in range(40) for each in covering.further())]:
         reached: list[list[int]] = []
         delivered, _ = inject_log(messages, each.injections, registry=REGISTRY, reached=reached)
