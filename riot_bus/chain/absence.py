@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.questions import unit_case
-from riot_bus.events import FindingWritten
 from riot_bus.findings.records import AbsentRecord, FindingRecord, ProportionRecord
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
-from riot_bus.report.regression import write_regression_test
-from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.chain.questions import FreshCases
     from riot_bus.chain.workspace import StepRun
     from riot_bus.statistics.noise import Noise
-    from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["absent_messages", "other_cause", "write_other_cause"]
 
@@ -67,8 +64,8 @@ def absent_messages(
         _LATE if number > last else _FIRST if topics.index(topics[number]) == number else 1.0 for number in others
     ]
     trials: Trials[TestCase] = Trials(
-        lambda asked: [outcome.failed_as(finding.signature) for outcome in cases.run(asked)],
-        key=lambda case: case.digest(),
+        lambda asked: cases.failures(asked, finding.signature),
+        key=TestCase.digest,
         noise=noise,
         budget=_BUDGET,
         parallelism=cases.parallelism,
@@ -84,13 +81,9 @@ def absent_messages(
         return [not fails for fails in trials.decide(asked, doubt=_DOUBT, doing="looking for what is missing")]
 
     try:
+        groups, parallelism = [topics[number] for number in others], cases.parallelism
         minimal = minimize(
-            len(others),
-            heals,
-            weights=weights,
-            groups=[topics[number] for number in others],
-            parallelism=cases.parallelism,
-            progress=step.progress,
+            len(others), heals, weights=weights, groups=groups, parallelism=parallelism, progress=step.progress
         )
     except (InconclusiveError, BudgetSpentError):  # the nominal log fails, too, or the failure is too rare
         return None
@@ -98,9 +91,8 @@ def absent_messages(
         return None
     failed, passed = trials.counts(with_(minimal.kept))
     numbers = tuple(others[place] for place in minimal.kept)
-    return AbsentRecord(
-        numbers=numbers, topics=tuple(topics[number] for number in numbers), passed=(passed, failed + passed)
-    )
+    missing = tuple(topics[number] for number in numbers)
+    return AbsentRecord(numbers=numbers, topics=missing, passed=(passed, failed + passed))
 
 
 def other_cause(folder: Path) -> Path:
@@ -136,12 +128,8 @@ def write_other_cause(
     )
     metadata = {"finding": record.id, "signature": record.signature, "seed": str(workspace.seed)}
     log.save(other / "failure.mcap", context=workspace.context, metadata=metadata)
-    told = not FindingRecord.exists(other)
-    record.save(other)
-    write_reproduce(other)
-    write_regression_test(other, record)
-    if told:
-        workspace.tell(
-            FindingWritten(step.name, str(other), record.id, record.signature, occurrences=record.occurrences)
-        )
+    new = not FindingRecord.exists(other)
+    workspace.write_finding(other, record)
+    if new:
+        workspace.tell_finding(step.name, other, record)
     return other

@@ -65,18 +65,17 @@ def activation(
     driving = driving_log(step.workspace, step.workspace.context.file.system.trial_run)
     judged, why = step.workspace.judged_in_system(FindingRecord.load(folder), driving)
     if why:
-        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
+        return _not_tested(why)
     system = DrivenSystem(step, folder, driving, judged, budget=max(budget, AGAIN[-1][0]))
     names = system.only_reached(permeable.permeable)
     beyond = [name for name in permeable.permeable if name not in names]
-    unset = (
-        f"{', '.join(beyond)}: no message came within {_seconds(step)} that could be changed in it" if beyond else ""
-    )
+    within = f"the {step.workspace.context.file.system.trial_run.duration:g} s of a run"
+    unset = f"{', '.join(beyond)}: no message came within {within} that could be changed in it" if beyond else ""
     if not names:
-        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {unset}")
+        return _not_tested(unset)
     odd, only_odd = system.odd_points(names)[:budget], system.only_odd()
     if only_odd and not odd:
-        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {_NONE_ODD}")
+        return _not_tested(_NONE_ODD)
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
     shared = Study(study, _study_name(system, names)) if study else None
@@ -141,8 +140,8 @@ def _replayed(system: DrivenSystem, point: Mapping[str, float]) -> Replay:
     return replay(system, *system.failing.get(frozenset(point.items()), (None, None)))
 
 
-def _seconds(step: StepRun) -> str:
-    return f"the {step.workspace.context.file.system.trial_run.duration:g} s of a run"
+def _not_tested(why: str) -> ActivationRecord:
+    return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
 
 
 def _study_name(system: DrivenSystem, names: Sequence[str]) -> str:

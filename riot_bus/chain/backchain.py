@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +11,11 @@ from riot_bus.backchain.backtrack import backtrack
 from riot_bus.backchain.graph import TopicGraph
 from riot_bus.chain.log_columns import read_pieces
 from riot_bus.chain.logs import internal_name
+from riot_bus.chain.questions import named_fields
 from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
 from riot_bus.chain.workspace import open_finding
-from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
-from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
-from riot_bus.generalize.rule import Rule
+from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord
+from riot_bus.findings.records import FindingRecord
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
@@ -109,9 +110,7 @@ def _field(target: str) -> str:
 
 
 def _fields_of(folder: Path) -> list[str]:
-    names = [record.name for record in FieldsRecord.load(folder).fields]
-    names += Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
-    found = sorted({internal_name(name) for name in names if not order_of(name)})
+    found = sorted({internal_name(name) for name in named_fields(folder) if not order_of(name)})
     if not found:
         raise ConfigError("no field is relevant to this finding", where=str(folder), hint="name a field instead")
     return found
@@ -147,7 +146,7 @@ def _graph(
     registry: TypeRegistry | None = None if context is None else context.registry
     for path in files:
         with LogReader(path) as reader:
-            recorded.take(reader)
+            recorded.add(reader)
             registry = registry or log_registry(reader)
     assert registry is not None
     columns.notes += recorded.damaged
@@ -163,51 +162,18 @@ def _graph(
 
 
 def _record(found: Backtracked, columns: LogColumns, files: Sequence[Path], told: Sequence[str]) -> BacktrackRecord:
-    return BacktrackRecord(
-        targets=found.targets,
-        logs=tuple(map(str, files)),
-        messages=columns.messages,
-        looked_at=columns.looked_at,
-        told=tuple(told),
-        alpha=found.alpha,
-        tested=found.tested,
-        trees=tuple(tree.as_json() for tree in found.trees),
-        steps=tuple(
-            StepRecord(
-                source=edge.source,
-                target=edge.target,
-                components=edge.components,
-                told=edge.told,
-                evidence=tuple(map(_evidence, edge.evidence)),
-            )
-            for edge in found.edges
-        ),
-        externals=found.externals,
-        ranking=tuple(map(_evidence, found.ranking)),
-        unreachable=tuple(found.unreachable),
-        unwritten=tuple(found.unwritten),
-        missing=tuple(found.missing),
-        loops=tuple(found.loops),
-        unseen=tuple(found.unseen),
-        notes=tuple(columns.notes),
-    )
+    own = {one.name: getattr(found, one.name) for one in fields(found)}
+    own["trees"] = [tree.as_json() for tree in found.trees]
+    own["steps"] = [{**asdict(edge), "evidence": list(map(_evidence, edge.evidence))} for edge in found.edges]
+    own["ranking"] = list(map(_evidence, found.ranking))
+    read = {"messages": columns.messages, "looked_at": columns.looked_at, "notes": columns.notes}
+    return BacktrackRecord.model_validate({**own, **read, "logs": list(map(str, files)), "told": list(told)})
 
 
 def _evidence(one: FieldEvidence) -> EvidenceRecord:
     known = one.dependence
-    if known is None:
-        return EvidenceRecord(source=one.source, target=one.target, verdict="not tested", reason=one.reason)
-    return EvidenceRecord(
-        source=one.source,
-        target=one.target,
-        verdict="follows" if known.found else "no evidence",
-        messages=one.rows,
-        logs=one.logs,
-        p_value=known.p_value,
-        follows=known.follows,
-        strength=known.strength,
-        low=known.low,
-        high=known.high,
-        lag_s=known.lag_s,
-        detectable=known.detectable,
-    )
+    tested: dict[str, object] = {"verdict": "not tested", "reason": one.reason}
+    if known is not None:
+        verdict = "follows" if known.found else "no evidence"
+        tested = {**asdict(known), "verdict": verdict, "messages": one.rows, "logs": one.logs}
+    return EvidenceRecord.model_validate({"source": one.source, "target": one.target, **tested})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -347,19 +347,24 @@ class DrivenRuns:
         outputs = as_numbers([outcome for _, outcome in some], self.intermediates if intermediate else self.internals)
         if intermediate:
             outputs = [{name: _thinned(series) for name, series in one.items()} for one in outputs]
-        inputs: list[dict[str, FieldDrive]] = []
-        for plan, outcome in some:
-            times = {field: outcome.observed[field.topic].times for field in plan if field.name in self.changed}
-            inputs.append(
-                {
-                    field.name: FieldDrive(
-                        Series(times[field], tuple(map(signal.value, range(len(times[field]))))), signal
-                    )
-                    for field, signal in plan.items()
-                    if field in times
-                }
-            )
+
+        def drive(times: Sequence[float], signal: Signal) -> FieldDrive:
+            return FieldDrive(Series(tuple(times), tuple(map(signal.value, range(len(times))))), signal)
+
+        inputs = (
+            {
+                field.name: drive(outcome.observed[field.topic].times, signal)
+                for field, signal in plan.items()
+                if field.name in self.changed
+            }
+            for plan, outcome in some
+        )
         return list(map(Run, inputs, outputs))
+
+    def analysed(self, some: Sequence[Perturbed], *, alpha: float, intermediate: bool = False) -> PermeabilityResult:
+        """Return how internal fields, or the intermediate ones, follow the fields that were driven in some runs."""
+        runs, seed = self.runs(some, intermediate=intermediate), self.step.workspace.seed
+        return analysed(runs, alpha=alpha, seed=seed, intermediate=intermediate, progress=self.step.progress)
 
     def _case(self, injections: Iterable[Injection], number: int) -> TestCase:
         return TestCase(self.driving, tuple(injections), seed=self.step.workspace.seed + number)
@@ -499,15 +504,6 @@ def strongest(edges: Iterable[EdgeRecord]) -> dict[tuple[str, str], EdgeRecord]:
 
 def edge_record(edge: PermeabilityEdge, design: Design) -> EdgeRecord:
     """Return the record of an edge."""
-    return EdgeRecord(
-        external=edge.external,
-        internal=internal_of(edge.internal),
-        permeable=edge.permeable,
-        strength=edge.strength,
-        low=edge.low,
-        high=edge.high,
-        lag_s=edge.lag_s if design == "within runs" else 0.0,
-        p_value=edge.p_value,
-        design=design,
-        detectable=edge.detectable,
-    )
+    lag = edge.lag_s if design == "within runs" else 0.0
+    told = {"internal": internal_of(edge.internal), "lag_s": lag, "design": design}
+    return EdgeRecord.model_validate({**asdict(edge), **told})

@@ -75,7 +75,7 @@ def shrink_history(
     fresh = FreshCases(runner)
 
     def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        return [outcome.failed_as(signature) for outcome in fresh.run([case_of(kept) for kept in questions])]
+        return fresh.failures([case_of(kept) for kept in questions], signature)
 
     batch = [tuple(range(len(before)))] * min(runner.parallelism, _TRIES)
     if not any(any(ask(batch)) for _ in range(-(-_TRIES // len(batch)))):
@@ -193,8 +193,7 @@ def _needed(
     def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
         parts = [tuple(case.injections[number] for number in kept) for kept in questions]
         cases = [repeat_log(replace(case, injections=part), times, registry=registry) for part in parts]
-        outcomes: Sequence[Outcome] = fresh.run(cases)
-        return [outcome.failed_as(signature) for outcome in outcomes]
+        return fresh.failures(cases, signature)
 
     try:
         found = minimize(len(case.injections), ask, budget=_BUDGET, parallelism=runner.parallelism, progress=progress)

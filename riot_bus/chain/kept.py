@@ -10,7 +10,6 @@ from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.robustness import keep_evidence, put_aside
 from riot_bus.chain.workspace import NOMINAL
-from riot_bus.events import FindingWritten
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
@@ -106,11 +105,9 @@ def take_up(
         shown = {"component": other.component, "monitor": other.monitor, "signature": other.signature}
         changes |= shown | {"severity": severity(other), "details": (other.detail,) if other.detail else ()}
     record = record.model_copy(update=changes)
-    record.save(target)
-    write_reproduce(target)
-    write_regression_test(target, record)
+    workspace.write_finding(target, record)
     if evidence and not record.whole_system:
         case = TestCase(failing.messages, seed=workspace.seed, ordered=record.ordered)
         keep_evidence(workspace, record, case, target)
-    workspace.tell(FindingWritten("reproduce", str(target), name, record.signature, occurrences=failed))
+    workspace.tell_finding("reproduce", target, record)
     return target

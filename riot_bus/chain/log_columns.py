@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.backchain.alignment import Piece
+from riot_bus.chain.scan import filled
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import topic_types
@@ -158,7 +159,7 @@ class _Growing:
         self._alike = 0
         self._parts: list[NDArray[np.float32]] = []
 
-    def take(self, values: NDArray[np.float64]) -> None:
+    def extend(self, values: NDArray[np.float64]) -> None:
         if self.base is None:
             finite = values[np.isfinite(values)]
             self.base = float(finite[0]) if len(finite) else None
@@ -192,7 +193,7 @@ def _collect(parts: Iterable[Columns], fields: Mapping[str, Sequence[str]], *, l
                 continue
             times[topic].append(whole.times)
             for name in names:
-                growing[name].take(_numbers(part[name], whole))
+                growing[name].extend(_numbers(part[name], whole))
     seconds = {topic: np.concatenate(some) / 1e9 for topic, some in times.items() if some}
     values: dict[str, NDArray[Any]] = {}
     for topic, names in fields.items():
@@ -207,14 +208,8 @@ def _collect(parts: Iterable[Columns], fields: Mapping[str, Sequence[str]], *, l
 
 def _numbers(column: Column, whole: Column) -> NDArray[np.float64]:
     """Return a column's numbers, one for each message of its topic, NaN where it has none."""
-    values = column.values
+    values, valid = filled(column, whole)
     if values.dtype == np.object_:
-        values = np.array(
-            [float(one) if isinstance(one, int | float) else np.nan for one in values.tolist()], np.float64
-        )
-    numbers = np.where(column.valid, values.astype(np.float64), np.nan)
-    if len(column) == len(whole):
-        return numbers
-    result = np.full(len(whole), np.nan)
-    result[np.searchsorted(whole.order, column.order)] = numbers  # a topic of several types: some lack the field
-    return result
+        numbers = (float(one) if isinstance(one, int | float) else np.nan for one in values.tolist())
+        values = np.fromiter(numbers, np.float64, len(values))
+    return np.where(valid, values.astype(np.float64), np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.absence import absent_messages, write_other_cause
@@ -78,6 +78,15 @@ class _Found:
     simplified: tuple[SimplifiedRecord, ...] = ()
     simplified_trials: int = 0
 
+    def reduced(self, log: FailingLog, part: Minimal) -> _Found:
+        """Return the result with a part of its messages, which `log` has in their present form."""
+        return replace(self, kept=tuple(self.kept[place] for place in part.kept), log=log.keep(part.kept), minimal=part)
+
+    @classmethod
+    def of(cls, log: FailingLog, part: Minimal) -> Self:
+        """Return the first result, a part of the failing log."""
+        return cls(part.kept, log.keep(part.kept), part)
+
 
 class _Minimization:
     """The state of one run of the step."""
@@ -133,12 +142,13 @@ class _Minimization:
     def _messages(self) -> _Found:
         """Return the messages that are needed, at least one of them modified if modified messages are the cause."""
         minimal = self._shrunk(self.log)
+        found = _Found.of(self.log, minimal)
         if not self.needs_cause or not minimal.kept:
-            return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
-        unmodified = self.log.keep(minimal.kept).restored()
+            return found
+        unmodified = found.log.restored()
         failed, total, fails = self._decided(unmodified, minimal.noise)
         if not fails:
-            return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
+            return found
         self.best = None  # what was found so far has another cause
         if self._decided(self.log.restored(), minimal.noise)[-1]:
             # No modification matters; missing messages do.
@@ -146,8 +156,7 @@ class _Minimization:
         else:
             self._tell_other_cause(unmodified, (failed, total))
             self.ask = self._failing_if_modified
-        minimal = self._shrunk(self.log)
-        return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
+        return _Found.of(self.log, self._shrunk(self.log))
 
     def _shrunk(self, log: FailingLog, within: _Found | None = None) -> Minimal:
         """Return the messages of a log that are needed.
@@ -160,9 +169,7 @@ class _Minimization:
         modified = [place for place, message in enumerate(log.messages) if message.sequence in log.originals]
 
         def better(part: Minimal) -> None:
-            kept = part.kept if within is None else tuple(within.kept[place] for place in part.kept)
-            base = within or _Found((), log, part)
-            self.best = replace(base, kept=kept, log=log.keep(part.kept), minimal=part)
+            self.best = _Found.of(log, part) if within is None else within.reduced(log, part)
 
         minimal = search(
             n,
@@ -231,8 +238,7 @@ class _Minimization:
             return replace(found, simplified_trials=work.trials)
         if not minimal.one_minimal:  # proven minimality is worth more than simpler values
             return found
-        kept = tuple(simpler.kept[place] for place in minimal.kept)
-        return replace(simpler, kept=kept, log=work.log.keep(minimal.kept), minimal=minimal)
+        return simpler.reduced(work.log, minimal)
 
     def _rated(self, found: _Found) -> _Found:
         """Return the result with its failure rate in fresh trials, unless it always fails.
@@ -274,8 +280,7 @@ class _Minimization:
             try:
                 minimal = self._shrunk(found.log, within=replace(found, minimal=rated))
                 if minimal.one_minimal and len(minimal.kept) < len(found.kept):
-                    kept = tuple(found.kept[place] for place in minimal.kept)
-                    return self._rated(replace(found, kept=kept, log=found.log.keep(minimal.kept), minimal=minimal))
+                    return self._rated(found.reduced(found.log, minimal))
             except InconclusiveError:  # chance has led one of the searches, and it is not known which
                 return replace(found, minimal=rated)
             if minimal.one_minimal:
@@ -314,8 +319,8 @@ class _Minimization:
 
     def _failing(self, logs: Sequence[FailingLog]) -> list[bool]:
         workspace, finding = self.step.workspace, self.finding
-        outcomes = self.cases.run([unit_case(workspace, finding, one.messages, unprobed=self.unprobed) for one in logs])
-        return [outcome.failed_as(finding.signature) for outcome in outcomes]
+        asked = [unit_case(workspace, finding, one.messages, unprobed=self.unprobed) for one in logs]
+        return self.cases.failures(asked, finding.signature)
 
     def _failing_if_modified(self, logs: Sequence[FailingLog]) -> list[bool]:
         """Return for each log whether it fails, but not with the originals of its modified messages."""
@@ -336,11 +341,8 @@ class _Minimization:
 
     def _saved(self, found: _Found, absent: AbsentRecord | None = None) -> MinimalRecord:
         """Write `minimal.mcap` and return its record."""
-        metadata = {
-            "finding": self.finding.id,
-            "signature": self.finding.signature,
-            "seed": str(self.step.workspace.seed),
-        }
+        of_it = {"finding": self.finding.id, "signature": self.finding.signature}
+        metadata = {**of_it, "seed": str(self.step.workspace.seed)}
         found.log.save(self.folder / "minimal.mcap", context=self.context, metadata=metadata)
         minimal = found.minimal
         return MinimalRecord(

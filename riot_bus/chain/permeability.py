@@ -9,7 +9,6 @@ from riot_bus.chain.driven import (
     DrivenRuns,
     Perturbed,
     Usual,
-    analysed,
     edge_record,
     internal_of,
     skip_reasons,
@@ -18,10 +17,10 @@ from riot_bus.chain.driven import (
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.intermediate import intermediate_fields, most_permeable_paths, with_strengths
 from riot_bus.chain.logs import internal_name, nominal_values
+from riot_bus.chain.questions import named_fields
 from riot_bus.chain.topic_graphs import declared_graph, topics_named
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
-from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
-from riot_bus.generalize.rule import Rule
+from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
 
@@ -70,11 +69,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         ConfigError: The step before has not been done, or nothing external is described.
         InconclusiveError: Nothing external can reach the relevant fields.
     """
-    finding, relevant = FindingRecord.load(folder), FieldsRecord.load(folder)
-    workspace = step.workspace
-    file = workspace.context.file
-    learnt = Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
-    names = [*(record.name for record in relevant.fields), *learnt]
+    finding, workspace, file = FindingRecord.load(folder), step.workspace, step.workspace.context.file
+    names = named_fields(folder)
     if orders := [name for name in names if order_of(name)]:
         raise InconclusiveError(
             f"the failure depends on an order of messages ({orders[0]}), which runs of the whole system do not drive",
@@ -113,22 +109,14 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         if field.name not in apart and (why := system.why_undriven(field, outcomes)):
             apart[field.name] = why
     driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
-    result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed, progress=step.progress)
+    result = system.analysed(done, alpha=_ALPHA)
     if result.doubtful():
         fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
         done, count = done + fresh, count + len(fresh)
-        again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed, progress=step.progress)
-        result = result.confirmed_by(
-            again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed, progress=step.progress)
-        )
+        again = system.analysed(fresh, alpha=_ALPHA_AGAIN)
+        result = result.confirmed_by(again, system.analysed(done, alpha=_ALPHA))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    beside = analysed(
-        system.runs(done, intermediate=True),
-        alpha=_ALPHA,
-        seed=workspace.seed,
-        intermediate=True,
-        progress=step.progress,
-    )
+    beside = system.analysed(done, alpha=_ALPHA, intermediate=True)
     intermediate = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in beside.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from riot_bus.chain.questions import json_value
 from riot_bus.chain.testcases import injection_of
-from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
-from riot_bus.log.foreign import bus_messages, learn_types
-from riot_bus.log.reader import LogReader
-from riot_bus.sut.context import open_system
 from riot_bus.types.latest import LatestFields, in_words
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
@@ -31,7 +27,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Moment", "Prediction", "alike", "column_of", "explained", "predict", "predict_log"]
+__all__ = ["Moment", "Prediction", "alike", "column_of", "explained", "moments_of", "predict", "rule_text"]
 
 _TOLD = 20
 _RELIABLE = 0.95
@@ -46,11 +42,19 @@ _SAID = {True: "would fail", False: "would not fail", None: "not known whether i
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A message at which a rule holds: its place in the log, when it was sent (ns), and the rule's known fields."""
+    """A message of a log by which a rule can be judged.
+
+    Attributes:
+        place: Its place in the log.
+        time: When it was sent (ns).
+        values: Values of the rule's fields that are known then.
+        last: Whether it is of the last of the rule's topics.
+    """
 
     place: int
     time: int
     values: Mapping[str, Scalar]
+    last: bool = True
 
 
 @dataclass(slots=True)
@@ -103,34 +107,6 @@ class Prediction:
         ]
         figures = {"judged": self.judged, "unknown": self.unknown, "fails": self.fails, "missed": self.missed}
         return {"rule": self.rule, "would_fail": self.would_fail, **figures, "moments": moments}
-
-
-def predict_log(path: Path, folder: Path) -> Prediction:
-    """Return the prediction of a finding's rule for a log.
-
-    Args:
-        path: Path of the log, which may be larger than memory.
-        folder: Folder of the finding.
-
-    Raises:
-        ConfigError: There is no such log, or the finding has no rule.
-        InconclusiveError: The rule can be judged at no message of the log.
-    """
-    record = RuleRecord.load(folder)
-    registry = open_system(Path(FindingRecord.load(folder).system_file)).registry
-    with LogReader(path) as reader:
-        learn_types(reader, registry)
-        topics = record.topics or MinimalRecord.load(folder).topics
-        rule, messages = Rule.from_json(record.rule), bus_messages(reader, registry)
-        found = predict(rule, topics, messages, registry=registry, keeps=record.keeps)
-    if not found.judged:
-        raise InconclusiveError(
-            f"the known fields never decide whether the rule {record.text} holds",
-            where=str(path),
-            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
-        )
-    found.missed = record.missed
-    return found
 
 
 class Explained(NamedTuple):
@@ -245,41 +221,53 @@ def predict(
         ConfigError: A variable of the rule is not a field.
     """
     latest = LatestFields(rule.variables, topics, registry=registry, keeps=keeps)
-    found = Prediction(rule.renamed(lambda name: in_words(name, topics)).text(), topics)
-    rows: list[_Row] = []
+    found = Prediction(rule_text(rule, topics), topics)
+    log = iter(messages)
+    first = next(log, None)
+    if first is not None:
+        found.begin, log = first.time, chain([first], log)
+    for rows in moments_of(latest, log, topics, registry=registry):
+        groups: dict[tuple[str, ...], list[Moment]] = {}
+        for row in rows:
+            groups.setdefault(tuple(row.values), []).append(row)
+        failing = [moment for names, group in groups.items() for moment in _judge_alike(rule, names, group, found)]
+        failing.sort(key=lambda moment: moment.place)
+        found.moments += failing[: at_most - len(found.moments)]
+    return found
+
+
+def rule_text(rule: Rule, topics: Sequence[str]) -> str:
+    """Return a rule as text; `topics` are those of the messages of the log in which its fields are named."""
+    return rule.renamed(lambda name: in_words(name, topics)).text()
+
+
+def moments_of(
+    latest: LatestFields, messages: Iterable[Message], topics: Sequence[str], *, registry: TypeRegistry
+) -> Iterator[list[Moment]]:
+    """Yield the messages of a log by which a rule can be judged, some thousand at once.
+
+    Args:
+        latest: The rule's fields, before the log.
+        messages: The log, in order; it may be larger than memory.
+        topics: Topic of each message of the short log in which the rule's fields are named.
+        registry: The registry of topics and types.
+    """
+    rows: list[Moment] = []
     for place, message in enumerate(messages):
-        found.begin = found.begin if place else message.time
         values = latest.take(message)
         if values is None:
             continue
         last = not topics or registry.topic(message.key) == topics[-1]
-        rows.append(_Row(Moment(place, message.time, values), last))
+        rows.append(Moment(place, message.time, values, last))
         if len(rows) == _ROWS:
-            _judge(rule, rows, found, at_most)
-            rows.clear()
-    _judge(rule, rows, found, at_most)
-    return found
+            yield rows
+            rows = []
+    yield rows
 
 
-class _Row(NamedTuple):
-    """A message to be judged, and whether it is one of the last of the rule's topics."""
-
-    moment: Moment
-    last: bool
-
-
-def _judge(rule: Rule, rows: Sequence[_Row], found: Prediction, at_most: int) -> None:
-    groups: dict[tuple[str, ...], list[_Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row.moment.values), []).append(row)
-    failing = [moment for names, group in groups.items() for moment in _judge_alike(rule, names, group, found)]
-    failing.sort(key=lambda moment: moment.place)
-    found.moments += failing[: at_most - len(found.moments)]
-
-
-def _judge_alike(rule: Rule, names: Sequence[str], rows: Sequence[_Row], found: Prediction) -> list[Moment]:
+def _judge_alike(rule: Rule, names: Sequence[str], rows: Sequence[Moment], found: Prediction) -> list[Moment]:
     """Count rows in which the same fields are known; return those at which the rule holds."""
-    columns = {name: column_of([row.moment.values[name] for row in rows]) for name in names}
+    columns = {name: column_of([row.values[name] for row in rows]) for name in names}
     sure, possible = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
     for numbers in alike(columns, len(rows)):
         part = {name: column[numbers] for name, column in columns.items()}
@@ -289,7 +277,7 @@ def _judge_alike(rule: Rule, names: Sequence[str], rows: Sequence[_Row], found: 
     found.judged += int(np.count_nonzero(sure | (~possible & told)))
     found.unknown += int(np.count_nonzero(possible & ~sure & last))
     found.fails += int(np.count_nonzero(sure))
-    return [rows[number].moment for number in np.flatnonzero(sure).tolist()]
+    return [rows[number] for number in np.flatnonzero(sure).tolist()]
 
 
 def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[np.intp]]:

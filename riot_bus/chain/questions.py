@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
-from riot_bus.findings.records import CertificateRecord, FindingRecord, MinimalRecord, Value
+from riot_bus.findings.records import CertificateRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord, Value
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, same_scalar
+from riot_bus.generalize.rule import Rule
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import suggested_values
@@ -35,6 +36,7 @@ __all__ = [
     "draws_for",
     "json_value",
     "measured_rate",
+    "named_fields",
     "noise_of",
     "nominal_passes",
     "observed_in",
@@ -87,6 +89,13 @@ def observed_in(
         paths.setdefault(field.topic, set()).add(field.leaf.path)
     values = nominal_values(log, paths, registry=registry, at_most=at_most)
     return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
+
+
+def named_fields(folder: Path) -> list[str]:
+    """Return the names of a finding's relevant fields, and of the variables of its rule if it has one."""
+    record = RuleRecord.find(folder)
+    variables = Rule.from_json(record.rule).variables if record else ()
+    return [*(one.name for one in FieldsRecord.load(folder).fields), *variables]
 
 
 def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> Noise:
@@ -172,6 +181,10 @@ class FreshCases:
             self._asked[digest] += 1
         return self._runner.run(numbered)
 
+    def failures(self, cases: Sequence[TestCase], signature: str) -> list[bool]:
+        """Return for each case whether a fresh trial fails with a signature."""
+        return [outcome.failed_as(signature) for outcome in self.run(cases)]
+
 
 class UnitQuestions:
     """Asks a unit whether it fails when fields of its minimal log have other values.
@@ -201,7 +214,7 @@ class UnitQuestions:
         self.noise = noise_of(self.finding, minimal)
         self._known = _counts(self.finding, minimal)
         self._trials: Trials[TestCase] = Trials(
-            lambda asked: [self.failed(outcome) for outcome in cases.run(asked)],
+            lambda asked: cases.failures(asked, self.finding.signature),
             key=TestCase.digest,
             noise=self.noise,
             budget=_MOST_TRIALS,
@@ -243,14 +256,10 @@ class UnitQuestions:
         """Return a test case that plays messages to the unit."""
         return unit_case(self._workspace, self.finding, messages, unprobed=self._unprobed)
 
-    def failed(self, outcome: Outcome) -> bool:
-        """Return whether an outcome is the failure that is asked for."""
-        return outcome.failed_as(self.finding.signature)
-
     def fresh(self, *, after: int = 0) -> Ask[Mapping[str, Setting]]:
         """Return a function that answers by a fresh trial each time; see `FreshCases` for `after`."""
         cases = FreshCases(self.runner, after=after)
-        return lambda asked: [self.failed(one) for one in cases.run([self.case(values) for values in asked])]
+        return lambda asked: cases.failures([self.case(values) for values in asked], self.finding.signature)
 
     def decide(
         self, cases: Sequence[TestCase], *, doubt: float = _DOUBT, priors: Sequence[float] | None = None

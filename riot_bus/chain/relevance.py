@@ -20,7 +20,7 @@ from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun
@@ -132,7 +132,7 @@ def _with_structure(
     def ask(logs: Sequence[FailingLog]) -> list[bool]:
         asked = [questions.case_of(log.messages) for log in logs]
         asked = [replace(case, ordered=case.ordered or several) for case in asked]  # else their order tells nothing
-        return [questions.failed(one) for one in cases.run(asked)]
+        return cases.failures(asked, questions.finding.signature)
 
     structure = search_structure(
         questions.fields.log,
@@ -148,24 +148,12 @@ def _with_structure(
         sides = [_repeated(one.failing, 1, ask, noise), _repeated(one.passing, 0, ask, noise)]
         if not all(side.confirmed for side in sides):
             continue
-        logs = []
-        for side, log in (("failing", one.failing), ("passing", one.passing)):
-            path = folder / "certificates" / f"{one.part.kind.replace(' ', '-')}-{number}.{side}.mcap"
-            path.parent.mkdir(exist_ok=True)
-            metadata = {"finding": questions.finding.id, one.part.kind: f"{one.part.name} {one.part.then}".strip()}
-            log.save(path, context=step.workspace.context, metadata=metadata | {"side": side})
-            logs.append(str(path.relative_to(folder)))
-        failed, passed = ((side.right, side.total) for side in sides)
+        part, (failed, passed) = one.part, ((side.right, side.total) for side in sides)
+        metadata = {"finding": questions.finding.id, part.kind: f"{part.name} {part.then}".strip()}
+        stem = f"{part.kind.replace(' ', '-')}-{number}"
+        logs = _write_logs(folder, stem, one.failing, one.passing, context=step.workspace.context, metadata=metadata)
         found.append(
-            StructureRecord(
-                kind=one.part.kind,
-                name=one.part.name,
-                then=one.part.then,
-                failing_log=logs[0],
-                passing_log=logs[1],
-                failed=failed,
-                passed=passed,
-            )
+            StructureRecord(kind=part.kind, name=part.name, then=part.then, failed=failed, passed=passed, **logs)
         )
     doubtful = Counter[str](one.part.kind for one in structure.needed) - Counter[str](one.kind for one in found)
     decided = {kind: count - doubtful[kind] for kind, count in structure.asked.items()}
@@ -214,21 +202,16 @@ def _record(
     context: Context, folder: Path, found: RelevantField, questions: UnitQuestions, sides: Sequence[_Side]
 ) -> FieldRecord:
     """Write the two logs of a certificate and return the field's record."""
-    logs = []
-    for side, values in (("failing", found.certificate.failing), ("passing", found.certificate.passing)):
-        path = folder / "certificates" / f"{re.sub(r'[^A-Za-z0-9]+', '-', found.name).strip('-')}.{side}.mcap"
-        path.parent.mkdir(exist_ok=True)
-        metadata = {"finding": questions.finding.id, "field": found.name, "side": side}
-        messages, originals = questions.fields.with_values(values), questions.fields.log.originals
-        FailingLog(messages, originals).save(path, context=context, metadata=metadata)
-        logs.append(str(path.relative_to(folder)))
+    both = (found.certificate.failing, found.certificate.passing)
+    logs = (FailingLog(questions.fields.with_values(one), questions.fields.log.originals) for one in both)
+    metadata = {"finding": questions.finding.id, "field": found.name}
+    stem = re.sub(r"[^A-Za-z0-9]+", "-", found.name).strip("-")
     failing, passing = sides
     certificate = CertificateRecord(
         failing=json_value(found.certificate.failing[found.name]),
         passing=json_value(found.certificate.passing[found.name]),
         others={name: json_value(value) for name, value in found.certificate.failing.items() if name != found.name},
-        failing_log=logs[0],
-        passing_log=logs[1],
+        **_write_logs(folder, stem, *logs, context=context, metadata=metadata),
         confirmed_failing=failing.right,
         repeats=failing.total,
         confirmed_passing=passing.right,
@@ -237,3 +220,16 @@ def _record(
     field = questions.fields.fields.get(found.name)
     type_, value = (field.leaf.type, json_value(field.leaf.value)) if field else ("bool", True)  # an order
     return FieldRecord(name=found.name, kind=found.kind, type=type_, failing=value, certificate=certificate)
+
+
+def _write_logs(
+    folder: Path, stem: str, failing: FailingLog, passing: FailingLog, *, context: Context, metadata: Mapping[str, str]
+) -> dict[str, str]:
+    """Write the two logs of a certificate; return their paths within the finding's folder, as a record has them."""
+    paths = {}
+    (folder / "certificates").mkdir(exist_ok=True)
+    for side, log in (("failing", failing), ("passing", passing)):
+        path = folder / "certificates" / f"{stem}.{side}.mcap"
+        log.save(path, context=context, metadata={**metadata, "side": side})
+        paths[f"{side}_log"] = str(path.relative_to(folder))
+    return paths

@@ -94,8 +94,8 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             for part in parts
             if part  # without any, external components would drive the system
         ]
-        answers = iter([outcome.failed_as(system.finding.signature) for outcome in runner.run(asked)] if asked else [])
-        return [next(answers) if part else False for part in parts]
+        answers = iter(runner.failures(asked, system.finding.signature))
+        return [bool(part) and next(answers) for part in parts]
 
     try:
         minimal = minimize(

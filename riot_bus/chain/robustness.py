@@ -25,7 +25,7 @@ from riot_bus.chain.histories import find_leak, shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.chain.testcases import injection_of
-from riot_bus.events import CampaignFinished, CampaignStarted, FindingWritten
+from riot_bus.events import CampaignFinished, CampaignStarted
 from riot_bus.findings.records import (
     CampaignRecord,
     EffectsRecord,
@@ -39,8 +39,6 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
-from riot_bus.report.regression import write_regression_test
-from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
@@ -412,10 +410,10 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     name = finding_id(failure.violation) + ("-system" if subject.whole_system else "")
     folder = workspace.findings / name
     known = FindingRecord.find(folder)
-    told = known is None
+    new = known is None
     if known is not None and known.fingerprint not in ("", workspace.fingerprint):
         put_aside(folder, known.fingerprint)
-        known, told = None, True
+        known, new = None, True
     elif known is not None and not MinimalRecord.exists(folder):
         injections = [injection_of(row, str(folder)) for row in known.injections]
         if failure.complexity < complexity(injections, known.modified, failure.types):
@@ -432,16 +430,12 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
                 "seconds": step.seconds,
             }
         )
-    record.save(folder)
-    write_reproduce(folder)
-    write_regression_test(folder, record)
+    workspace.write_finding(folder, record)
     if not (folder / EVIDENCE).is_dir():
         within = baseline if subject.whole_system else None
         keep_evidence(workspace, record, failure.case, folder, in_system=within)
-    if told:
-        workspace.tell(
-            FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
-        )
+    if new:
+        workspace.tell_finding(step.name, folder, record)
     return folder
 
 

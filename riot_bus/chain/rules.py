@@ -11,16 +11,14 @@ from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_th
 from riot_bus.chain.forms import with_forms
 from riot_bus.chain.legend import legend_of
 from riot_bus.chain.orders import judge_of_logs, order_variables, with_first
-from riot_bus.chain.prediction import explained
+from riot_bus.chain.prediction import explained, rule_text
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.chain.relevance import considered_fields, field_spaces
 from riot_bus.findings.records import AlternativeRecord, FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.relevance import relevant_fields
-from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import Estimate, LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import TYPES, columns_of, row_of, scalars_of
-from riot_bus.statistics.rates import Proportion, proportion
-from riot_bus.types.latest import in_words
+from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Scalar
@@ -93,7 +91,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     finding = found.questions.finding
     campaign = explained(record, step, finding.unit, finding.signature, rate=found.questions.noise.rate)
     figures = {
-        "in_campaign": _proportion(proportion(campaign.trials - len(campaign.wrong), campaign.trials)),
+        "in_campaign": ProportionRecord.of(proportion(campaign.trials - len(campaign.wrong), campaign.trials)),
         "missed": sum(failed for _, failed in campaign.wrong),
         "held": campaign.holds,
         "unjudged": campaign.unknown,
@@ -250,10 +248,8 @@ def _spread(values: Sequence[Setting]) -> float:
     return (pstdev(numbers) if len(numbers) > 1 else 0.0) or 1.0
 
 
-def _proportion(one: Estimate | Proportion) -> ProportionRecord:
-    return ProportionRecord(
-        value=0.0 if one.rate is None else one.rate, low=one.low, high=one.high, count=one.hits, total=one.total
-    )
+def _estimated(one: Estimate) -> ProportionRecord:
+    return ProportionRecord(value=one.rate or 0.0, low=one.low, high=one.high, count=one.hits, total=one.total)
 
 
 def _values(row: Mapping[str, Scalar], told: Container[str]) -> dict[str, Value]:
@@ -263,9 +259,6 @@ def _values(row: Mapping[str, Scalar], told: Container[str]) -> dict[str, Value]
 def _record(found: _Found) -> RuleRecord:
     learned = found.learned
     topics = found.questions.fields.topics
-
-    def text(rule: Rule) -> str:
-        return rule.renamed(lambda name: in_words(name, topics)).text()
 
     asked = sum(len(one.asked) for one in found.answers)
     rules = [learned.rule, *(one.rule for one in learned.alternatives)]
@@ -280,20 +273,22 @@ def _record(found: _Found) -> RuleRecord:
         if says != sample.failed and sample.phase != "context"
     ]
     return RuleRecord(
-        text=text(learned.rule),
+        text=rule_text(learned.rule, topics),
         rule=learned.rule.to_dict(),
         legend=legend_of(learned.rule, found.questions.fields.fields, topics),
-        precision=_proportion(learned.precision),
-        recall=_proportion(learned.recall),
+        precision=_estimated(learned.precision),
+        recall=_estimated(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,
         checks=learned.checks,
         varied_mistakes=learned.varied_mistakes,
         varied_checks=learned.varied_checks,
         alternatives=tuple(
-            AlternativeRecord(text=text(one.rule), rule=one.rule.to_dict(), decided_by=_values(one.decided_by, types))
+            AlternativeRecord(
+                text=rule_text(one.rule, topics), rule=one.rule.to_dict(), decided_by=_values(one.decided_by, types)
+            )
             for one in learned.alternatives
         ),
-        in_context=_proportion(proportion(asked - found.wrong, asked)),
+        in_context=ProportionRecord.of(proportion(asked - found.wrong, asked)),
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
         scale={name: spread for name, spread in found.scale.items() if name in types},

@@ -1,4 +1,4 @@
-"""How near a fleet's logs came to meeting a rule: the distance at every moment, and the nearest moments."""
+"""Whole logs judged by a rule: whether the unit would fail, and how near a fleet's logs came to that."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from riot_bus.chain.prediction import alike, column_of
+from riot_bus.chain.prediction import Prediction, alike, column_of, moments_of, predict, rule_text
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.fleet.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus.fleet.places import copied
@@ -22,8 +22,9 @@ from riot_bus.log.tables.table import column_parts
 from riot_bus.sut.context import open_system
 from riot_bus.types.latest import LatestFields, in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.elements import quantity_of
-from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.errors import InconclusiveError, RiotError
 from riot_bus.vocabulary.order import order_of
 
 if TYPE_CHECKING:
@@ -34,10 +35,9 @@ if TYPE_CHECKING:
     from riot_bus.types.latest import FieldPlace
     from riot_bus.vocabulary.trial import Progress, Scalar
 
-__all__ = ["ScanRule", "Scanner", "scan_logs"]
+__all__ = ["ScanRule", "Scanner", "filled", "predict_log", "scan_logs"]
 
 _MEMORY = 1 << 27
-_ROWS = 4096
 _CANDIDATES = 64
 """Moments kept for each near miss while a log is read: those of one approach are next to one another."""
 _APART_NS = 10**9
@@ -59,6 +59,8 @@ class ScanRule:
         source: Folder of a finding, `region` in it, or a rule file such as its `rule.json`.
 
     Attributes:
+        record: The rule's record.
+        rule: The rule.
         topics: Topic of each message of the log in which the rule's fields are named.
         keeps: Whether a message that lacks a field leaves its earlier value in force.
         names: Names of the rule's fields.
@@ -71,18 +73,18 @@ class ScanRule:
 
     def __init__(self, source: Path) -> None:
         folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
-        record = RuleRecord.load(folder)
-        self._rule, self._scale, self.keeps = Rule.from_json(record.rule), record.scale, record.keeps
+        self.record = record = RuleRecord.load(folder)
+        self.rule, self._scale, self.keeps = Rule.from_json(record.rule), record.scale, record.keeps
         finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the parent if this is the region
         self._system = Path(FindingRecord.load(finding).system_file) if finding else None
-        minimal = MinimalRecord.load(folder).topics if MinimalRecord.exists(folder) else ()
-        self.topics: Sequence[str] = record.topics or minimal
-        self.names = self._rule.variables
+        minimal = MinimalRecord.find(folder)
+        self.topics: Sequence[str] = record.topics or (minimal.topics if minimal else ())
+        self.names = self.rule.variables
         orders = [order_of(name) for name in self.names]
         ordered = [topic for order in orders if order for topic in (order.first, order.second)]
         fields = [place_of(name, self.topics).topic for name in self.names if not order_of(name)]
         self.read = tuple(dict.fromkeys([*fields, *ordered]))
-        self.text = self._rule.renamed(self.in_words).text()
+        self.text = rule_text(self.rule, self.topics)
 
     def in_words(self, name: str) -> str:
         """Return the name of a field in plain words."""
@@ -101,7 +103,7 @@ class ScanRule:
         """Return the distance of each row from meeting the rule, in nominal spreads; at most 0 where it is met."""
         found = np.empty(count)
         for rows in alike(columns, count):
-            found[rows] = self._rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
+            found[rows] = self.rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
         return found
 
 
@@ -171,27 +173,11 @@ class Scanner:
         """Yield moments message by message, for orders, quantities of arrays and kept values."""
         names, topics = self._rule.names, self._rule.topics
         latest = LatestFields(names, topics, registry=registry, keeps=self._rule.keeps)
-        times: list[int] = []
-        values: dict[str, list[Scalar]] = {name: [] for name in names}
-        unknown = 0
-
-        def rows() -> _Rows:
-            return _Rows(np.array(times, np.int64), {name: column_of(some) for name, some in values.items()}, unknown)
-
-        for message in bus_messages(reader, registry):
-            told = latest.take(message)
-            if told is None:
-                continue
-            if len(told) < len(names):
-                unknown += not topics or registry.topic(message.key) == topics[-1]
-                continue
-            times.append(message.time)
-            for name, some in values.items():
-                some.append(told[name])
-            if len(times) == _ROWS:
-                yield rows()
-                times, values, unknown = [], {name: [] for name in names}, 0
-        yield rows()
+        for rows in moments_of(latest, bus_messages(reader, registry), topics, registry=registry):
+            known = [row for row in rows if len(row.values) == len(names)]
+            unknown = sum(row.last and len(row.values) < len(names) for row in rows)
+            columns = {name: column_of([row.values[name] for row in known]) for name in names}
+            yield _Rows(np.array([row.time for row in known], np.int64), columns, unknown)
 
     def _nearest(self, kept: Sequence[NearMiss], rows: _Rows, distance: NDArray[np.float64]) -> list[NearMiss]:
         """Return the nearest of the kept moments and some new ones; of equally near ones the earliest."""
@@ -212,6 +198,31 @@ class Scanner:
             for row in chosen.tolist()
         ]
         return sorted([*kept, *more], key=lambda one: (one.distance, one.time))[:most]
+
+
+def predict_log(path: Path, folder: Path) -> Prediction:
+    """Return the prediction of a finding's rule for a log.
+
+    Args:
+        path: Path of the log, which may be larger than memory.
+        folder: Folder of the finding.
+
+    Raises:
+        ConfigError: There is no such log, or the finding has no rule.
+        InconclusiveError: The rule can be judged at no message of the log.
+    """
+    rule = ScanRule(folder)
+    with LogReader(path) as reader:
+        registry = rule.registry(reader)
+        found = predict(rule.rule, rule.topics, bus_messages(reader, registry), registry=registry, keeps=rule.keeps)
+    if not found.judged:
+        raise InconclusiveError(
+            f"the known fields never decide whether the rule {rule.record.text} holds",
+            where=str(path),
+            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
+        )
+    found.missed = rule.record.missed
+    return found
 
 
 def scan_logs(
@@ -254,7 +265,7 @@ class _Recent:
     values: NDArray[Any] = field(default_factory=lambda: np.zeros(0, bool))
     valid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
-    def take(self, values: NDArray[Any], valid: NDArray[np.bool_], *, keep: int) -> int:
+    def extend(self, values: NDArray[Any], valid: NDArray[np.bool_], *, keep: int) -> int:
         """Append values to the last few earlier ones; return the number of these."""
         before = min(keep, len(self.valid))
         self.values = np.concatenate([self.values[len(self.values) - before :], values]) if before else values
@@ -288,8 +299,8 @@ def _rows_of_columns(
         known = np.ones(len(times), bool)
         columns = {}
         for name, place in places.items():
-            values, valid = _filled(part[selectors[name]], whole[place.topic])
-            before = recent[name].take(values, valid, keep=place.back + 1)
+            values, valid = filled(part[selectors[name]], whole[place.topic])
+            before = recent[name].extend(values, valid, keep=place.back + 1)
             rows = np.cumsum(of == topics.index(place.topic)) - 1 + before - place.back
             known &= (rows >= 0) & recent[name].valid[np.maximum(rows, 0)] if len(recent[name].valid) else False
             columns[name] = rows
@@ -297,7 +308,7 @@ def _rows_of_columns(
         yield _Rows(times[known], {name: recent[name].values[rows[known]] for name, rows in columns.items()}, unknown)
 
 
-def _filled(column: Column, whole: Column) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def filled(column: Column, whole: Column) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return a column's values, and whether each is valid, one for each message of its topic."""
     if len(column) == len(whole):
         return column.values, column.valid

@@ -79,14 +79,14 @@ class RecordedComponents:
         self.logs = 0
         self.damaged: list[str] = []
 
-    def take(self, reader: LogReader) -> None:
+    def add(self, reader: LogReader) -> None:
         """Add the graphs of a log."""
         topics = {source.key: source.topic for source in reader.sources().values() if source.role == "delivered"}
         any_graph = False
         try:
             for _, graph in replay(reader.notes(GRAPH)):
                 any_graph = True
-                self._add(graph, topics)
+                self._add_graph(graph, topics)
         except ValueError as error:
             self.damaged.append(f"{reader.path}: the recorded graph is damaged ({error})")
         self.logs += any_graph
@@ -101,7 +101,7 @@ class RecordedComponents:
             }
         )
 
-    def _add(self, graph: Graph, topics: Mapping[str, str]) -> None:
+    def _add_graph(self, graph: Graph, topics: Mapping[str, str]) -> None:
         names = {topic.key: topics.get(topic.key, topic.name) for topic in graph.topics}
         behind: defaultdict[str, set[str]] = defaultdict(set)  # the nodes of each session
         for edge in graph.edges:

@@ -27,7 +27,7 @@ _NEARER, _LEFT = 0.5, 2.0
 
 
 class RuleWatch:
-    """Takes messages one by one and tells when they come nearer to a rule, and when they meet it.
+    """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
 
     Args:
         rule: The rule.
@@ -48,8 +48,8 @@ class RuleWatch:
         self._latest = LatestFields(rule.names, rule.topics, registry=registry, keeps=rule.keeps)
         self._limit = within
 
-    def take(self, message: Message) -> NearMiss | None:
-        """Take a message; return its moment if there is something to report."""
+    def judge(self, message: Message) -> NearMiss | None:
+        """Compare a message with the rule; return its moment if there is something to report."""
         values = self._latest.take(message)
         if values is None:
             return None
@@ -101,20 +101,20 @@ def watch_rule(
 
     Raises:
         ConfigError: There is no rule.
-        EnvironmentFaultError: Nobody answers at the endpoint.
+        EnvironmentFaultError: No router answers at the endpoint.
     """
     rule, stop = ScanRule(source), threading.Event()
     registry = rule.registry()
     watch = RuleWatch(rule, within=within, registry=registry)
 
-    def take(message: Message) -> None:
-        moment = watch.take(message)
+    def report(message: Message) -> None:
+        moment = watch.judge(message)
         if moment is not None:
             say(f"{moment.time / 1e9:.3f} {'met' if moment.distance <= 0 else moment.far}: {moment.told}")
 
     with ended_by_signals(stop.set), open_client(endpoint, config=config) as client:
         for topic in rule.read:
-            client.subscribe(registry.key_expression(topic), take)
+            client.subscribe(registry.key_expression(topic), report)
         say(f"watching {', '.join(rule.read)} for {rule.text}")
         stop.wait(seconds)
     if client.lost:

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.campaign.store import ATTEMPTS, StoredRunner, TrialStore
 from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
-from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
+from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
+from riot_bus.report.regression import write_regression_test
+from riot_bus.report.reproduce import write_reproduce
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
@@ -210,6 +212,16 @@ class Workspace:
             record.save(folder)
             run.end(record.summary, folder=folder, record=record)
         return record
+
+    def write_finding(self, folder: Path, finding: FindingRecord) -> None:
+        """Write the record of a finding, and the files that run its log again."""
+        finding.save(folder)
+        write_reproduce(folder)
+        write_regression_test(folder, finding)
+
+    def tell_finding(self, step: str, folder: Path, finding: FindingRecord) -> None:
+        """Report a finding that a step has written."""
+        self.tell(FindingWritten(step, str(folder), finding.id, finding.signature, occurrences=finding.occurrences))
 
     def unit(self, name: str | None) -> tuple[str, Unit]:
         """Return the unit to test."""

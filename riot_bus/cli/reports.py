@@ -163,7 +163,7 @@ def predict(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if that is not known."""
-    from riot_bus.chain.prediction import predict_log
+    from riot_bus.chain.scan import predict_log
     from riot_bus.chain.workspace import open_finding
     from riot_bus.vocabulary.errors import InconclusiveError
     from riot_bus.vocabulary.redaction import escape_control_chars

@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 
 from riot_bus.chain.contexts import ask_in_contexts
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.prediction import explained, predict, predict_log
+from riot_bus.chain.prediction import explained, predict
 from riot_bus.chain.questions import UnitQuestions
 from riot_bus.chain.rules import rules
+from riot_bus.chain.scan import predict_log
 from riot_bus.cli.main import make_app
 from riot_bus.findings.records import (
     CertificateRecord,

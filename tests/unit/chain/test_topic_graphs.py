@@ -21,7 +21,7 @@ def take(*paths):
     found = RecordedComponents()
     for path in paths:
         with LogReader(path) as reader:
-            found.take(reader)
+            found.add(reader)
     return found
 
 

@@ -14,9 +14,9 @@ def watched(folder: Path, speeds: list[float | None]) -> tuple[RuleWatch, list[i
     watch = RuleWatch(ScanRule(write_rule(folder, FAST, "a", a_x=1.0)), within=2.0, registry=TypeRegistry())
     told = []
     for number, speed in enumerate(speeds):
-        if watch.take(message(number, "a", **({} if speed is None else {"x": speed}))) is not None:
+        if watch.judge(message(number, "a", **({} if speed is None else {"x": speed}))) is not None:
             told.append(number)
-    watch.take(message(0, "b", x=99))
+    watch.judge(message(0, "b", x=99))
     return watch, told
 
 
