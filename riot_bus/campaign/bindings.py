@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.groups import groups_of, parts_by_topic
 from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.inject.dictionary import Dictionary
-from riot_bus.inject.dictionary_file import binds, eligible, plain_value
+from riot_bus.inject.dictionary_file import DictionaryFile, binds, eligible, plain_value
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from riot_bus.inject.dictionary_file import DictionaryFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
@@ -36,10 +35,7 @@ class AppliesTo:
 
 
 def never_applied(
-    dictionary: Dictionary,
-    messages: Sequence[Message],
-    registry: TypeRegistry,
-    fields: Mapping[str, Iterable[Target]],
+    dictionary: Dictionary, messages: Sequence[Message], registry: TypeRegistry, fields: Mapping[str, Iterable[Target]]
 ) -> Iterator[ConfigError]:
     """Yield an error for each of the user's own tables that can never apply.
 

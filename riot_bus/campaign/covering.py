@@ -17,17 +17,15 @@ from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.novelty import Novelties
-from riot_bus.campaign.situations import numbers_within
+from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.stretches import ENOUGH, Stretches
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
-from riot_bus.vocabulary.trial import Verdict
+from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from riot_bus.campaign.situations import Situation
-    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["Covering", "failure_rates", "is_hang"]
 

@@ -10,14 +10,13 @@ from riot_bus.campaign.targets import any_names, may_change, samples_by_topic
 from riot_bus.campaign.variations import Variation
 from riot_bus.types.brittle import STAMPS, why_brittle
 from riot_bus.types.capabilities import OmitsFields
-from riot_bus.types.model import member_path, parse_path
+from riot_bus.types.model import Leaf, MessageType, member_path, parse_path
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.types.model import Leaf, MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message, Scalar
 

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from riot_bus.vocabulary.trial import Verdict
+from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from riot_bus.campaign.variations import Placed, Variation
-    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["Novelties"]
 

@@ -130,12 +130,7 @@ class Schedule:
         first, last = _stretch(draw, chosen[0].messages)
         return [
             Injection(
-                topic,
-                target.path,
-                draw.choice(self._values(target)).value,
-                first=first,
-                last=last,
-                seed=self._seed,
+                topic, target.path, draw.choice(self._values(target)).value, first=first, last=last, seed=self._seed
             )
             for target in chosen
         ]

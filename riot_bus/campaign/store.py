@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 from pydantic import TypeAdapter
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
-from riot_bus.vocabulary.trial import Outcome, Verdict
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Runner, TestCase
 
 __all__ = ["ATTEMPTS", "StoredRunner", "TrialStore", "stored_trials"]
 

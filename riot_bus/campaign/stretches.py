@@ -13,15 +13,13 @@ from collections import Counter, deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.situations import numbers_within
+from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.variations import Placed, Variation, sets_value
-from riot_bus.vocabulary.trial import Verdict
+from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.campaign.situations import Situation
-    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["ENOUGH", "Stretches"]
 

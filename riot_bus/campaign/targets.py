@@ -79,11 +79,7 @@ class Target:
 
 
 def targets_of(
-    messages: Sequence[Message],
-    registry: TypeRegistry,
-    *,
-    leave: Sequence[str] = (),
-    include: Sequence[str] = (),
+    messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = (), include: Sequence[str] = ()
 ) -> dict[str, list[Target]]:
     """List the fields of a log that injections may change, by topic.
 

@@ -5,18 +5,15 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from riot_bus.vocabulary.trial import Violation
+from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.trial import Outcome, TestCase
 
 __all__ = ["AfterOthers", "Failure", "Types", "add_history", "complexity", "finding_id", "group", "plainer", "severity"]
 

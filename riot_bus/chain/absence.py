@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.questions import unit_case
+from riot_bus.chain.questions import FreshCases, unit_case
 from riot_bus.findings.records import AbsentRecord, FindingRecord, ProportionRecord
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.logs import FailingLog
-    from riot_bus.chain.questions import FreshCases
     from riot_bus.chain.workspace import StepRun
     from riot_bus.statistics.noise import Noise
 
@@ -31,13 +30,7 @@ _FIRST, _LATE = 10.0, 0.01
 
 
 def absent_messages(
-    step: StepRun,
-    finding: FindingRecord,
-    log: FailingLog,
-    cases: FreshCases,
-    noise: Noise,
-    *,
-    unprobed: bool = False,
+    step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise, *, unprobed: bool = False
 ) -> AbsentRecord | None:
     """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.backchain.backtrack import backtrack
+from riot_bus.backchain.backtrack import Backtracked, FieldEvidence, backtrack
 from riot_bus.backchain.graph import TopicGraph
-from riot_bus.chain.log_columns import read_pieces
+from riot_bus.chain.log_columns import LogColumns, read_pieces
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.questions import named_fields
 from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
@@ -20,7 +20,7 @@ from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import log_registry
-from riot_bus.sut.context import open_system
+from riot_bus.sut.context import Context, open_system
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
@@ -28,9 +28,6 @@ from riot_bus.vocabulary.selector import parse_selector
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.backchain.backtrack import Backtracked, FieldEvidence
-    from riot_bus.chain.log_columns import LogColumns
-    from riot_bus.sut.context import Context
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Progress
 

@@ -12,13 +12,13 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.ci_result import CiResult, UnitResult
 from riot_bus.chain.kept import take_up
 from riot_bus.chain.reproduce import Reproduction, play_again
 from riot_bus.chain.robustness import test_unit
-from riot_bus.chain.workspace import NOMINAL
+from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.events import CampaignStarted, FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFinding, KnownFindings, fingerprint_of, title_of
 from riot_bus.findings.records import FindingRecord
@@ -28,9 +28,6 @@ from riot_bus.report.format import clean
 from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, MissingExtraError
-
-if TYPE_CHECKING:
-    from riot_bus.chain.workspace import Workspace
 
 __all__ = ["CiPlan", "answer_of", "log_of", "run_ci", "unit_folder", "units_of"]
 

@@ -11,9 +11,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from riot_bus.chain.ci import answer_of, log_of, unit_folder
+from riot_bus.chain.ci import Opened, answer_of, log_of, unit_folder
 from riot_bus.chain.kept import LARGEST, keep_finding
 from riot_bus.events import FindingReplayed
 from riot_bus.findings.known import KnownFinding, KnownFindings, fingerprint_of
@@ -22,9 +22,6 @@ from riot_bus.report.campaign_view import is_output_folder, load_campaign
 from riot_bus.report.format import clean
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
-
-if TYPE_CHECKING:
-    from riot_bus.chain.ci import Opened
 
 __all__ = ["PruneResult", "PrunedFinding", "accept", "check_keep", "found_in", "moment", "prune"]
 

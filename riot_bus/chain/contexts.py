@@ -16,7 +16,7 @@ import numpy as np
 from riot_bus.chain.logs import FailingLog, NamedFields
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.sampling import columns_of
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import Progress, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Progress
 
 __all__ = ["ContextAnswers", "ask_in_contexts", "behind", "bring_in", "contexts", "near_the_limit", "with_context"]
 
@@ -154,12 +153,7 @@ def bring_in(
     latest = {topic: place for place, topic in enumerate(topics)}
     weights = [10.0 if latest[topic] == place else 1.0 for place, topic in enumerate(topics)]
     kept = minimize(
-        len(context),
-        ask,
-        weights=weights,
-        groups=topics,
-        parallelism=questions.runner.parallelism,
-        progress=progress,
+        len(context), ask, weights=weights, groups=topics, parallelism=questions.runner.parallelism, progress=progress
     ).kept
     return tuple(context[place] for place in kept)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from riot_bus.backchain.box import Box
+from riot_bus.backchain.box import Box, Place, RegionSample
 from riot_bus.backchain.region import FIT, Region, map_region
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import ProportionRecord, RangeRecord, RegionRecord, RuleRecord, RuleSample
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.backchain.box import Place, RegionSample
     from riot_bus.chain.driven_system import DrivenSystem
     from riot_bus.chain.external import ExternalField
     from riot_bus.vocabulary.trial import Scalar

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from operator import itemgetter
@@ -18,17 +18,14 @@ from riot_bus.findings.permeability import Design, EdgeRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
-from riot_bus.vocabulary.trial import Series, TestCase
+from riot_bus.vocabulary.trial import Outcome, Progress, Runner, Series, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
     from numpy.typing import NDArray
 
     from riot_bus.chain.workspace import StepRun
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Progress, Runner
 
 __all__ = [
     "ConstantRuns",

@@ -13,7 +13,7 @@ import numpy as np
 from riot_bus.backchain.activation import Activation, Evaluation
 from riot_bus.backchain.box import RegionSample
 from riot_bus.backchain.encoding import Encoding
-from riot_bus.backchain.varied import VariedInputs
+from riot_bus.backchain.varied import Drive, VariedInputs
 from riot_bus.chain.driven import changed_in_log
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.logs import internal_name
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.backchain.varied import Drive
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun
     from riot_bus.sut.baseline import Baseline

@@ -12,22 +12,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import GAP_NS, join_logs, more_nominal, repeat
-from riot_bus.campaign.triage import Failure
+from riot_bus.campaign.triage import AfterOthers, Failure, Types
 from riot_bus.chain.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from riot_bus.vocabulary.trial import Outcome, Progress, Runner, TestCase, Verdict, Violation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.campaign.triage import AfterOthers, Types
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Progress, Runner, Violation
 
 __all__ = ["Leak", "find_leak", "repeat_log", "shrink_history"]
 
@@ -179,13 +177,7 @@ def find_leak(
 
 
 def _needed(
-    case: TestCase,
-    times: int,
-    signature: str,
-    runner: Runner,
-    *,
-    registry: TypeRegistry,
-    progress: Progress | None,
+    case: TestCase, times: int, signature: str, runner: Runner, *, registry: TypeRegistry, progress: Progress | None
 ) -> tuple[Injection, ...]:
     """Return the injections of a case that are needed for a leak; all if that was not found out."""
     fresh = FreshCases(runner)

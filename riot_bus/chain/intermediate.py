@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.external import message_rate
 from riot_bus.chain.logs import nominal_values
-from riot_bus.findings.permeability import PathRecord, StageRecord
+from riot_bus.findings.permeability import EdgeRecord, PathRecord, StageRecord
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import parse_selector
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.graph import TopicGraph
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.findings.permeability import EdgeRecord
     from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["intermediate_fields", "most_permeable_paths", "with_strengths"]

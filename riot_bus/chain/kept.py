@@ -9,21 +9,19 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.robustness import keep_evidence, put_aside
-from riot_bus.chain.workspace import NOMINAL
+from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.sut.nominal_system import needs_baseline
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import TestCase, Violation
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.reproduce import Reproduction
-    from riot_bus.chain.workspace import Workspace
-    from riot_bus.vocabulary.trial import Violation
 
 __all__ = ["LARGEST", "keep_finding", "take_up"]
 

@@ -13,7 +13,7 @@ from riot_bus.chain.scan import filled
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import topic_types
-from riot_bus.log.tables.table import column_parts
+from riot_bus.log.tables.table import Column, Columns, column_parts
 from riot_bus.types.brittle import is_brittle
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.tables.table import Column, Columns
     from riot_bus.types.fields import FieldType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Progress

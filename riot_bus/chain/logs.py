@@ -16,8 +16,8 @@ from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.elements import read_elements
-from riot_bus.types.model import Leaf
-from riot_bus.vocabulary.elements import Elements
+from riot_bus.types.model import Leaf, MessageType
+from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.order import Order, order_of
 
@@ -28,21 +28,11 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.sut.context import Context
     from riot_bus.sut.system import SystemFile
-    from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = [
-    "FailingLog",
-    "NamedField",
-    "NamedFields",
-    "inputs_of",
-    "internal_name",
-    "nominal_values",
-    "read_messages",
-]
+__all__ = ["FailingLog", "NamedField", "NamedFields", "inputs_of", "internal_name", "nominal_values", "read_messages"]
 
 _ELEMENTS = 4
 _CHANGED = 64

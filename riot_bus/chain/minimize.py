@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING, Self
 
 from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.absence import absent_messages, write_other_cause
-from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.questions import (
-    FEWEST,
-    FreshCases,
-    measured_rate,
-    noise_of,
-    nominal_passes,
-    observed_in,
-    unit_case,
-)
+from riot_bus.chain.logs import FailingLog, NamedFields
+from riot_bus.chain.questions import FEWEST, FreshCases, measured_rate, noise_of, nominal_passes, observed_in, unit_case
 from riot_bus.chain.simplify import Simplification, spaced
 from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord, SimplifiedRecord
 from riot_bus.generalize.minimize import BUDGET, CONFIDENCE, Minimal
@@ -29,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.logs import NamedFields
     from riot_bus.chain.workspace import StepRun
     from riot_bus.vocabulary.trial import Scalar
 

@@ -20,7 +20,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-from riot_bus.vocabulary.trial import TestCase, Verdict
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
     from riot_bus.fleet.entry import LogEntry
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Runner
 
 __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 

@@ -5,21 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import may_latch
-from riot_bus.chain.driven import (
-    DrivenRuns,
-    Perturbed,
-    Usual,
-    edge_record,
-    internal_of,
-    skip_reasons,
-    strongest,
-)
+from riot_bus.chain.driven import DrivenRuns, Perturbed, Usual, edge_record, internal_of, skip_reasons, strongest
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.intermediate import intermediate_fields, most_permeable_paths, with_strengths
 from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.questions import named_fields
 from riot_bus.chain.topic_graphs import declared_graph, topics_named
-from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
+from riot_bus.findings.permeability import Design, EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
@@ -29,7 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
-    from riot_bus.findings.permeability import Design
 
 __all__ = ["permeability"]
 

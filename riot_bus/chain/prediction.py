@@ -15,7 +15,7 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
 from riot_bus.types.latest import LatestFields, in_words
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.trial import Verdict
+from riot_bus.vocabulary.trial import Scalar, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import StepRun
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Moment", "Prediction", "alike", "column_of", "explained", "moments_of", "predict", "rule_text"]
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Literal
 from riot_bus.chain.external import driving_log, parameter_name
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
-from riot_bus.chain.workspace import NOMINAL, StepRun
+from riot_bus.chain.workspace import NOMINAL, StepRun, Workspace
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord, shortest_log
 from riot_bus.log.reader import read_log
-from riot_bus.monitors.model import names_of
+from riot_bus.monitors.model import Monitor, names_of
 from riot_bus.plugins import MONITORS
 from riot_bus.statistics.noise import Noise
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
@@ -20,16 +20,13 @@ from riot_bus.sut.unit_trial import component_of
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
-from riot_bus.vocabulary.trial import TestCase, Verdict
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict, Violation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.workspace import Workspace
-    from riot_bus.monitors.model import Monitor
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Runner, Violation
 
 __all__ = ["Reproduction", "play_again", "reproduce", "why_untold"]
 
@@ -235,13 +232,7 @@ def _replays(folder: Path) -> tuple[int, ...]:
 
 
 def _outcomes(
-    workspace: Workspace,
-    runner: Runner,
-    cases: list[TestCase],
-    signature: str,
-    noise: Noise,
-    *,
-    all_of_them: bool,
+    workspace: Workspace, runner: Runner, cases: list[TestCase], signature: str, noise: Noise, *, all_of_them: bool
 ) -> list[Outcome]:
     """Run cases until they decide the answer, or all of them, and return their outcomes."""
     outcomes: list[Outcome] = []

@@ -39,7 +39,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
-from riot_bus.statistics.rates import proportion
+from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.campaign.variations import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
-    from riot_bus.statistics.rates import Proportion
     from riot_bus.sut.baseline import Baseline
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, TestCase

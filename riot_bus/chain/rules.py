@@ -7,7 +7,7 @@ from statistics import pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.arrays import with_arrays
-from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
+from riot_bus.chain.contexts import ContextAnswers, ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
 from riot_bus.chain.legend import legend_of
 from riot_bus.chain.orders import judge_of_logs, order_variables, with_first
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.chain.contexts import ContextAnswers
     from riot_bus.chain.workspace import StepRun
     from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message

@@ -18,9 +18,9 @@ from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry
-from riot_bus.log.tables.table import column_parts
+from riot_bus.log.tables.table import Column, Columns, column_parts
 from riot_bus.sut.context import open_system
-from riot_bus.types.latest import LatestFields, in_words, place_of
+from riot_bus.types.latest import FieldPlace, LatestFields, in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.elements import quantity_of
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.fleet.entry import LogEntry
-    from riot_bus.log.tables.table import Column, Columns
-    from riot_bus.types.latest import FieldPlace
     from riot_bus.vocabulary.trial import Progress, Scalar
 
 __all__ = ["ScanRule", "Scanner", "filled", "predict_log", "scan_logs"]

@@ -13,14 +13,13 @@ from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.chain.logs import FailingLog, NamedFields
+from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import InconclusiveError, PayloadError
 
 if TYPE_CHECKING:
-    from riot_bus.chain.logs import NamedField
     from riot_bus.statistics.noise import Noise
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Ask, Progress

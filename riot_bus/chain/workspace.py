@@ -15,7 +15,7 @@ from riot_bus.campaign.store import ATTEMPTS, StoredRunner, TrialStore
 from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
-from riot_bus.findings.records import FindingRecord
+from riot_bus.findings.records import Artefact, FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
@@ -29,7 +29,6 @@ from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from riot_bus.findings.records import Artefact
     from riot_bus.findings.steps import ChainStep
     from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.system import RunPace, Unit
