@@ -10,11 +10,11 @@ robust unit is covered in a few trials, and a fault costs about twice the logari
 from __future__ import annotations
 
 import random
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.novelty import Novelties
 from riot_bus.campaign.situations import Situation, numbers_within
@@ -22,10 +22,6 @@ from riot_bus.campaign.stretches import ENOUGH, Stretches
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Outcome, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
 
 __all__ = ["Covering", "failure_rates", "is_hang"]
 
@@ -53,6 +49,8 @@ _BUILT = 0.5
 _TRIES = 8
 _MISSES = 32
 """Number of things without a free message after which a trial counts as full."""
+
+_Taken = dict[str, list[tuple[int, int]]]
 
 
 class Covering:
@@ -204,8 +202,7 @@ class Covering:
             other = self._random.choice(self._values.get(alike, [one]) if sets_value(one) else [one])
             if other.about == one.about or other.injections in self._failed:
                 return None
-            both = (*one.injections, *other.injections)
-            varied = replace(varied, injections=both, about=" and ".join(sorted((one.about, other.about))))
+            varied = varied.with_(other)
         elif way < _TWO + _ROW and len(self._positions[one.topic]) >= _IN_A_ROW:
             varied = replace(varied, span=_IN_A_ROW)
         known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= ENOUGH)
@@ -217,58 +214,52 @@ class Covering:
         If too few of the waiting things find free messages, further variations may fill the rest. Those that are
         `placed` have their messages already.
         """
-        taken: dict[str, list[tuple[int, int]]] = {}
+        taken: _Taken = {}
         found: list[Placed] = []
         for shift in (0, *(self._random.randint(-_FURTHEST, _FURTHEST) for _ in range(_SHIFTS if placed else 0))):
             moved = [replace(each, firsts=tuple(first + shift for first in each.firsts)) for each in placed]
-            if all(self._occupy(each, taken) for each in moved):
+            if all(self._place(each.item, taken, each.firsts) for each in moved):
                 found += moved
         passed_over: list[Variation] = []
         while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
             item = waiting.popleft()
-            firsts = self._place(item, taken.setdefault(item.topic, []))
-            if firsts is None:
-                passed_over.append(item)
+            if one := self._place(item, taken):
+                found.append(one)
             else:
-                found.append(Placed(item, firsts))
+                passed_over.append(item)
         waiting.extend(passed_over)
         misses = 0
         while fill and self._free and len(found) < self._size and misses < _MISSES:
-            varied = self._vary()
-            firsts = None if varied is None else self._place(varied, taken.setdefault(varied.topic, []))
-            if varied is None or firsts is None:
-                misses += 1
+            if (varied := self._vary()) and (one := self._place(varied, taken)):
+                found.append(one)
             else:
-                found.append(Placed(varied, firsts))
+                misses += 1
         return tuple(sorted(found, key=self._position))
 
-    def _occupy(self, placed: Placed, taken: dict[str, list[tuple[int, int]]]) -> bool:
-        """Mark the messages of a thing as taken if all exist and are free; return whether they do."""
-        spans = [(first, first + placed.item.span) for first in placed.firsts]
-        free = taken.setdefault(placed.item.topic, [])
-        fits = all(placed.item.fits(first, len(self._positions[placed.item.topic])) for first in placed.firsts)
-        if not fits or any(span[0] < behind and first < span[1] for span in spans for first, behind in free):
-            return False
-        for span in spans:
-            insort(free, span)
-        return True
+    def _place(self, item: Variation, taken: _Taken, firsts: Iterable[int] | None = None) -> Placed | None:
+        """Return a thing on free messages, and mark these as taken; None if too few are free.
 
-    def _place(self, item: Variation, taken: list[tuple[int, int]]) -> tuple[int, ...] | None:
-        """Return and mark the first free message of each occurrence of a thing; None if too few are free."""
-        count = len(self._positions[item.topic])
+        Args:
+            item: The thing.
+            taken: Taken messages by topic: spans of their numbers, ascending.
+            firsts: Numbers to try, each for the first message of an occurrence; None to draw them.
+        """
+        count, spans = len(self._positions[item.topic]), taken.setdefault(item.topic, [])
+        if firsts is None:
+            firsts = self._firsts(item, count - item.span) if item.first is None else [item.first]
         found: list[int] = []
-        for first in [item.first] if item.first is not None else self._firsts(item, count - item.span):
+        for first in firsts:
             span = (first, first + item.span)
-            at = bisect_left(taken, span)
+            at = bisect_left(spans, span)
             if not item.fits(first, count):
                 continue
-            if (at == 0 or taken[at - 1][1] <= first) and (at == len(taken) or taken[at][0] >= span[1]):
-                taken.insert(at, span)
+            if (at == 0 or spans[at - 1][1] <= first) and (at == len(spans) or spans[at][0] >= span[1]):
+                spans.insert(at, span)
                 found.append(first)
                 if len(found) == item.times:
-                    return tuple(sorted(found))
+                    return Placed(item, tuple(sorted(found)))
         for first in found:
-            taken.remove((first, first + item.span))
+            spans.remove((first, first + item.span))
         return None
 
     def _firsts(self, item: Variation, last: int) -> Iterator[int]:
@@ -298,10 +289,8 @@ class Covering:
 
     def _put_back(self, items: Iterable[Variation]) -> None:
         for item in items:
-            if item.again:
-                continue
             self._missed[id(item)] += 1
-            if self._missed[id(item)] < _MOST_MISSED:
+            if not item.again and self._missed[id(item)] < _MOST_MISSED:
                 self._fresh.append(item)
 
     def _remember(self, passed: Iterable[Variation]) -> None:

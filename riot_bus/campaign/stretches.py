@@ -10,16 +10,12 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter, deque
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.vocabulary.trial import Outcome, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
 
 __all__ = ["ENOUGH", "Stretches"]
 
@@ -101,9 +97,7 @@ class Stretches:
         one, other = (self._random.choice(values[self._random.choice(list(values))]) for _ in range(2))
         if self._random.random() >= _BOTH or one.about == other.about or not (sets_value(one) and sets_value(other)):
             return one
-        most = min((each.most for each in (one, other) if each.most is not None), default=None)
-        about = " and ".join(sorted((one.about, other.about)))
-        return replace(one, injections=(*one.injections, *other.injections), about=about, most=most)
+        return one.with_(other)
 
     def _row(self, item: Variation, most: int) -> Placed:
         """Return the change on messages in a row: a window of numbers."""

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.injection import Injection
-
-if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
 
 __all__ = ["Moves", "Placed", "Variation", "moves_of", "sets_value"]
 
@@ -121,6 +118,12 @@ class Variation:
     most: int | None = None
     elements: tuple[str, ...] = ()
     moves: Moves | None = field(default=None, compare=False)
+
+    def with_(self, other: Variation) -> Variation:
+        """Return the changes of both as one thing, on the same messages."""
+        most = min((each.most for each in (self, other) if each.most is not None), default=None)
+        about = " and ".join(sorted((self.about, other.about)))
+        return replace(self, injections=(*self.injections, *other.injections), about=about, most=most)
 
     def fits(self, first: int, messages: int) -> bool:
         """Return whether it can start at message number `first`, in a topic of `messages` messages."""

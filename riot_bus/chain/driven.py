@@ -210,7 +210,8 @@ class DrivenRuns:
         drawn = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
         outcomes = self._constant(drawn, 0, numbers)
         edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
-        if _promising(edges):
+        reached = {edge.internal for edge in edges if edge.permeable}
+        if any(edge.p_value <= _PROMISING for edge in edges if edge.internal not in reached):
             outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
             edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
@@ -401,11 +402,6 @@ def changed_in_log(
     reached: list[list[int]] = []
     inject_log(log, [each for _, each in pairs], registry=registry, seed=case.seed, reached=reached)
     return {one.name for (one, _), places in zip(pairs, reached, strict=True) if places}
-
-
-def _promising(edges: Sequence[EdgeRecord]) -> bool:
-    reached = {edge.internal for edge in edges if edge.permeable}
-    return any(edge.p_value <= _PROMISING for edge in edges if edge.internal not in reached)
 
 
 def analysed(

@@ -176,7 +176,8 @@ class DrivenSystem:
             cases.append(TestCase(self.driving, injections, seed))
         evaluations = []
         for point, case, outcome in zip(points, cases, self._outcomes(cases), strict=True):
-            evaluation = self._judge(outcome)
+            evaluation = Evaluation(self._distance(outcome), outcome.failed_as(self.finding.signature))
+            self.others.update(self.otherwise([outcome]))
             self.points.append(
                 PointRecord(
                     values=self.told(point), distance=evaluation.distance, failed=evaluation.failed, phase=phase
@@ -310,7 +311,6 @@ class DrivenSystem:
 
         Whole fields are tried first, then, if fields vary in time, the single numbers that define how.
         """
-        kept = dict(found)
         fields: dict[str, list[str]] = {}
         for name in found:
             if field := self.varied.field_of.get(name):
@@ -404,11 +404,6 @@ class DrivenSystem:
         """Return the signatures of runs that failed, but not as the finding does, each once for each run."""
         some = (outcome for outcome in outcomes if not outcome.failed_as(self.finding.signature))
         return [signature for outcome in some for signature in {each.signature for each in outcome.violations}]
-
-    def _judge(self, outcome: Outcome) -> Evaluation:
-        failed = outcome.failed_as(self.finding.signature)
-        self.others.update(self.otherwise([outcome]))
-        return Evaluation(self._distance(outcome), failed)
 
     def _distance(self, outcome: Outcome) -> float | None:
         return least_distance(self.rule, outcome.observed, self.record.scale, self.record.topics)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.campaign.targets import ELEMENTS, Target, any_names, family_of, may_change, samples_by_topic, targets_of
 from riot_bus.chain.logs import nominal_values
+from riot_bus.generalize.forms.standalone import INTEGERS
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
@@ -40,6 +41,8 @@ _MOST_TEXTS = 16
 _LONGER, _LONG, _MOST_LONGER = 4, 16, 1 << 16
 """Longest arrays: a multiple of their greatest nominal length, or a number of elements, and the most added elements:
 longer than anything that was foreseen, but an image does not fill memory."""
+_LIMITS = {**INTEGERS, "bool": (0, 1)}
+"""Least and largest value of each type of whole numbers."""
 DELAY, LOSS = "#delay", "#loss"
 """Names, after the topic, of the fields for the delay of its messages in seconds and the share that is lost. No field
 of a type has such a name."""
@@ -115,7 +118,7 @@ class ExternalField:
             return self.choices[min(max(round(value), 0), len(self.choices) - 1)]
         if not self.integer or not math.isfinite(value):
             return value
-        least, most = _limits(self.type)
+        least, most = _LIMITS[self.type]
         return min(max(round(value), least), most)  # as a float, the largest 64-bit value is rounded up
 
     def injection(
@@ -258,7 +261,7 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
             seen, rate = values[f"{topic}:{target.path}"], message_rate(times[topic])
             if choices := _choices(f"{topic}:{target.path}", seen, file):
                 fields.append(_chosen(target, choices, seen, rate))
-            elif numbers := [float(value) for value in seen if _finite(value)]:
+            elif numbers := [float(one) for one in seen if isinstance(one, int | float) and math.isfinite(one)]:
                 fields.append(_described(topic, target.path, target.type, numbers, rate, file))
     fields += [_parameter(name, each) for name, each in file.external.parameters.items()]
     return fields + [one for topic in file.external.timing for one in _timing(topic, times, file)]
@@ -364,10 +367,6 @@ def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar],
     )
 
 
-def _finite(value: object) -> bool:
-    return isinstance(value, (int, float)) and math.isfinite(value)
-
-
 def _described(
     topic: str, path: str, type_name: str, numbers: list[float], rate: float, file: SystemFile
 ) -> ExternalField:
@@ -380,7 +379,7 @@ def _described(
     low, high = (min(numbers), max(numbers)) if len(set(numbers)) > 1 else (nominal - spread, nominal + spread)
     if type_name == "bool":
         low, high, spread = 0.0, 1.0, 0.5
-    least, most = _limits(type_name)
+    least, most = _LIMITS.get(type_name, (-math.inf, math.inf))
     usual = (nominal - _REACH * spread, nominal + _REACH * spread)
     if path.startswith("len("):
         usual = (0.0, max(_LONG, min(_LONGER * max(numbers), max(numbers) + _MOST_LONGER)))
@@ -404,13 +403,3 @@ def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[flo
                 raise ConfigError(f"{pattern!r} is no range from 0 up: {list(limits)}", where=where)
             return limits
     return usual
-
-
-def _limits(type_name: str) -> tuple[float, float]:
-    """Return the least and the largest value of a type, as integers if it is one of integers."""
-    if type_name == "bool":
-        return 0, 1
-    if "int" not in type_name:
-        return -math.inf, math.inf
-    bits = int(type_name.partition("int")[2])
-    return (0, 2**bits - 1) if type_name[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.absence import absent_messages, write_other_cause
-from riot_bus.chain.logs import FailingLog, NamedFields
+from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import FEWEST, FreshCases, measured_rate, noise_of, nominal_passes, observed_in, unit_case
 from riot_bus.chain.simplify import Simplification, spaced
 from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord, SimplifiedRecord
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun
-    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["minimize"]
 
@@ -193,7 +192,7 @@ class _Minimization:
             found = replace(found, log=spaced(found.log, [_APART] * (len(found.log.messages) - 1)))
         if not found.minimal.one_minimal:
             return found
-        spent = self.spent
+        spent, nominal = self.spent, self.step.workspace.known_unit_log(self.finding.unit)
 
         def better(log: FailingLog) -> None:
             done = tuple(work.records)
@@ -204,7 +203,7 @@ class _Minimization:
             self.ask,
             registry=self.context.registry,
             paced=self.paced,
-            observed=self._observed,
+            observed=lambda fields: observed_in(nominal, fields.fields.values(), registry=self.context.registry),
             better=better,
         )
         noise = work.run(
@@ -296,10 +295,6 @@ class _Minimization:
         topics = (self.context.registry.topic(message.key) for message in log.messages)
         self.missing, self.missing_failed = tuple(dict.fromkeys(topics)), failed
         write_other_cause(self.step, self.folder, self.finding, log, failed)
-
-    def _observed(self, fields: NamedFields) -> dict[str, list[Scalar]]:
-        log = self.step.workspace.known_unit_log(self.finding.unit)
-        return observed_in(log, fields.fields.values(), registry=self.context.registry)
 
     def _absent(self, found: _Found) -> AbsentRecord | None:
         """Return which messages are missing, if that is why it fails."""

@@ -19,6 +19,7 @@ from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
+from riot_bus.sut.unit_trial import component_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
@@ -144,9 +145,8 @@ class _Work:
 
     def __init__(self, workspace: Workspace, challenge: CaseTemplate, unit: str, options: FleetOptions) -> None:
         file = workspace.context.file
-        component = file.components[file.unit[unit].component or unit]
         self._workspace, self._challenge, self._unit, self._options = workspace, challenge, unit, options
-        self._inputs = component.inputs
+        self._inputs = file.components[component_of(file, unit)].inputs
         self._learning = threading.Lock()
         self._stopping = threading.Event()
         self._runner: Runner

@@ -113,13 +113,13 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
     valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
     untold, tested = skip_reasons(result), {pair: [edge.design] for pair, edge in edges.items()}
-    told = {external for external, _ in edges}
+    told, reached = {external for external, _ in edges}, {pair for pair, edge in edges.items() if edge.permeable}
     constant = [
         field
         for field in driven
         if not _all_reached(edges, map(internal_of, seen))
         or (seen and field.name not in told)
-        or any(may_latch(within, field.name, name) for name in seen if not _is_permeable(edges, field.name, name))
+        or any(may_latch(within, field.name, name) for name in seen if (field.name, internal_of(name)) not in reached)
     ]
     designs: tuple[tuple[Design, Sequence[ExternalField]], ...] = (
         ("between runs", constant),
@@ -212,11 +212,6 @@ def _usual(workspace: Workspace, internals: Sequence[str]) -> dict[str, Usual]:
 def _all_reached(edges: Mapping[tuple[str, str], EdgeRecord], internals: Iterable[str]) -> bool:
     """Return whether some external field reaches each of these."""
     return {internal for (_, internal), edge in edges.items() if edge.permeable} >= set(internals)
-
-
-def _is_permeable(edges: Mapping[tuple[str, str], EdgeRecord], external: str, told: str) -> bool:
-    pair = external, internal_of(told)
-    return pair in edges and edges[pair].permeable
 
 
 def _unless_doubtful(edge: EdgeRecord) -> EdgeRecord:

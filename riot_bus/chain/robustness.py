@@ -217,9 +217,14 @@ def test_unit(
         )
         record.save(workspace.out)
         found = map(_told, [*result.failures.values(), *traced])
-        after = [_after(each) for each in untraced]
+        after = (
+            f"not confirmed: {clean(one.signature, limit=160)}: "
+            f"seen after {counted(one.history, 'other test case')} in one process, not in a fresh one"
+            for one in untraced
+        )
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
-        lines = [*found, *after, *doubts, *_started(result)]
+        starts = "; ".join(f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
+        lines = [*found, *after, *doubts, *([f"how the unit was started: {starts}"] if starts else [])]
         step.end(
             "\n".join([_summary(subject, result, len(folders), record.stopped), *lines]),
             folder=workspace.out,
@@ -311,11 +316,6 @@ def _unjudged(cases: Sequence[tuple[TestCase, str]]) -> tuple[UnjudgedRecord, ..
     )
 
 
-def _after(each: UnconfirmedRecord) -> str:
-    cases = counted(each.history, "other test case")
-    return f"not confirmed: {clean(each.signature, limit=160)}: seen after {cases} in one process, not in a fresh one"
-
-
 def _summary(subject: _Subject, result: CampaignResult, findings: int, why: str) -> str:
     messages = counted(len(subject.log), "message")
     what, each = ("run", f"about {messages} from outside") if subject.whole_system else ("trial", f"{messages} each")
@@ -341,12 +341,6 @@ def _summary(subject: _Subject, result: CampaignResult, findings: int, why: str)
 def _told(failure: Failure) -> str:
     rate = f" ({failure.rate.hits} of {counted(failure.rate.total, 'fresh trial')})" if failure.rate else ""
     return f"found {clean(failure.violation.signature, limit=160)}{rate}"
-
-
-def _started(result: CampaignResult) -> list[str]:
-    """Return a line about how trials started the unit; empty if none reported it."""
-    told = (f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
-    return [f"how the unit was started: {'; '.join(told)}"] if result.starts else []
 
 
 class _Inside:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.fleet.entry import LogEntry
-    from riot_bus.vocabulary.trial import Progress, Scalar
+    from riot_bus.vocabulary.trial import Progress
 
 __all__ = ["ScanRule", "Scanner", "filled", "predict_log", "scan_logs"]
 
@@ -191,7 +191,7 @@ class Scanner:
             NearMiss(
                 float(distance[row]),
                 int(rows.times[row]),
-                {self._rule.in_words(name): _plain(column[row]) for name, column in rows.columns.items()},
+                {self._rule.in_words(name): column[row : row + 1].tolist()[0] for name, column in rows.columns.items()},
             )
             for row in chosen.tolist()
         ]
@@ -314,8 +314,3 @@ def filled(column: Column, whole: Column) -> tuple[NDArray[Any], NDArray[np.bool
     rows = np.searchsorted(whole.order, column.order)  # a topic of several types: some lack the field
     values[rows], valid[rows] = column.values, column.valid
     return values, valid
-
-
-def _plain(value: Any) -> Scalar:
-    plain: Scalar = value.item() if isinstance(value, np.generic) else value
-    return plain

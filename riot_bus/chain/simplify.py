@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Literal
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 from riot_bus.chain.logs import FailingLog, NamedFields
 from riot_bus.chain.questions import json_value
 from riot_bus.findings.records import SimplifiedRecord
+from riot_bus.generalize.forms.standalone import INTEGERS
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.simplify import Levels, simplify
 from riot_bus.vocabulary.errors import PayloadError, RiotError
@@ -98,7 +100,12 @@ class Simplification:
                 continue
 
             def ask(questions: Sequence[Levels], build: _Build = build) -> list[bool]:
-                return self._asked([_built(build, levels) for levels in questions])
+                logs: list[FailingLog | None] = [None] * len(questions)
+                for place, levels in enumerate(questions):
+                    with suppress(PayloadError):  # such a log cannot be written, so it does not fail
+                        logs[place] = build(levels)
+                answers = iter(self._failing([log for log in logs if log is not None]))
+                return [log is not None and next(answers) for log in logs]
 
             found = simplify(
                 [len(ladder.rungs) for ladder in ladders],
@@ -114,11 +121,6 @@ class Simplification:
             self.log = build(found.levels)
             self.records += _records(ladders, found.levels)
         return noise
-
-    def _asked(self, logs: Sequence[FailingLog | None]) -> list[bool]:
-        """Return whether each log fails; None, a log that cannot be written, does not."""
-        answers = iter(self._failing([log for log in logs if log is not None]))
-        return [log is not None and next(answers) for log in logs]
 
     def _gaps(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
@@ -182,13 +184,6 @@ class Simplification:
             return _pruned(fields.with_values(values), log.originals)
 
         return ladders, build
-
-
-def _built(build: _Build, levels: Levels) -> FailingLog | None:
-    try:
-        return build(levels)
-    except PayloadError:
-        return None
 
 
 def _records(ladders: Sequence[_Ladder], levels: Levels) -> Iterator[SimplifiedRecord]:
@@ -285,7 +280,6 @@ def _numbers(value: int | float, kind: str) -> Iterator[int | float]:
     above = sign * -(-size // (power // 10)) * (power // 10)
     if isinstance(value, float):
         yield float(above)
-    elif kind.lstrip("u").startswith("int"):
-        bits, signed = int(kind.lstrip("uint")), not kind.startswith("u")
-        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    elif kind in INTEGERS:
+        low, high = INTEGERS[kind]
         yield from (one for one in (int(above), low if sign < 0 else high) if low <= one <= high)
