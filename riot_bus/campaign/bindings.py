@@ -130,7 +130,7 @@ def applied(
 
     Args:
         file: The file.
-        text: Its text.
+        text: Text of the file.
         messages: The log.
         registry: Registry of the log's types.
         leave: Patterns of fields to leave alone, as for `targets_of`.

@@ -176,7 +176,7 @@ class _Campaign:
                 self.found(failure)
 
     def confirm(self, failure: Failure) -> None:
-        """Repeat a failure, unless it, or this same case, has been repeated often enough."""
+        """Repeat a failure with fresh trials, unless its cases, or this one, have been repeated often enough."""
         if failure.attempts >= _MOST_CASES or failure.trial in failure.tried:
             return
         failure.attempts += 1
@@ -208,12 +208,12 @@ class _Campaign:
 
     def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
         """Run the nominal log, more often if verdicts differ; return the number of trials."""
-        cases = {-number: self.case(log, seed + number - 1) for number in range(1, _NOMINAL + 1)}
-        outcomes = _run_nominal(self.runner, list(cases.values()))
-        if len({outcome.verdict for outcome in outcomes}) > 1:
-            more = {-number: self.case(log, seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
-            outcomes += _run_nominal(self.runner, list(more.values()))
-            cases |= more
+        cases, outcomes = dict[int, TestCase](), list[Outcome]()
+        for count in (_NOMINAL, _MORE_NOMINAL):
+            if not outcomes or len({outcome.verdict for outcome in outcomes}) > 1:
+                more = {-number: self.case(log, seed + number - 1) for number in range(len(cases) + 1, count + 1)}
+                outcomes += _run_nominal(self.runner, list(more.values()))
+                cases |= more
         self._know_alarms(outcomes)
         told = [dict(outcome.statistics.get("baseless", {})) for outcome in outcomes]
         self.baseless = {key: why for key, why in told[0].items() if all(key in each for each in told)}
@@ -303,10 +303,10 @@ def run_campaign(
         ordered: Whether trials keep the order of the log across topics.
         seconds: Time limit in seconds; None for no limit.
         covered: Whether to end when all that `covering` has to try was tried.
-        progress: Called after each batch, also those that repeat failures, with the injected trials so far, their
-            final number (None if unknown), a text on the state, and the seconds that are left (None for no limit).
-        found: Called with each failure as soon as it is confirmed.
-        stop: Called before each batch of injected trials; True ends the campaign.
+        progress: Function that is called after each batch, also those that repeat failures, with the injected trials so
+            far, their final number (None if unknown), a text on the state, and the seconds left (None for no limit).
+        found: Function that is called with each failure as soon as it is confirmed.
+        stop: Function that is called before each batch of injected trials; True ends the campaign.
         explorer: Runner of injected trials, such as one that runs many in one process; None for `runner`.
 
     Raises:

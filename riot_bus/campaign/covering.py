@@ -57,7 +57,7 @@ class Covering:
     """Choice of the things to try next, from outcomes so far; equal outcomes in equal order give equal choices.
 
     Args:
-        items: Things to try.
+        items: Variations of the log to try.
         positions: For each topic the positions of its messages in the log, ascending.
         seed: Seed of the choices.
         situations: Situations of the log: times when a field has one of its few values.
@@ -135,8 +135,8 @@ class Covering:
 
         In half of the trials, things that brought out new behaviour are among them.
         """
-        waiting, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
-        return self._gather(deque(waiting), fill=True, placed=placed)
+        varied, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
+        return self._gather(deque(varied), fill=True, placed=placed)
 
     def record(self, group: Sequence[Placed], outcome: Outcome) -> None:
         """Record the outcome of a trial of a group that `next`, `further` or `policies` gave."""
@@ -181,8 +181,8 @@ class Covering:
 
     def policies(self) -> tuple[Placed, ...]:
         """Return policies on many messages, for topics with everything tried once; nothing if there is none."""
-        waiting = {item.topic for item in self._fresh}
-        return self.stretches.next([topic for topic in self._free if topic not in waiting])
+        unfinished = {item.topic for item in self._fresh}
+        return self.stretches.next([topic for topic in self._free if topic not in unfinished])
 
     def _vary(self) -> Variation | None:
         """Return a variation of something that has not failed alone; None if this choice gave none."""
@@ -208,10 +208,10 @@ class Covering:
         known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= ENOUGH)
         return None if known else varied
 
-    def _gather(self, waiting: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
+    def _gather(self, queue: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
         """Return as many things as a trial should have, each on messages that no other one takes.
 
-        If too few of the waiting things find free messages, further variations may fill the rest. Those that are
+        If too few things of the queue find free messages, further variations may fill the rest. Those that are
         `placed` have their messages already.
         """
         taken: _Taken = {}
@@ -221,13 +221,13 @@ class Covering:
             if all(self._place(each.item, taken, each.firsts) for each in moved):
                 found += moved
         passed_over: list[Variation] = []
-        while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
-            item = waiting.popleft()
+        while queue and len(found) < self._size and len(passed_over) < _LARGEST:
+            item = queue.popleft()
             if one := self._place(item, taken):
                 found.append(one)
             else:
                 passed_over.append(item)
-        waiting.extend(passed_over)
+        queue.extend(passed_over)
         misses = 0
         while fill and self._free and len(found) < self._size and misses < _MISSES:
             if (varied := self._vary()) and (one := self._place(varied, taken)):

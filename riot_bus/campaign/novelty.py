@@ -63,7 +63,7 @@ class Novelties:
     def __init__(self, *, seed: int) -> None:
         self._random = random.Random(f"novelties:{seed}")  # noqa: S311
         self._known: dict[str, set[str]] = {}
-        self._waiting: deque[_Pursuit] = deque()
+        self._open: deque[_Pursuit] = deque()
         self._tried: dict[_Group, _Pursuit] = {}
         self._pursued = 0
         self.kept: list[_Group] = []
@@ -83,9 +83,9 @@ class Novelties:
 
     def next(self) -> _Group:
         """Return a part of a group, to see whether it shows what the whole one did; nothing if there is none."""
-        if not self._waiting or self._waiting[0].part in self._tried:  # two pursuits may need the same part
+        if not self._open or self._open[0].part in self._tried:  # two pursuits may need the same part
             return ()
-        pursuit = self._waiting.popleft()
+        pursuit = self._open.popleft()
         self._tried[pursuit.part] = pursuit
         return pursuit.part
 
@@ -114,7 +114,7 @@ class Novelties:
                 self.kept.append(end.value)
             return
         if pursuit.steps <= _STEPS:
-            self._waiting.append(pursuit)
+            self._open.append(pursuit)
 
     def _new(self, outcome: Outcome) -> _Shown:
         """Return the new behaviour of an outcome, and remember it."""

@@ -176,7 +176,7 @@ def _told(path: Path) -> Iterator[None]:
         if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         hint = "another riot may work in this folder" if code == sqlite3.SQLITE_BUSY else "move it away"
-        raise EnvironmentFaultError(f"cannot use it: {error}", where=str(path), hint=hint) from error
+        raise EnvironmentFaultError(f"cannot use the store of trials: {error}", where=str(path), hint=hint) from error
 
 
 def _text(scope: Mapping[str, object]) -> str:
@@ -221,7 +221,7 @@ class StoredRunner:
         runner: Runner of trials that are not in the store.
         store: Store of outcomes.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
-        told: Called after each outcome.
+        told: Function that is called with each outcome.
         unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.
         until: Function that returns the time of the monotonic clock at which execution ends; None for never.
     """

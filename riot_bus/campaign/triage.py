@@ -87,7 +87,7 @@ def _modified(case: TestCase, outcome: Outcome) -> int:
 def complexity(injections: Iterable[Injection], modified: int, types: Types) -> tuple[int, int]:
     """Return how hard a case is to explain, as a key that sorts the simplest case first.
 
-    A rule is about values of fields; values that are no numbers have no limits, and truncated payloads have no fields.
+    A rule is about values of fields; values that are not numbers have no limits, and truncated payloads have no fields.
 
     Args:
         injections: Injections of the case.
@@ -171,7 +171,7 @@ class AfterOthers:
     """A failure that earlier test cases in the same process may have caused.
 
     Attributes:
-        violation: What went wrong.
+        violation: The violation that trials have shown.
         case: The test case that failed after the fewest others.
         before: Test cases that its process ran before, in order.
         occurrences: Number of trials that failed this way.
@@ -191,7 +191,7 @@ def add_history(
     Args:
         found: Failures so far, by signature.
         case: The test case.
-        outcome: Its outcome.
+        outcome: Outcome of the test case.
         asked: All cases so far, by digest; if the history has others, nothing is added.
     """
     told = outcome.statistics.get("history")

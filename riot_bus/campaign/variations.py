@@ -98,7 +98,7 @@ class Variation:
     Attributes:
         topic: Topic of the messages.
         injections: Injections into them.
-        about: What it changes, such as `topic:field`; variations about the same thing may fail in the same way.
+        about: Name of what it changes, such as `topic:field`; variations about the same thing may fail in the same way.
         span: Number of consecutive messages that it takes.
         first: Number of the first of them within the topic; None for any.
         again: Whether it is made of things that have been tried before.

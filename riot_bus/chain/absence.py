@@ -119,7 +119,7 @@ def write_other_cause(
             "modified": 0,
         }
     )
-    metadata = {"finding": record.id, "signature": record.signature, "seed": str(workspace.seed)}
+    metadata = record.provenance | {"seed": str(workspace.seed)}
     log.save(other / "failure.mcap", context=workspace.context, metadata=metadata)
     new = not FindingRecord.exists(other)
     workspace.write_finding(other, record)

@@ -54,10 +54,10 @@ def backchain(
         externals: External topics, besides those of riot.toml.
         horizon: Longest delay of one step that is tested, in seconds.
         seed: Seed of the null distributions.
-        progress: Called while logs are read, then after each tested field.
+        progress: Function that is called while logs are read, then after each tested field.
 
     Raises:
-        ConfigError: The target is no field of the logs, or a log or riot.toml cannot be read.
+        ConfigError: The target is not a field of the logs, or a log or riot.toml cannot be read.
     """
     begin = time.monotonic()
     folder = open_finding(Path(target))[0] if Path(target).is_dir() else None

@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any
 
-from riot_bus.chain.ci_result import CiResult, UnitResult
 from riot_bus.chain.kept import take_up
-from riot_bus.chain.reproduce import Reproduction, play_again
+from riot_bus.chain.reproduce import Answer, Reproduction, play_again
 from riot_bus.chain.robustness import test_unit
 from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.events import CampaignStarted, FindingReplayed, StepStopped
@@ -29,7 +28,93 @@ from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, MissingExtraError
 
-__all__ = ["CiPlan", "answer_of", "log_of", "run_ci", "unit_folder", "units_of"]
+if TYPE_CHECKING:
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["CiPlan", "CiResult", "UnitResult", "answer_of", "log_of", "run_ci", "short", "unit_folder", "units_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class UnitResult:
+    """Result of a unit.
+
+    Attributes:
+        view: Campaign and findings of the unit, compared with the baseline.
+        undecided: Findings whose replay does not decide whether they are back.
+        untested: Why the unit was not tested, or not to the end; empty if it was.
+    """
+
+    unit: str
+    view: CampaignView
+    undecided: tuple[str, ...] = ()
+    untested: str = ""
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why a test without findings would be inconclusive."""
+        return [*self.undecided, *self.view.doubts]
+
+    def lines(self) -> list[str]:
+        """Return the result for people."""
+        found = [f"{self.unit}: {self.view.verdict}"]
+        for one in sorted(self.view.current, key=lambda one: self.view.standing(one) == "known"):
+            standing, entry, rate = self.view.standing(one), self.view.entry(one), one.finding.rate
+            often = f" ({rate.count} of {counted(rate.total, 'fresh trial')})" if rate else ""
+            found.append(f"  {standing}: {title_of(one.finding)}{often}{f', {entry.told}' if entry else ''}")
+            found += [f"    {one.command('reproduce')}"] if standing != "known" else []
+        found += [f"  {remark}" for remark in self.view.remarks]
+        return [clean(line, limit=1000) for line in found]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        findings = [
+            {
+                "folder": str(one.directory),
+                "title": title_of(one.finding),
+                "fingerprint": fingerprint_of(one.finding),
+                "standing": self.view.standing(one),
+            }
+            for one in self.view.current
+        ]
+        told = {"verdict": self.view.verdict, "remarks": list(self.view.remarks), "doubts": self.doubts}
+        return {"unit": self.unit, "untested": self.untested, **told, "findings": findings}
+
+
+@dataclass(frozen=True, slots=True)
+class CiResult:
+    """Results of all units."""
+
+    units: tuple[UnitResult, ...]
+
+    @property
+    def failures(self) -> list[FindingView]:
+        """The findings that count: those not in the baseline, or marked as fixed there."""
+        return [one for unit in self.units for one in unit.view.failures]
+
+    def exit_code(self, *, strict: bool) -> int:
+        """Return 1 if findings count; if strict, the code for units not tested or not decided; else 0."""
+        if self.failures:
+            return 1
+        untested = any(unit.untested for unit in self.units)
+        doubtful = any(unit.doubts for unit in self.units)
+        if not strict or not (untested or doubtful):
+            return 0
+        return EnvironmentFaultError.exit_code if untested else InconclusiveError.exit_code
+
+    def warnings(self) -> list[str]:
+        """Return what was not tested, or not decided, for people."""
+        found = [f"not tested: {unit.unit}: {unit.untested}" for unit in self.units if unit.untested]
+        doubts = [(unit, each) for unit in self.units if not unit.untested for each in unit.doubts]
+        return found + [f"inconclusive: {unit.unit}: {each}" for unit, each in doubts]
+
+    def lines(self) -> list[str]:
+        """Return all of it for people."""
+        count = len(self.failures)
+        last = f"{counted(count, 'finding')} that the baseline does not know" if count else "no new finding"
+        untested = sum(bool(unit.untested) for unit in self.units)
+        last += f"; {untested} of {counted(len(self.units), 'unit')} not tested" if untested else ""
+        return [*(line for unit in self.units for line in unit.lines()), last]
+
 
 Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
 """Function that opens a unit's workspace in its folder."""
@@ -37,7 +122,7 @@ Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
 _REPLAYS, _CAMPAIGN = 0.5, 0.7
 """Shares of a unit's time after which no more known findings are replayed, and after which no more trials of a campaign
 begin if findings are to be explained."""
-_TITLE = 300
+_TITLE = 300  # titles have up to 20,000 characters, a line shows one
 _UNIT_STEPS = tuple(step for step in STEPS[1:] if not step.whole_system)
 _TAKEN = {"findings", "trials"}
 _EARLIER = 3
@@ -91,6 +176,11 @@ def run_ci(
     return CiResult(tuple(results))
 
 
+def short(text: str) -> str:
+    """Return a title, or why something is so, in the length of a line."""
+    return clean(text, limit=_TITLE)
+
+
 def units_of(system: Path, names: Sequence[str]) -> list[str]:
     """Return the units to test: the named ones, or all.
 
@@ -132,9 +222,6 @@ def _tidy(workspace: Workspace) -> None:
         aside = sorted((path for path in folder.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
         for path in aside[:-_EARLIER]:
             shutil.rmtree(path)
-
-
-Answer = Literal["still failing", "fixed", "failing otherwise", "not decided"]
 
 
 def answer_of(workspace: Workspace, folder: Path) -> tuple[Answer, Reproduction | None, str]:
@@ -214,26 +301,24 @@ class _UnitRun:
         if file.system.nominal or file.unit[self.unit].log or own.exists():
             return
         others = (path for path in sorted(self.folder.parent.glob(f"*/{NOMINAL}")) if not path.is_symlink())
-        for other in others:
+        if other := next(others, None):
             own.unlink(missing_ok=True)
             own.symlink_to(os.path.relpath(other, self.folder))
-            return
 
     def _play_known(self, workspace: Workspace) -> None:
         """Replay earlier findings: first fixed ones, then those not in the baseline, then those known to fail."""
         entries = self.known.of(self.unit)
-        fixed = [(log_of(one, self.known, workspace.findings), one) for one in entries if one.fixed]
-        open_ = [(log_of(one, self.known, workspace.findings), one) for one in entries if not one.fixed]
+        known = [(log_of(one, self.known, workspace.findings), one) for one in entries]
         others = [
             (folder, None)
             for folder, record in _recorded(workspace.findings)
             if record.fingerprint != self.fingerprint and fingerprint_of(record) not in self.known.entries
         ]
         begin, until = self.time
-        left = self._play_all(workspace, [*fixed, *others], until)
+        left = self._play_all(workspace, [*(each for each in known if each[1].fixed), *others], until)
         if left:
             self.undecided.append(f"there was no time to play {counted(left, 'earlier finding')} again")
-        self._play_all(workspace, open_, begin + (until - begin) * _REPLAYS)
+        self._play_all(workspace, [each for each in known if not each[1].fixed], begin + (until - begin) * _REPLAYS)
 
     def _play_all(
         self, workspace: Workspace, some: Sequence[tuple[Path | None, KnownFinding | None]], end: float
@@ -250,7 +335,7 @@ class _UnitRun:
         record = FindingRecord.load(folder)
         if record.fingerprint == self.fingerprint and folder.parent == workspace.findings:
             return  # found with this same code
-        title = clean(title_of(record), limit=_TITLE)
+        title = short(title_of(record))
         with workspace.step("reproduce") as step:
             answer, found, why = answer_of(workspace, folder)
             is_open = entry is not None and not entry.fixed
@@ -267,7 +352,7 @@ class _UnitRun:
             step.end(f"{answer}: {title} ({why})")
         hint = "; `riot ci prune --update` marks it as fixed" if answer == "fixed" and is_open else ""
         quiet = answer == "still failing" or (answer == "fixed" and self._was_fixed(workspace, folder, entry))
-        text = "" if quiet else f"{answer} ({said}): {title}: {clean(why, limit=_TITLE)}{hint}"
+        text = "" if quiet else f"{answer} ({said}): {title}: {short(why)}{hint}"
         self.remarks += [text] if text else []
         failed, trials = (found.failed, found.trials) if found else (0, 0)
         workspace.tell(FindingReplayed(str(folder), title, answer, text, failed, trials))

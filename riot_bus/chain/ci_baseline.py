@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.ci import Opened, answer_of, log_of, unit_folder
+from riot_bus.chain.ci import Opened, answer_of, log_of, short, unit_folder
 from riot_bus.chain.kept import LARGEST, keep_finding
 from riot_bus.events import FindingReplayed
 from riot_bus.findings.known import KnownFinding, KnownFindings, fingerprint_of
@@ -25,7 +25,6 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, Incon
 
 __all__ = ["PruneResult", "PrunedFinding", "accept", "check_keep", "found_in", "moment", "prune"]
 
-_TITLE = 300  # as in ci.py: titles have up to 20,000 characters, a line shows one
 _GIT_S = 10  # generous: it reads a few small files, but network folders may hang
 
 
@@ -111,7 +110,7 @@ def accept(
             entry = entry.model_copy(update={"log": log})
         if entry != before:
             changed.append(entry)
-            lines.append(f"{', '.join(told)}: {clean(entry.title, limit=_TITLE)}")
+            lines.append(f"{', '.join(told)}: {short(entry.title)}")
     return known.updated(changed), lines
 
 
@@ -204,7 +203,7 @@ def _ask(
         with opened(unit, out) as workspace:
             workspace.unit_log(unit)  # some failures are judged by comparison with it
             for entry in entries:
-                title = clean(entry.title, limit=_TITLE)
+                title = short(entry.title)
                 folder = log_of(entry, known, workspace.findings)
                 if folder is None:
                     found.append(PrunedFinding(unit, title, "cannot be run", "no log of it is kept"))
@@ -219,5 +218,5 @@ def _ask(
     except EnvironmentFaultError as error:
         rest = entries[len(found) :]
         why = error.message.partition("\n")[0]
-        found += [PrunedFinding(unit, clean(one.title, limit=_TITLE), "cannot be run", why) for one in rest]
+        found += [PrunedFinding(unit, short(one.title), "cannot be run", why) for one in rest]
     return found

@@ -30,11 +30,15 @@ def init_ci(folder: Path, *, github: bool = False, gitlab: bool = False, force: 
     chosen = [kind for kind, wanted in asked.items() if wanted]
     chosen = chosen or [kind for kind, sign in _SIGNS.items() if (folder / sign).exists()]
     if not chosen:
-        raise ConfigError("for GitHub, or for GitLab?", where=str(folder), hint="add --github, --gitlab, or both")
+        raise ConfigError(
+            "neither GitHub nor GitLab was named, and no file tells which is used",
+            where=str(folder),
+            hint="add --github, --gitlab, or both",
+        )
     for kind in chosen:
         if (folder / WORKFLOWS[kind]).exists() and not force:
             hint = "use --force to replace it"
-            raise ConfigError("there is a workflow already", where=str(folder / WORKFLOWS[kind]), hint=hint)
+            raise ConfigError("a workflow exists already", where=str(folder / WORKFLOWS[kind]), hint=hint)
     return [*(f"written: {_write(kind, folder / WORKFLOWS[kind])}" for kind in chosen), *_next(folder, chosen)]
 
 

@@ -115,7 +115,7 @@ def ask_in_contexts(
         found: The contexts.
         asked: Values of the rule's fields.
         predicted: Prediction of the rule for these values.
-        holds: Tells whether the rule holds anywhere in a log: with values of a context, it may do so earlier.
+        holds: Function that tells whether the rule holds anywhere in a log, such as already in the context.
         by_log: Whether this alone is the prediction, since the values do not decide it.
     """
     cases = [behind(questions, context, values) for context in found for values in asked]
@@ -139,7 +139,7 @@ def bring_in(
     Args:
         questions: Questions to the unit.
         answers: Answers of which the rule predicts at least one wrongly.
-        progress: Called during the search.
+        progress: Function that is called during the search.
     """
     number = answers.wrong[0]
     values, failed = answers.asked[number], answers.failed[number]

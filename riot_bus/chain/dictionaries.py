@@ -20,7 +20,15 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Beside", "ListedDictionary", "beside", "find_dictionary", "list_dictionaries", "what_applies", "wrong_with"]
+__all__ = [
+    "DictionaryLog",
+    "ListedDictionary",
+    "errors_of",
+    "find_dictionary",
+    "list_dictionaries",
+    "log_to_apply_to",
+    "tables_applied",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +51,7 @@ class ListedDictionary:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class DictionaryLog:
     """A log to which a dictionary is applied.
 
     Attributes:
@@ -104,7 +112,7 @@ def find_dictionary(name: str) -> tuple[str, str]:
     return same[0], files[same[0]]
 
 
-def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | None:
+def log_to_apply_to(log: Path | None, system: Path | None, unit: str | None) -> DictionaryLog | None:
     """Return the log to use: a file, or the inputs of a unit in it or in the nominal log; None if none is named.
 
     Args:
@@ -117,11 +125,11 @@ def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | 
     """
     if system is None:
         if unit is not None:
-            raise ConfigError(f"--unit {unit} is a unit of a system file", hint="add --system riot.toml")
+            raise ConfigError(f"--unit {unit!r} needs the system file that describes it", hint="add --system riot.toml")
         if log is None:
             return None
         registry = TypeRegistry(load_adapters())
-        return Beside(str(log), read_messages(log, registry=registry), registry)
+        return DictionaryLog(str(log), read_messages(log, registry=registry), registry)
     context = open_system(system)
     file, registry = context.file, context.registry
     unit = file.choose_unit(unit)
@@ -130,12 +138,12 @@ def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | 
     path = log or (file.root / named if named else None)
     if path is None:
         hint = "name one by --log, such as the nominal.mcap in the output folder of `riot test`"
-        raise ConfigError("it names no nominal log", where=str(system), hint=hint)
+        raise ConfigError("the system file names no nominal log", where=str(system), hint=hint)
     messages = inputs_of(unit, read_messages(path, registry=registry), file=file, registry=registry, path=path)
-    return Beside(f"inputs of {unit} in {path}", messages, registry, settings.leave, settings.include)
+    return DictionaryLog(f"inputs of {unit} in {path}", messages, registry, settings.leave, settings.include)
 
 
-def what_applies(name: str, text: str, where: Beside | None) -> tuple[DictionaryFile, dict[str, AppliesTo]]:
+def tables_applied(name: str, text: str, where: DictionaryLog | None) -> tuple[DictionaryFile, dict[str, AppliesTo]]:
     """Return a dictionary file, and what its tables apply to in a log; nothing of that without a log.
 
     Raises:
@@ -147,7 +155,7 @@ def what_applies(name: str, text: str, where: Beside | None) -> tuple[Dictionary
     return file, applied(file, text, where.messages, where.registry, leave=where.leave, include=where.include)
 
 
-def wrong_with(path: Path, where: Beside | None) -> tuple[ListedDictionary | None, list[ConfigError]]:
+def errors_of(path: Path, where: DictionaryLog | None) -> tuple[ListedDictionary | None, list[ConfigError]]:
     """Return the contents of a file of the user's own, if it can be read, and all of its errors."""
     try:
         text = own_text(path)

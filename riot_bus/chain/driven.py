@@ -322,18 +322,18 @@ class DrivenRuns:
         by_topic: dict[str, list[ExternalField]] = {}
         for one in fields:
             by_topic.setdefault(one.topic, []).append(one)
-        waiting, found, spent = deque(by_topic.values()), list[ExternalField](), 1
-        while waiting and spent < len(numbers):
-            count = min(self.runner.parallelism, len(waiting), len(numbers) - spent)
-            groups = [waiting.popleft() for _ in range(count)]
+        untested, found, spent = deque(by_topic.values()), list[ExternalField](), 1
+        while untested and spent < len(numbers):
+            count = min(self.runner.parallelism, len(untested), len(numbers) - spent)
+            groups = [untested.popleft() for _ in range(count)]
             outcomes = self._driven(groups, numbers[spent : spent + count])
             spent += count
             for group, (_, outcome) in zip(groups, outcomes, strict=True):
                 if self.freezes(outcome):
                     half = len(group) // 2
                     found += group if not half else []
-                    waiting.extend([group[:half], group[half:]] if half else [])
-        return found, list(chain.from_iterable(waiting)), spent
+                    untested.extend([group[:half], group[half:]] if half else [])
+        return found, list(chain.from_iterable(untested)), spent
 
     def runs(self, some: Sequence[Perturbed], *, intermediate: bool = False) -> list[Run]:
         """Return runs in which fields were driven, in the form that the analysis takes.

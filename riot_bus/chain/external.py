@@ -268,7 +268,7 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
 
 
 def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str, str]:
-    """Return the external inputs that are no external field, and why, without those that riot.toml excludes.
+    """Return the external inputs that are not driven, and why, without those that riot.toml excludes.
 
     Args:
         workspace: The system.
@@ -400,6 +400,6 @@ def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[flo
         if names_field(pattern, name) and all(sign in pattern for sign in said):
             if said and not 0 <= limits[0] < limits[1]:
                 where = f"{file.path}: external.ranges"
-                raise ConfigError(f"{pattern!r} is no range from 0 up: {list(limits)}", where=where)
+                raise ConfigError(f"{pattern!r} is not a range from 0 up: {list(limits)}", where=where)
             return limits
     return usual

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.sut.context import Context
+    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["GuardPlan", "GuardTrial", "plan_guard"]
@@ -97,7 +98,7 @@ def plan_guard(
         ("nominal log", workspace.known_unit_log(finding.unit)),
         (failing.name, FailingLog.load(failing, registry=registry).messages),
     ]
-    trials = tuple(_tried(name, log, RuleGuard(path, action), workspace) for name, log in logs if log)
+    trials = tuple(_tried(name, log, RuleGuard(path, action), registry) for name, log in logs if log)
     root = file.path.resolve().parent
     table = {"use": "guard", "rule": os.path.relpath(path.resolve(), root), "action": action}
     toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {_quoted(value)}" for key, value in table.items())])
@@ -119,8 +120,9 @@ def _bypassed(context: Context, component: str, keys: set[str]) -> tuple[str, ..
     )
 
 
-def _tried(name: str, log: Sequence[Message], guard: RuleGuard, workspace: Workspace) -> GuardTrial:
-    pipeline = Pipeline([guard], registry=workspace.context.registry)
+def _tried(name: str, log: Sequence[Message], guard: RuleGuard, registry: TypeRegistry) -> GuardTrial:
+    """Feed a log to a guard and return what it did."""
+    pipeline = Pipeline([guard], registry=registry)
     for message in log:
         pipeline.feed(message)
     unread = sum(each.count for each in pipeline.errors.values())

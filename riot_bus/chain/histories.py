@@ -58,7 +58,7 @@ def shrink_history(
         runner: Runner of trials, each in a process of its own.
         registry: Registry that names topics.
         probe: Messages that the unit got after each case.
-        progress: Called during the search.
+        progress: Function that is called during the search.
     """
     *before, last = (
         inject_log(case.messages, case.injections, registry=registry, seed=case.seed)[0]
@@ -105,7 +105,7 @@ def repeat_log(case: TestCase, times: int, *, registry: TypeRegistry) -> TestCas
 
     Args:
         case: The test case; it has a log.
-        times: How many times.
+        times: Number of repeats of the log.
         registry: Registry that names topics.
     """
     log = case.messages
@@ -147,7 +147,7 @@ def find_leak(
         runner: Runner of trials, each in a process of its own.
         registry: Registry that names topics.
         types: Types of fields, by topic and path.
-        progress: Called during the search.
+        progress: Function that is called during the search.
     """
     times = min(_MOST_TIMES, _MOST_MESSAGES // len(case.messages), math.ceil(_AIM / grown))
     if times < 2:

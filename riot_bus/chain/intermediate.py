@@ -84,7 +84,7 @@ def _can_be_observed(topic: str, path: str) -> bool:
 
 
 def _different_numbers(values: Sequence[Scalar]) -> int:
-    """Return how many different values a field has; 0 if some is no finite number."""
+    """Return how many different values a field has; 0 if some value is not a finite number."""
     numbers = [value for value in values if isinstance(value, (int, float)) and math.isfinite(value)]
     return len(set(numbers)) if len(numbers) == len(values) else 0
 
@@ -150,13 +150,13 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
 
 def _ways(tree: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield the topics of each path of a tree, from an external one other than the root's topic to the root."""
-    waiting: list[tuple[Mapping[str, Any], tuple[str, ...]]] = [(tree, ())]
-    while waiting:
-        node, behind = waiting.pop()
+    branches: list[tuple[Mapping[str, Any], tuple[str, ...]]] = [(tree, ())]
+    while branches:
+        node, behind = branches.pop()
         topics = (node["topic"], *behind)
         if node["external"] and behind and node["topic"] != tree["topic"]:
             yield topics
-        waiting += [(hop, topics) for hop in node["hops"]]
+        branches += [(hop, topics) for hop in node["hops"]]
 
 
 def _topic_of(edge: EdgeRecord) -> str:

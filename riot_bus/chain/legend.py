@@ -1,4 +1,4 @@
-"""What definitions of types say of a rule: names of the values that it compares with, and units of its fields."""
+"""Names of the values that a rule compares with, and units of its fields, from the definitions of their types."""
 
 from __future__ import annotations
 

@@ -75,10 +75,10 @@ def read_pieces(
         registry_of: Function that returns the registry of an open log's types.
         wanted: Fields that are read in any case.
         memory: Bytes that the numbers may take; if there are more, ten evenly spaced stretches of each log are read.
-        progress: Called after each log.
+        progress: Function that is called after each log.
 
     Raises:
-        ConfigError: A file is no log.
+        ConfigError: A file is not a log.
     """
     found = LogColumns()
     plans: list[tuple[Path, dict[str, list[str]], tuple[int, int]]] = []

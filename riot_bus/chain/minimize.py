@@ -327,8 +327,7 @@ class _Minimization:
 
     def _saved(self, found: _Found, absent: AbsentRecord | None = None) -> MinimalRecord:
         """Write `minimal.mcap` and return its record."""
-        of_it = {"finding": self.finding.id, "signature": self.finding.signature}
-        metadata = {**of_it, "seed": str(self.step.workspace.seed)}
+        metadata = self.finding.provenance | {"seed": str(self.step.workspace.seed)}
         found.log.save(self.folder / "minimal.mcap", context=self.context, metadata=metadata)
         minimal = found.minimal
         return MinimalRecord(

@@ -1,4 +1,4 @@
-"""`riot fleet run`: does a test case still make the software fail, on each of many logs?"""
+"""`riot fleet run`: replay of a test case over many logs, to see on which it still makes the software fail."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class FleetOptions:
 
 
 def run_over(
-    workspace: Workspace, challenge: CaseTemplate, unit: str, logs: Sequence[LogEntry], options: FleetOptions
+    workspace: Workspace, template: CaseTemplate, unit: str, logs: Sequence[LogEntry], options: FleetOptions
 ) -> list[LogAnswer]:
     """Replay a test case over logs, several at once.
 
@@ -87,31 +87,31 @@ def run_over(
 
     Args:
         workspace: The workspace; its `jobs` is the number of logs that are tried at once.
-        challenge: The test case.
+        template: The test case.
         unit: The unit to which the logs are played.
         logs: Catalogue entries of the logs.
-        options: How each log is tried.
+        options: Trials and part of each log.
 
     Returns:
         An answer for each log, in their order.
     """
     store = _Answers(workspace.out / "fleet" / "answers.jsonl")
-    scope = [workspace.fingerprint, unit, challenge.digest(), workspace.seed, options.times, options.start]
+    scope = [workspace.fingerprint, unit, template.digest(), workspace.seed, options.times, options.start]
     keys = {each.place: store.key([*scope, options.duration, each.place, each.size, each.stamp]) for each in logs}
     known = {} if options.again else {each.place: found for each in logs if (found := store.get(keys[each.place]))}
     fresh = [each for each in logs if each.place not in known]
-    work = _Work(workspace, challenge, unit, options)
+    work = _Work(workspace, template, unit, options)
     with workspace.step("fleet run") as step:
         if fresh:
             work.prepare()
         began = time.monotonic()
-        waiting: SimpleQueue[LogEntry] = SimpleQueue()  # a signal that raises never leaves it locked, unlike futures
+        untried: SimpleQueue[LogEntry] = SimpleQueue()  # a signal that raises never leaves it locked, unlike futures
         for each in fresh:
-            waiting.put(each)
+            untried.put(each)
         answers: SimpleQueue[LogAnswer | BaseException] = SimpleQueue()
         count = min(workspace.jobs, len(fresh))
         threads = [
-            threading.Thread(target=work.answer_all, args=(waiting, answers), name="riot-fleet", daemon=True)
+            threading.Thread(target=work.answer_all, args=(untried, answers), name="riot-fleet", daemon=True)
             for _ in range(count)
         ]
         try:
@@ -141,11 +141,11 @@ def exit_code(answers: Sequence[LogAnswer]) -> int:
 
 
 class _Work:
-    """Tries logs; may be asked by several threads."""
+    """Tries logs on several threads at once."""
 
-    def __init__(self, workspace: Workspace, challenge: CaseTemplate, unit: str, options: FleetOptions) -> None:
+    def __init__(self, workspace: Workspace, template: CaseTemplate, unit: str, options: FleetOptions) -> None:
         file = workspace.context.file
-        self._workspace, self._challenge, self._unit, self._options = workspace, challenge, unit, options
+        self._workspace, self._template, self._unit, self._options = workspace, template, unit, options
         self._inputs = file.components[component_of(file, unit)].inputs
         self._learning = threading.Lock()
         self._stopping = threading.Event()
@@ -153,22 +153,24 @@ class _Work:
         self._untold = ""
 
     def prepare(self) -> None:
+        """Make the runner, and find out whether trials can show the failure."""
         nominal = self._workspace.known_unit_log(self._unit)
         self._runner = self._workspace.runners.unit(self._unit, lambda: nominal)
-        if signature := self._challenge.signature:
+        if signature := self._template.signature:
             monitor = signature.partition(" ")[0]
             self._untold = why_untold(
                 self._workspace, unit=self._unit, monitor=monitor, signature=signature, nominal=nominal
             )
 
     def stop(self) -> None:
+        """Make all threads end after their present trial."""
         self._stopping.set()
 
-    def answer_all(self, waiting: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer | BaseException]) -> None:
+    def answer_all(self, untried: SimpleQueue[LogEntry], answers: SimpleQueue[LogAnswer | BaseException]) -> None:
         """Try logs until none are left or it is stopped; any other exception is put among the answers."""
         try:
             while not self._stopping.is_set():
-                answers.put(self.answer(waiting.get_nowait()))
+                answers.put(self.answer(untried.get_nowait()))
         except Empty:
             pass
         except BaseException as error:
@@ -183,7 +185,7 @@ class _Work:
         except Exception as error:
             if not isinstance(error, RiotError):
                 _LOG.exception("a log could not be tried")
-                return LogAnswer(log.place, "error", f"failure of ours: {error!r}")
+                return LogAnswer(log.place, "error", f"riot_bus itself failed: {error!r}")
             where = f"{error.where}: " if error.where and error.where != log.place else ""
             return LogAnswer(log.place, "error", f"{where}{error.message}")
 
@@ -213,7 +215,7 @@ class _Work:
         if not messages:
             inputs = ", ".join(self._inputs) or "none declared"
             return LogAnswer(place, "error", f"it holds nothing on the inputs of {self._unit!r} ({inputs})")
-        seed, injections = self._workspace.seed, self._challenge.injections
+        seed, injections = self._workspace.seed, self._template.injections
         _, touched = inject_log(messages, injections, registry=self._workspace.context.registry, seed=seed)
         if not touched:
             detail = "the test case changes nothing in it: its messages, numbers or times do not occur (--anywhere?)"
@@ -225,7 +227,7 @@ class _Work:
         for each in outcomes:
             if not each.judged:
                 return LogAnswer(place, "error", each.detail, **figures)
-        signature = self._challenge.signature
+        signature = self._template.signature
         alike = [each for each in outcomes if each.failed_as(signature)]
         others = [each for each in outcomes if each.verdict is Verdict.FAIL and not each.failed_as(signature)]
         notes = [f"the log is damaged: {damage}"] if damage else []
@@ -236,7 +238,7 @@ class _Work:
             notes.insert(0, shown.detail or shown.signature)
         failed = len(alike)
         if self._untold and not alike and not others:
-            return LogAnswer(place, "error", f"nothing tells it here: {self._untold}", **figures)
+            return LogAnswer(place, "error", f"nothing here shows whether it fails: {self._untold}", **figures)
         return LogAnswer(place, "failed" if alike or others else "fixed", "; ".join(notes), failed, **figures)
 
     def _execute(self, case: TestCase) -> Outcome:

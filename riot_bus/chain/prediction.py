@@ -114,7 +114,7 @@ class Explained(NamedTuple):
     Attributes:
         trials: Number of trials compared.
         wrong: Trials that the rule predicts wrongly: what was injected, and whether they failed.
-        holds: If the failure occurs only sometimes: the failed and all trials in which the rule holds.
+        holds: Numbers, if the failure occurs only sometimes: the failed and all trials in which the rule holds.
         unknown: Number of other trials: the rule holds nowhere in them, but could not be judged at some messages.
         keeps: Whether messages that lack a field were taken to leave its earlier value in force.
     """
@@ -130,7 +130,7 @@ class _Tried(NamedTuple):
     """An earlier trial: what was injected, whether it failed, and whether the rule says so.
 
     Attributes:
-        said: What `Prediction.would_fail` says.
+        said: Value of `Prediction.would_fail`.
         kept: The same if messages that lack a field leave its earlier value in force.
     """
 

@@ -1,4 +1,4 @@
-"""What the steps at unit level share: the fields of the minimal log, the values for them, and questions to the unit."""
+"""Questions to a unit, as the steps at unit level share them: the minimal log, values for its fields, fresh trials."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def measured_rate(
     """Return the failed and all trials of a case that fails, once they tell its rate well enough.
 
     Args:
-        ask: Carries out some fresh trials of it and returns which failed.
+        ask: Function that carries out some fresh trials of it and returns which failed.
         failed: Failed trials that are known.
         total: All trials that are known.
         most: Maximum number of further trials; fewer are made if none fails.
@@ -198,7 +198,7 @@ class UnitQuestions:
         fields: The minimal log, by field.
         dictionary: Exceptional values for the unit.
         runner: The runner that executes the trials.
-        noise: What is known about the rates of the failure.
+        noise: Knowledge about the rates of the failure.
     """
 
     def __init__(self, step: StepRun, folder: Path) -> None:

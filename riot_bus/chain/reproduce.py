@@ -1,4 +1,4 @@
-"""Does a finding still fail? Fresh trials of its shortest log, never answers from the store."""
+"""Replays of a finding: fresh trials of its shortest log, never from the store, tell whether it still fails."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Reproduction", "play_again", "reproduce", "why_untold"]
+__all__ = ["Answer", "Reproduction", "play_again", "reproduce", "why_untold"]
 
 
 _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
@@ -38,6 +38,9 @@ _DOUBT = 0.05
 _NO_LOG = "there is no nominal log"
 _COUNTED = re.compile(r" \(\d+\)$")
 """Suffix that distinguishes monitors of the same name."""
+
+
+Answer = Literal["still failing", "fixed", "failing otherwise", "not decided"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ class Reproduction:
         expected: Failure rate of earlier trials.
     """
 
-    answer: Literal["still failing", "fixed", "failing otherwise", "not decided"]
+    answer: Answer
     failed: int
     trials: int
     log: str
@@ -109,14 +112,15 @@ def play_again(
             step = "riot test --whole-system" if finding.whole_system else "riot activate"
             raise ConfigError(f"no {path.name}", where=str(folder), hint=f"run `{step}` first")
         messages = read_log(path)
-        parameters = () if finding.whole_system else _parameters(folder, workspace)
+        activation = None if finding.whole_system else ActivationRecord.load(folder)
+        parameters = _parameters(activation, workspace) if activation else ()
         pace = workspace.context.file.system.trial_run
         judged, why = workspace.judged_in_system(finding, driving_log(workspace, pace))
         if why:
             raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
         runner, monitors = workspace.runners.system(pace, judged=judged), workspace.context.monitors
-        shown = () if finding.whole_system else _replays(folder)
-        noise = Noise.after(*shown) if shown else noise_of(finding)
+        replayed = (activation.replays_failed, activation.replays) if activation else (0, 0)
+        noise = Noise.after(*replayed) if replayed[0] else noise_of(finding)
     else:
         path = shortest_log(folder)
         messages, parameters = FailingLog.load(path, registry=registry).messages, ()
@@ -126,7 +130,7 @@ def play_again(
         of = {"unit": finding.unit, "monitor": finding.monitor, "signature": finding.signature}
         untold = why_untold(workspace, **of, nominal=nominal)
         if untold and finding.monitor != "hang":  # if it occurs again, it may show in other ways
-            raise _nothing_tells(workspace, finding, folder, untold)
+            raise _undetectable(workspace, finding, folder, untold)
         minimal = MinimalRecord.find(folder)
         noise, unprobed = noise_of(finding, minimal), minimal is not None and minimal.unprobed
     ordered = finding.ordered and not whole_system
@@ -147,17 +151,17 @@ def play_again(
         return found
     if not others:
         if untold := untold or _why_blind(monitors, finding, outcomes):
-            raise _nothing_tells(workspace, finding, folder, untold)
+            raise _undetectable(workspace, finding, folder, untold)
         return replace(found, answer="fixed", missed=noise.missed(len(outcomes)))
     every = all(outcome.verdict is Verdict.FAIL for outcome in outcomes)
     return replace(found, answer="failing otherwise" if every and len(others) == 1 else "not decided")
 
 
-def _nothing_tells(workspace: Workspace, finding: FindingRecord, folder: Path, why: str) -> InconclusiveError:
+def _undetectable(workspace: Workspace, finding: FindingRecord, folder: Path, why: str) -> InconclusiveError:
     """Return the error for passing trials that prove nothing about a failure."""
     log = workspace.out / NOMINAL
     return InconclusiveError(
-        f"nothing tells {finding.monitor!r} here: {why}",
+        f"nothing here shows whether {finding.monitor!r} occurs: {why}",
         where=str(folder),
         hint=f"name one in riot.toml, or put the campaign's at {log}" if why == _NO_LOG else None,
     )
@@ -216,19 +220,13 @@ def _why_not_judged(name: str, outcome: Outcome) -> str:
     return next((line.removeprefix(f"{name}: ") for line in lines if line.startswith(f"{name}: ")), "")
 
 
-def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:
+def _parameters(record: ActivationRecord, workspace: Workspace) -> tuple[Injection, ...]:
     """Return the parameters of commands with which the external messages made the whole system fail."""
-    found = ActivationRecord.load(folder).found or {}
+    found = record.found or {}
     names = workspace.context.file.external.parameters
     return tuple(
         Injection(PARAMETERS, one, found[parameter_name(one)]) for one in names if parameter_name(one) in found
     )
-
-
-def _replays(folder: Path) -> tuple[int, ...]:
-    """Return the numbers of failed and of all replays of the external messages; empty if none failed."""
-    record = ActivationRecord.load(folder)
-    return (record.replays_failed, record.replays) if record.replays_failed else ()
 
 
 def _outcomes(

@@ -104,7 +104,7 @@ def test_unit(
     trials: int | None,
     seconds: float | None,
     covered: bool,
-    whole_system: bool = False,  # noqa: PT028 - it is no test
+    whole_system: bool = False,  # noqa: PT028 - it is not a test
     stop: Callable[[Sequence[Path]], str] = lambda _: "",  # noqa: PT028
 ) -> list[Path]:
     """Run a campaign and write one folder per finding, the worst first, then those that occur easily.

@@ -83,11 +83,10 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
             break
         found = more
     (folder / "context.mcap").unlink(missing_ok=True)  # of an earlier rule
+    finding, record = found.questions.finding, _record(found)
     if found.context:
-        metadata = {"finding": found.questions.finding.id, "signature": found.questions.finding.signature}
-        found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
-    record = _record(found)
-    finding = found.questions.finding
+        log, metadata = found.questions.fields.log, finding.provenance
+        log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
     campaign = explained(record, step, finding.unit, finding.signature, rate=found.questions.noise.rate)
     figures = {
         "in_campaign": ProportionRecord.of(proportion(campaign.trials - len(campaign.wrong), campaign.trials)),

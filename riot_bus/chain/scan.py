@@ -125,7 +125,7 @@ class Scanner:
             robot: Name of the robot that recorded it.
 
         Raises:
-            ConfigError: The file is no log.
+            ConfigError: The file is not a log.
         """
         info = log_info(path, scan=False)
         start, end = info.start or 0, info.end or 0
@@ -278,7 +278,7 @@ def _rows_of_columns(
 
     Args:
         parts: Columns of the selectors, by time.
-        places: Which message of its topic each name refers to.
+        places: For each name the message of its topic that it refers to.
         selectors: The field selector of each name.
         last: Topic whose messages are counted where a field is not known; None for all.
     """

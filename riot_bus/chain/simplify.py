@@ -62,7 +62,7 @@ class Simplification:
 
     Attributes:
         log: The simplest log so far.
-        records: What was simplified.
+        records: Records of the simplifications.
         trials: Number of trials so far.
     """
 
@@ -89,7 +89,7 @@ class Simplification:
         """Simplify the log; return what is then known about the failure rates.
 
         Args:
-            noise: What is known about the failure rates so far.
+            noise: Knowledge about the failure rates so far.
             budget: Maximum number of trials.
             parallelism: Number of questions worth asking in one batch.
             progress: Function that is called after every batch.

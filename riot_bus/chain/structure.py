@@ -1,4 +1,4 @@
-"""What a failure needs besides values: keys that are there or missing, the order of messages, times between them.
+"""Search for what a failure needs besides values: keys, the order of messages, times between them.
 
 All keys are left out or put back at once, then all neighbours swapped, then all gaps lengthened. The parts that must
 not change are found like the needed messages of a log, each with two logs that differ in this part alone.
@@ -116,7 +116,7 @@ def search_structure(
         log: A log that fails.
         parts: The parts of it that may be changed.
         ask: Function that runs a fresh trial of each log and tells whether it fails.
-        noise: What is known about the failure rates.
+        noise: Knowledge about the failure rates.
         budget: Maximum number of trials.
         parallelism: Number of questions worth asking in one batch.
         progress: Function that is called after every batch.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["CaseTemplate", "injection_of", "load_challenge"]
+__all__ = ["CaseTemplate", "injection_of", "load_case_template"]
 
 _ROLES: tuple[Role, ...] = ("original", "delivered")
 _ELEMENT = re.compile(r"\[\d+\]$")
@@ -60,13 +60,13 @@ class CaseTemplate:
         return replace(self, injections=tuple(dict.fromkeys(wide)))
 
 
-def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> CaseTemplate:
+def load_case_template(path: Path, *, registry: TypeRegistry | None = None) -> CaseTemplate:
     """Read a test case.
 
     Args:
         path: An injection plan (`.toml`), the folder of a finding, its `fields.json` (the values that its certificates
             found to fail, for all messages), or a log whose provenance tells what was changed.
-        registry: Names the topics of a log.
+        registry: Registry that names the topics of a log; None if they are called like its keys.
 
     Raises:
         ConfigError: It is none of these, or injects nothing.
@@ -82,9 +82,7 @@ def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> CaseT
         found = _of_finding(open_finding(path)[0])
     else:
         hint = "name a plan (.toml), the folder of a finding, its fields.json, or a log (.mcap)"
-        raise ConfigError(
-            "this is no test case" if path.exists() else "there is no such file", where=str(path), hint=hint
-        )
+        raise ConfigError("not a test case" if path.exists() else "no such file", where=str(path), hint=hint)
     if not found.injections:
         raise ConfigError("it injects nothing", where=str(path), hint="name an injection plan or a finding")
     return found
@@ -94,7 +92,7 @@ def _of_finding(folder: Path) -> CaseTemplate:
     finding = FindingRecord.load(folder)
     if finding.whole_system:
         raise ConfigError(
-            "this was found in runs of the whole system, so it is no test case of a unit",
+            "this was found in runs of the whole system, so it is not a test case of a unit",
             where=str(folder),
             hint="name a finding of `riot test` without --whole-system, or an injection plan",
         )
@@ -133,7 +131,7 @@ def injection_of(row: Mapping[str, Any], where: str) -> Injection:
 
 def _scalar(value: Any) -> Any:
     if isinstance(value, dict | list):
-        raise TypeError(f"{value!r} is no single value")
+        raise TypeError(f"{value!r} is not a single value")
     if isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
         return ast.literal_eval(value)
     return value
@@ -156,15 +154,8 @@ def _of_log(path: Path, near: CaseTemplate, registry: TypeRegistry | None) -> Ca
             changed.setdefault((entry.key, entry.sequence), entry.changes)
         numbers: Counter[str] = Counter()
         found: list[Injection] = []
-        seen: set[tuple[str, int]] = set()
-        messages = sorted(
-            ((each.key, each.sequence) for role in _ROLES for each in reader.messages(role=role)),
-            key=lambda each: each[1],
-        )
-        for key, sequence in messages:
-            if (key, sequence) in seen:
-                continue
-            seen.add((key, sequence))
+        named = ((each.key, each.sequence) for role in _ROLES for each in reader.messages(role=role))
+        for key, sequence in dict.fromkeys(sorted(named, key=lambda each: each[1])):
             topic = key if registry is None else registry.topic(key)
             number = numbers[topic]
             numbers[topic] += 1

@@ -1,4 +1,4 @@
-"""Which components read and write which topics, according to riot.toml and to the graph recorded in a log."""
+"""Graphs of the topics that components read and write, from riot.toml and from graphs recorded in logs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a chain of steps works: the system, the output folder, the runners, the store, and the listeners."""
+"""The workspace of the steps: a system, its output folder, runners, the store of trials, and listeners."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ class StepRun:
         """
         workspace = self.workspace
         runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
-        return self._stored(runner, self._of_unit(unit, persistent=persistent), unjudged=unjudged)
+        return self._stored(runner, self._unit_scope(unit, persistent=persistent), unjudged=unjudged)
 
     def tried(self, unit: str) -> list[tuple[list[dict[str, Any]], int, Outcome]]:
         """Return earlier trials of a unit's nominal log: the injections as rows, the seed, and the outcome."""
         log = self.workspace.unit_log(unit)
-        scopes = [self._scope(self._of_unit(unit, persistent=persistent)) for persistent in (False, True)]
+        scopes = [self._unit_scope(unit, persistent=persistent) for persistent in (False, True)]
         return [row for scope in scopes for row in self.workspace.store.tried(scope, log)]
 
     def system_runner(
@@ -110,17 +110,15 @@ class StepRun:
     ) -> StoredRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system` and `unit_runner`."""
         runner = self.workspace.runners.system(pace, observe=observe, judged=judged, timed=timed)
-        scope = {"observe": list(observe), **pace.model_dump()}
+        scope = {"system": self.workspace.fingerprint, "observe": list(observe), **pace.model_dump()}
         return self._stored(runner, scope | {"judged": judged[0]} if judged else scope, unjudged=unjudged)
 
-    def _of_unit(self, unit: str, *, persistent: bool) -> dict[str, object]:
-        return {"unit": unit, "persistent": True} if persistent else {"unit": unit}
-
-    def _scope(self, scope: dict[str, object]) -> dict[str, object]:
-        return {"system": self.workspace.fingerprint, **scope}
+    def _unit_scope(self, unit: str, *, persistent: bool) -> dict[str, object]:
+        scope: dict[str, object] = {"system": self.workspace.fingerprint, "unit": unit}
+        return scope | {"persistent": True} if persistent else scope
 
     def _stored(self, runner: Runner, scope: dict[str, object], *, unjudged: bool) -> StoredRunner:
-        scope, store = self._scope(scope), self.workspace.store
+        store = self.workspace.store
         until = lambda: self.workspace.until  # noqa: E731 - it changes
         stored = StoredRunner(runner, store, scope=scope, told=self.told, unjudged=unjudged, until=until)
         self.runners.append(stored)
@@ -138,7 +136,7 @@ class Workspace:
         listeners: Listeners for everything that happens.
         runners: Factory of the steps' runners; processes of this machine by default.
         fresh: Whether to measure nominal trials again, even if an earlier command has stored their results.
-        executor: Where trials are executed: `dask://HOST:PORT`; None for this machine.
+        executor: Address of the cluster that executes trials: `dask://HOST:PORT`; None for this machine.
 
     Attributes:
         until: Time of the monotonic clock after which no more trials are executed; None for no limit.
@@ -238,7 +236,7 @@ class Workspace:
         if file.system.nominal is not None:
             path = file.root / file.system.nominal
             if not path.is_file():
-                raise ConfigError(f"the nominal log {file.system.nominal!r} is not there", where=str(file.path))
+                raise ConfigError(f"the nominal log {file.system.nominal!r} does not exist", where=str(file.path))
             return path
         path = self.out / NOMINAL
         if not path.is_file() or self._recorded_otherwise(path):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
-    from riot_bus.chain.ci_result import CiResult
+    from riot_bus.chain.ci import CiResult
     from riot_bus.chain.workspace import Workspace
     from riot_bus.findings.known import KnownFindings
 

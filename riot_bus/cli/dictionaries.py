@@ -86,11 +86,11 @@ def show(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Show the values and mutations of a dictionary and, given a log, the fields in it that they apply to."""
-    from riot_bus.chain.dictionaries import beside, find_dictionary, what_applies
+    from riot_bus.chain.dictionaries import find_dictionary, log_to_apply_to, tables_applied
 
-    where = beside(log, system, unit)
+    where = log_to_apply_to(log, system, unit)
     name, text = find_dictionary(name)
-    file, found = what_applies(name, text, where)
+    file, found = tables_applied(name, text, where)
     if form is OutputFormat.JSON:
         document: dict[str, Any] = {"name": name, "file": file.model_dump(mode="json", exclude_defaults=True)}
         if where is not None:
@@ -110,10 +110,10 @@ def validate(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Check a dictionary file and, given a log, what of it can never apply. Exit code 2: something is wrong."""
-    from riot_bus.chain.dictionaries import beside, wrong_with
+    from riot_bus.chain.dictionaries import errors_of, log_to_apply_to
 
-    where = beside(log, system, unit)
-    counted, problems = wrong_with(path, where)
+    where = log_to_apply_to(log, system, unit)
+    counted, problems = errors_of(path, where)
     if form is OutputFormat.JSON:
         told = [{"where": each.where, "message": each.message, "hint": each.hint} for each in problems]
         document = {"file": str(path), "log": where.name if where else None, "errors": told}

@@ -160,26 +160,26 @@ def run(
     from rich.console import Console
 
     from riot_bus.chain.over_fleet import FleetOptions, exit_code, run_over
-    from riot_bus.chain.testcases import load_challenge
+    from riot_bus.chain.testcases import load_case_template
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator
     from riot_bus.fleet.query import parse_query
     from riot_bus.fleet.text import answer_lines
     from riot_bus.vocabulary.errors import ConfigError
 
-    challenge = load_challenge(testcase)
+    template = load_case_template(testcase)
     with _open(catalogue) as known:
         logs = known.find(parse_query(over))
     if not logs:
         raise ConfigError("no log matches", where="--over", hint=f"try: riot fleet list {over}")
-    file = system or Path(challenge.system or "riot.toml")
+    file = system or Path(template.system or "riot.toml")
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
         Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator], fresh=True) as workspace,
     ):
-        name, _ = workspace.unit(unit or challenge.unit)
+        name, _ = workspace.unit(unit or template.unit)
         options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)
-        answers = run_over(workspace, challenge.anywhere() if anywhere else challenge, name, logs, options)
+        answers = run_over(workspace, template.anywhere() if anywhere else template, name, logs, options)
     rows = [asdict(each) for each in answers]
     typer.echo(json.dumps({"logs": rows}, indent=1) if form is OutputFormat.JSON else "\n".join(answer_lines(rows)))
     if exit_code(answers):

@@ -109,7 +109,7 @@ class Artefact(_Model):
             return cls.model_validate(json.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError:
             raise ConfigError(
-                f"{cls.FILE} is not there yet", where=str(directory), hint=f"run `riot {cls.STEP}` first"
+                f"{cls.FILE} does not exist yet", where=str(directory), hint=f"run `riot {cls.STEP}` first"
             ) from None
         except (ValueError, ValidationError) as error:
             raise ConfigError(
@@ -155,7 +155,7 @@ class EffectsRecord(_Model):
         failing: Injections in failing trials.
         topics: Share of the values, mutations and message faults that failed alone, by topic.
         classes: The same share by type of the field, or kind of fault.
-        undecided: How many had failed only together with others, by topic; the shares leave them out.
+        undecided: Number of those that failed only together with others, by topic; the shares leave them out.
     """
 
     injections: int = 0
@@ -230,11 +230,11 @@ class CampaignRecord(Artefact):
         unjudged: Injected trials that are not counted there, because they could not be judged.
         notes: Remarks of monitors about themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
-        started: How trials started the unit: "forked" or "executed", and why not forked.
+        started: Way in which trials started the unit: "forked" or "executed", and why not forked.
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
         coverable: Number of existing pairs of field and value class.
         effects: Effects of the injections.
-        untold: What could not be determined about the unit's trials, and why.
+        untold: Questions that could not be decided about the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
         whole_system: Whether trials were runs of the whole system, with injections into its external inputs.
@@ -276,8 +276,8 @@ class FindingRecord(Artefact):
         system_file: Path of riot.toml; one that begins with `../` is relative to the folder of the finding.
         fingerprint: Hash of what was tested: the system file and the code.
         severity: Its place on the CRASH scale.
-        rate: How often fresh trials of its test case failed in this way.
-        nominal: How often trials of the nominal log failed in this way.
+        rate: Failure rate of fresh trials of its test case.
+        nominal: Rate of this failure in trials of the nominal log.
         ordered: Whether its trials keep the order of the log across topics.
         delivered: Number of played messages that each of `injections` changed; empty if not known.
         external: Whether the system names external topics; else the chain ends with the rule.
@@ -324,6 +324,11 @@ class FindingRecord(Artefact):
         return sorted(path.parent for path in findings.glob(f"*/{cls.FILE}"))
 
     @property
+    def provenance(self) -> dict[str, str]:
+        """Metadata of its logs."""
+        return {"finding": self.id, "signature": self.signature}
+
+    @property
     def rank(self) -> tuple[int, float, int]:
         """Sort key among findings: first those worse on the CRASH scale, more frequent, with fewer modifications."""
         place = SEVERITIES.index(self.severity) if self.severity in SEVERITIES else len(SEVERITIES)
@@ -362,7 +367,7 @@ class AbsentRecord(_Model):
 
     Attributes:
         numbers: Their positions in the nominal log of the unit.
-        topics: Their topics.
+        topics: Topics of these messages.
         passed: Passing trials, and trials in total, of the minimal log with all of them; with any or all of them
             missing, it fails.
     """
@@ -397,8 +402,8 @@ class MinimalRecord(Artefact):
             passes.
         unprobed: Whether trials of these messages, and of those with other values, had no others: no probe followed.
             Else a probe has a part in the failure, or alone shows it.
-        added: How many nominal messages were added to the end of the failing log, which does not fail without; `before`
-            and `kept` count them, too.
+        added: Number of nominal messages that were added to the end of the failing log, which does not fail without;
+            `before` and `kept` count them, too.
     """
 
     FILE = "minimal.json"
@@ -599,8 +604,8 @@ class RuleRecord(Artefact):
         in_campaign: Share of the campaign's trials in which the rule is right; those that failed in another way and
             those of `unjudged` are left out, and if the failure occurs only sometimes, also passing ones in which the
             rule holds.
-        held: If the failure occurs only sometimes: failing ones, and all, of the campaign's trials in which the rule
-            holds.
+        held: Numbers, if the failure occurs only sometimes: failing ones, and all, of the campaign's trials in which
+            the rule holds.
         missed: Number of the campaign's trials with this failure in which the rule holds nowhere.
         unjudged: Number of the campaign's trials in which the rule holds nowhere, but a message lacks a field of it
             that decides whether it does.

@@ -23,7 +23,7 @@ class StepOption(NamedTuple):
     Attributes:
         name: Name of the argument of the step's function; the option is called `--name`.
         default: Its value if it is not given; decides the type: int, float, str, bool, or () for texts, repeatable.
-        help: What it means, in a line.
+        help: Meaning of the option, in a line.
         min: Smallest value.
     """
 
@@ -38,8 +38,8 @@ class ChainStep(NamedTuple):
 
     Attributes:
         name: Name on the command line and in events: `minimize`.
-        title: What it finds, in two or three words: a heading of the report.
-        help: What it does, in a line.
+        title: Name of its result, in two or three words: a heading of the report.
+        help: Purpose of the step, in a line.
         record: Class of its file (an `Artefact`), or the name of the class.
         run: Function that carries it out, or its name: takes a `StepRun`, the folder of the finding and the options,
             and returns the record. None for `test`, which makes findings instead of taking one.

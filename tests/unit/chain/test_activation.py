@@ -512,7 +512,7 @@ def test_without_a_permeable_field_the_outside_cannot_be_searched(tmp_path: Path
 def test_the_steps_before_are_needed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_minimal(one)
-    with pytest.raises(ConfigError, match=r"fields\.json is not there yet"):
+    with pytest.raises(ConfigError, match=r"fields\.json does not exist yet"):
         activation(one.run(), one.folder)
 
 

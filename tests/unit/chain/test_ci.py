@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.store import TrialStore, stored_trials
-from riot_bus.chain.ci import CiPlan, run_ci, unit_folder, units_of
+from riot_bus.chain.ci import CiPlan, CiResult, UnitResult, run_ci, unit_folder, units_of
 from riot_bus.chain.workspace import Workspace
 from riot_bus.events import FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.report.campaign_view import CampaignView
+from riot_bus.testing.reports import HOSTILE_TEXT, campaign_with_baseline
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import HANG, OTHER, SYSTEM, Machine, always, hangs, never_hangs
 from tests.unit.chain.repository import CHANGE, Repository
@@ -279,3 +281,30 @@ def test_a_kept_finding_of_a_unit_that_is_gone_is_not_decided(tmp_path: Path) ->
     result = repository.change()
     assert result.units[0].undecided == ("hang of drive (was fixed 2026-03-02): riot.toml has no unit 'gone'",)
     assert result.exit_code(strict=False) == 0
+
+
+def test_exit_codes() -> None:
+    def unit(**more: object) -> UnitResult:
+        return UnitResult("u", CampaignView(Path("o"), None, (), known={}), **more)  # type: ignore[arg-type]
+
+    assert CiResult((unit(),)).exit_code(strict=True) == 0
+    assert CiResult((unit(), unit(untested="no port"))).exit_code(strict=True) == 4
+    assert CiResult((unit(), unit(undecided=("x",)))).exit_code(strict=True) == 5
+    assert CiResult((unit(), unit(untested="x", undecided=("x",)))).exit_code(strict=False) == 0
+
+
+def test_all_is_said_for_people_in_lines_that_move_no_cursor(tmp_path: Path) -> None:
+    view = campaign_with_baseline("several", tmp_path, note=HOSTILE_TEXT)
+    lines = CiResult((UnitResult("planner", view),)).lines()
+    assert lines[0] == f"planner: {view.verdict}"
+    assert any(line.startswith("  known: IndexError in costmap.py:update") for line in lines)
+    assert lines[-1] == "no new finding"
+    assert all(line.isprintable() for line in lines)
+
+
+def test_programs_get_each_finding_with_its_standing(tmp_path: Path) -> None:
+    view = campaign_with_baseline("several", tmp_path)
+    told = json.loads(json.dumps(UnitResult("planner", view, ("x",)).to_json()))
+    assert [each["standing"] for each in told["findings"]] == [view.standing(one) for one in view.current]
+    assert told["doubts"][0] == "x"
+    assert told["remarks"] == ["ticket 12"]

@@ -61,7 +61,7 @@ def test_a_file_that_is_there_is_only_replaced_by_force(tmp_path: Path) -> None:
     path = tmp_path / WORKFLOWS["github"]
     path.parent.mkdir(parents=True)
     path.write_text("mine")
-    with pytest.raises(ConfigError, match="there is a workflow already") as problem:
+    with pytest.raises(ConfigError, match="a workflow exists already") as problem:
         init_ci(tmp_path, github=True, gitlab=True)
     assert problem.value.where == str(path)
     assert path.read_text() == "mine"
@@ -73,7 +73,7 @@ def test_a_file_that_is_there_is_only_replaced_by_force(tmp_path: Path) -> None:
 
 
 def test_which_one_is_seen_by_what_is_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="for GitHub, or for GitLab"):
+    with pytest.raises(ConfigError, match="neither GitHub nor GitLab"):
         init_ci(tmp_path)
     (tmp_path / ".gitlab-ci.yml").write_text("")
     assert init_ci(tmp_path)[0] == f"written: {tmp_path / '.gitlab-ci.riot.yml'}"

@@ -98,7 +98,7 @@ def test_messages_may_be_late_or_get_lost_where_riot_toml_says_so(tmp_path: Path
 
 @pytest.mark.parametrize(
     ("stated", "words"),
-    [('"*:#loss" = [0, 1.5]', "a share of 1.5 cannot be lost"), ('"*:#delay" = [0, 0]', "is no range from 0 up")],
+    [('"*:#loss" = [0, 1.5]', "a share of 1.5 cannot be lost"), ('"*:#delay" = [0, 0]', "is not a range from 0 up")],
 )
 def test_what_cannot_be_late_or_lost_is_told(tmp_path: Path, stated: str, words: str) -> None:
     log(tmp_path, [{"knob": 1.0}] * 5)

@@ -326,7 +326,7 @@ def test_what_was_asked_before_is_not_executed_again(tmp_path: Path) -> None:
 
 
 def test_a_finding_is_needed(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"finding\.json is not there yet"):
+    with pytest.raises(ConfigError, match=r"finding\.json does not exist yet"):
         minimize(bench(tmp_path).run(), tmp_path)
 
 

@@ -129,7 +129,7 @@ def test_what_nothing_can_tell_is_not_called_fixed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     (answer,) = run_over(one.workspace, silent, "drive", [log], FleetOptions())
     assert answer.answer == "error"
-    assert answer.detail.startswith("nothing tells it here: ")
+    assert answer.detail.startswith("nothing here shows whether it fails: ")
 
 
 def test_a_part_of_a_log_is_played(tmp_path: Path) -> None:
@@ -166,7 +166,7 @@ def test_a_failure_of_ours_is_an_answer_too(tmp_path: Path) -> None:
 
     one = bench(tmp_path, fails=fails)
     (answer,) = run_over(one.workspace, HURT, "drive", [logged(tmp_path, "step", steps())], FleetOptions())
-    assert (answer.answer, answer.detail) == ("error", "failure of ours: ZeroDivisionError()")
+    assert (answer.answer, answer.detail) == ("error", "riot_bus itself failed: ZeroDivisionError()")
 
 
 def test_an_interruption_stops_what_has_not_begun(tmp_path: Path) -> None:

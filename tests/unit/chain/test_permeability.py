@@ -303,7 +303,7 @@ def test_without_a_relevant_field_nothing_can_be_reached(tmp_path: Path) -> None
 def test_the_step_before_is_needed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_minimal(one)
-    with pytest.raises(ConfigError, match=r"fields\.json is not there yet"):
+    with pytest.raises(ConfigError, match=r"fields\.json does not exist yet"):
         permeability(one.run(), one.folder)
 
 

@@ -139,5 +139,5 @@ def test_a_unit_that_fails_whatever_the_fields_hold_has_no_relevant_field(tmp_pa
 def test_the_step_before_is_needed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_finding(one, [command("step", 0)], {})
-    with pytest.raises(ConfigError, match=r"minimal\.json is not there yet[^`]*`riot minimize"):
+    with pytest.raises(ConfigError, match=r"minimal\.json does not exist yet[^`]*`riot minimize"):
         relevance(one.run(), one.folder)

@@ -83,7 +83,9 @@ def test_what_only_a_nominal_log_tells_is_not_fixed_without_one(tmp_path: Path) 
     one = bench(tmp_path, alone=WORKS)
     write_minimal(one, speed=5.0)
     described(one, **SILENT)
-    with pytest.raises(InconclusiveError, match="nothing tells 'silent' here: there is no nominal log") as raised:
+    with pytest.raises(
+        InconclusiveError, match="nothing here shows whether 'silent' occurs: there is no nominal log"
+    ) as raised:
         reproduce(one.workspace, one.folder)
     assert "name one in riot.toml" in str(raised.value)
     one.workspace.nominal_log()
@@ -105,7 +107,9 @@ def test_nothing_is_fixed_where_nominal_trials_did_not_pass(tmp_path: Path, moni
     write_minimal(one, speed=5.0)
     one.workspace.nominal_log()
     described(one, monitor=monitor, signature=f"{monitor} {place}")
-    with pytest.raises(InconclusiveError, match=f"nothing tells '{monitor}' here: .*1 of 3 trials.*crash in drive: f"):
+    with pytest.raises(
+        InconclusiveError, match=f"nothing here shows whether '{monitor}' occurs: .*1 of 3 trials.*crash in drive: f"
+    ):
         reproduce(one.workspace, one.folder)
 
 
@@ -125,7 +129,7 @@ def test_what_nominal_trials_show_otherwise_now_is_not_fixed(
     write_minimal(one, speed=5.0)
     one.workspace.nominal_log()
     described(one, monitor=monitor, signature=f"{monitor} {place}")
-    with pytest.raises(InconclusiveError, match=f"nothing tells '{monitor}' here: {why}"):
+    with pytest.raises(InconclusiveError, match=f"nothing here shows whether '{monitor}' occurs: {why}"):
         reproduce(one.workspace, one.folder)
 
 
@@ -144,7 +148,7 @@ def test_a_thread_that_hangs_is_told_by_failing_alone_where_there_is_no_nominal_
     assert reproduce(one.workspace, one.folder).answer == "still failing"
     write_minimal(one, speed=5.0)
     described(one, signature=place)
-    with pytest.raises(InconclusiveError, match="nothing tells 'hang' here: there is no nominal log"):
+    with pytest.raises(InconclusiveError, match="nothing here shows whether 'hang' occurs: there is no nominal log"):
         reproduce(one.workspace, one.folder)
 
 
@@ -191,7 +195,9 @@ def test_a_monitor_that_had_nothing_to_judge_has_not_seen_it_fixed(
     one.machine.outcome = outcome  # type: ignore[method-assign]
     write_minimal(one, speed=5.0)
     described(one, **finding)
-    with pytest.raises(InconclusiveError, match=re.escape(f"nothing tells '{finding['monitor']}' here: {name}: {why}")):
+    with pytest.raises(
+        InconclusiveError, match=re.escape(f"nothing here shows whether '{finding['monitor']}' occurs: {name}: {why}")
+    ):
         reproduce(one.workspace, one.folder)
     blind.append(False)
     assert reproduce(one.workspace, one.folder).answer == "fixed"

@@ -117,7 +117,7 @@ def test_a_field_that_was_not_confirmed_is_named(tmp_path: Path) -> None:
 def test_the_step_before_is_needed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_minimal(one)
-    with pytest.raises(ConfigError, match=r"fields\.json is not there yet[^`]*`riot relevance"):
+    with pytest.raises(ConfigError, match=r"fields\.json does not exist yet[^`]*`riot relevance"):
         rules(one.run(), one.folder)
 
 

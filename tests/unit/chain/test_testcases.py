@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.chain.testcases import load_challenge
+from riot_bus.chain.testcases import load_case_template
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
@@ -41,7 +41,7 @@ def finding(folder: Path, *injections: Injection) -> Path:
 def test_a_plan(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text('[[inject]]\ntopic = "a"\nfield = "v"\nvalue = 1\nfirst = 3\nlast = 5\n')
-    found = load_challenge(path)
+    found = load_case_template(path)
     assert found.injections == (Injection("a", "v", 1, first=3, last=5),)
     assert (found.signature, found.unit, found.system) == (None, None, None)
     assert found.anywhere().injections == (Injection("a", "v", 1),)
@@ -50,10 +50,10 @@ def test_a_plan(tmp_path: Path) -> None:
 
 def test_a_finding(tmp_path: Path) -> None:
     folder = finding(tmp_path / "findings" / "crash-unit-1", *INJECTIONS)
-    found = load_challenge(folder)
+    found = load_case_template(folder)
     assert found.injections == INJECTIONS
     assert (found.signature, found.unit, found.system) == ("crash:unit:main.py:3", "unit", "/s/riot.toml")
-    assert load_challenge(tmp_path) == found  # the only one of an output folder
+    assert load_case_template(tmp_path) == found  # the only one of an output folder
 
 
 def test_certificates(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_certificates(tmp_path: Path) -> None:
         for name, kind in (("a[0]:v.x[2]", "exceptional"), ("a[1]:v.x[2]", "exceptional"), ("a[0]:mode", "nominal"))
     )
     FieldsRecord(fields=fields, considered=(), bound=0.1, straight=1).save(folder)
-    found = load_challenge(folder / "fields.json")
+    found = load_case_template(folder / "fields.json")
     assert found.injections == (Injection("a", "v.x[2]", 5.0),)
     assert found.signature == "crash:unit:main.py:3"
 
@@ -83,30 +83,30 @@ def test_a_log_that_tells_what_was_changed(tmp_path: Path) -> None:
                 original, made = changes[message.sequence]
                 writer.write(original, role="original", changes=made)
             writer.write(message)
-    found = load_challenge(tmp_path / "failure.mcap", registry=registry)
+    found = load_case_template(tmp_path / "failure.mcap", registry=registry)
     assert found.signature == "crash:x"
     again, _ = inject_log(log, found.injections, registry=registry)
     assert [each.payload for each in again] == [each.payload for each in delivered]
     folder = finding(tmp_path, INJECTIONS[0])
-    near = load_challenge(folder / "failure.mcap", registry=registry)
+    near = load_case_template(folder / "failure.mcap", registry=registry)
     assert (near.unit, near.injections) == ("unit", found.injections)
 
 
 def test_what_is_no_test_case(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="there is no such file"):
-        load_challenge(tmp_path / "none")
+    with pytest.raises(ConfigError, match="no such file"):
+        load_case_template(tmp_path / "none")
     (tmp_path / "x.txt").touch()
-    with pytest.raises(ConfigError, match="this is no test case"):
-        load_challenge(tmp_path / "x.txt")
+    with pytest.raises(ConfigError, match="not a test case"):
+        load_case_template(tmp_path / "x.txt")
     (tmp_path / "empty.toml").write_text("")
     with pytest.raises(ConfigError, match="it injects nothing"):
-        load_challenge(tmp_path / "empty.toml")
+        load_case_template(tmp_path / "empty.toml")
     with LogWriter(tmp_path / "plain.mcap") as writer:
         writer.write(Message(1, "a", b"{}"))
     with pytest.raises(ConfigError, match="it injects nothing"):
-        load_challenge(tmp_path / "plain.mcap")
+        load_case_template(tmp_path / "plain.mcap")
     with pytest.raises(ConfigError, match="no finding"):
-        load_challenge(tmp_path)
+        load_case_template(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -125,11 +125,11 @@ def test_damaged_findings(tmp_path: Path, row: dict[str, Any], message: str) -> 
     document = json.loads(path.read_text())
     path.write_text(json.dumps({**document, "injections": [row]}))
     with pytest.raises(ConfigError, match=message):
-        load_challenge(folder)
+        load_case_template(folder)
 
 
 def test_what_was_found_in_the_whole_system_is_no_test_case_of_a_unit(tmp_path: Path) -> None:
     folder = finding(tmp_path / "one", *INJECTIONS)
     FindingRecord.load(folder).model_copy(update={"whole_system": True}).save(folder)
-    with pytest.raises(ConfigError, match="no test case of a unit"):
-        load_challenge(folder)
+    with pytest.raises(ConfigError, match="not a test case of a unit"):
+        load_case_template(folder)

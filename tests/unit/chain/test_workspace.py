@@ -66,7 +66,7 @@ def test_a_nominal_run_that_fails_once_is_repeated_and_told(tmp_path: Path, capl
 
 def test_a_named_log_has_to_be_there(tmp_path: Path) -> None:
     one = bench(tmp_path, SYSTEM.replace('name = "machine"', 'name = "machine"\nnominal = "gone.mcap"'))
-    with pytest.raises(ConfigError, match=r"the nominal log 'gone\.mcap' is not there"):
+    with pytest.raises(ConfigError, match=r"the nominal log 'gone\.mcap' does not exist"):
         one.workspace.nominal_log()
 
 

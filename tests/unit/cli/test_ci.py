@@ -101,6 +101,6 @@ def test_nothing_known_is_nothing_to_prune(repository: Path) -> None:
 def test_a_workflow_is_written_and_not_twice(repository: Path) -> None:
     told = ci("init", "--github")
     assert told.stdout.startswith("written: .github/workflows/riot.yml\nnext, in the lines marked FILL IN")
-    assert "there is a workflow already" in refused("init", "--github")
+    assert "a workflow exists already" in refused("init", "--github")
     assert ci("init", "--github", "--gitlab", "--force").exit_code == 0
     assert (repository / ".gitlab-ci.riot.yml").is_file()

@@ -28,7 +28,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 
 def test_a_missing_record_names_the_step_that_writes_it(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="not there yet") as caught:
+    with pytest.raises(ConfigError, match="does not exist yet") as caught:
         ActivationRecord.load(tmp_path)
     assert caught.value.where == str(tmp_path)
     assert "riot activate" in str(caught.value.hint)

@@ -240,7 +240,7 @@ def test_broken_record_is_told(finding: Path) -> None:
 
 
 def test_finding_is_needed(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"finding\.json is not there"):
+    with pytest.raises(ConfigError, match=r"finding\.json does not exist"):
         write_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
