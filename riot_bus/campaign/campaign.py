@@ -31,7 +31,7 @@ __all__ = ["CampaignResult", "run_campaign"]
 _ROUND = 8
 """Trials that are chosen together, so that one worker runs the same trials as eight."""
 _DRAWN = 4
-"""One in this many trials has policies on many messages; they are drawn blindly until each thing has been tried."""
+"""One in this many trials has policies on many messages; they are drawn blindly until each variation has been tried."""
 _NARROWED = 2
 """One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
 _NOMINAL = 4
@@ -55,9 +55,9 @@ class CampaignResult:
             told to stop).
         notes: Notes and their numbers, such as of monitors that raised an exception or saw nothing.
         starts: Ways in which trials started the unit, and how many did so; the last trial's way at the end.
-        tried: Things that were tried, and whether they failed alone.
-        undecided: Things that failed together, and that the budget did not tell apart.
-        coverable: Number of things to try.
+        tried: Variations that were tried, and whether they failed alone.
+        undecided: Variations that failed together, and that the budget did not tell apart.
+        coverable: Number of variations to try.
         effects: Effects of the injections.
         after_others: Failures that occurred after other cases in the same process, but not in a process of their own.
         unjudged: Cases that could not be judged, and why.
@@ -375,7 +375,7 @@ def run_campaign(
 def _together(
     covering: Covering | None, trial: int, *, calm: bool
 ) -> tuple[Covering | Stretches | Novelties | None, tuple[Placed, ...]]:
-    """Return the things that a trial tries together, and their chooser; nothing if its injections are drawn."""
+    """Return the variations that a trial tries together, and their chooser; nothing if its injections are drawn."""
     if covering is None:
         return None, ()
     if not (trial + 1) % _DRAWN:

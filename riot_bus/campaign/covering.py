@@ -1,10 +1,11 @@
-"""Covering of a list of things: each is tried once, many in one trial as long as trials pass (adaptive group testing).
+"""Covering of variations: each is tried once, many in one trial as long as trials pass (adaptive group testing).
 
-Things that are tried together affect different messages. Those that passed are varied further if a trial has room, and
-when all were tried. While trials pass, the next one has twice as many things; after a failure it has half as many, and
-the delivered things are tried again in two halves, until it is known which one fails alone and that the others do not.
-Things that a trial did not reach, since it failed before, or that changed no message, wait for another trial. So a
-robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's size.
+Variations that are tried together affect different messages. Those that passed are varied further if a trial has room,
+and when all were tried. While trials pass, the next one has twice as many variations; after a failure it has half as
+many, and the delivered variations are tried again in two halves, until it is known which one fails alone and that the
+others do not. Variations that a trial did not reach, since it failed before, or that changed no message, wait for
+another trial. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's
+size.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from riot_bus.vocabulary.trial import Outcome, Verdict
 __all__ = ["Covering", "failure_rates", "is_hang"]
 
 _LARGEST = 256
-"""Most things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
+"""Most variations in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
 _MOST_MISSED = 3
-"""Trials that do not reach a thing before it counts as not tried."""
+"""Trials that do not reach a variation before it counts as not tried."""
 _SHARE_SILENT = 0.25
 _SEVERAL = 0.06
 """Share of further variations that occur several times in a trial, half of them on whole messages; it is small since
@@ -43,18 +44,19 @@ _IN_A_ROW = 3
 _WHILE = 0.5
 """Share of variations of one message that are put into a situation, if that has room: the rarer, the likelier."""
 _SHIFTS, _FURTHEST = 12, 64
-"""How often a set of things is repeated elsewhere in the same trial, and its largest shift in messages of a topic."""
+"""How often a set of variations is repeated elsewhere in the same trial, and its largest shift in messages of a
+topic."""
 _BUILT = 0.5
-"""Share of the trials after covering that build upon things with new behaviour, if there are some."""
+"""Share of the trials after covering that build upon variations with new behaviour, if there are some."""
 _TRIES = 8
 _MISSES = 32
-"""Number of things without a free message after which a trial counts as full."""
+"""Number of variations without a free message after which a trial counts as full."""
 
 _Taken = dict[str, list[tuple[int, int]]]
 
 
 class Covering:
-    """Choice of the things to try next, from outcomes so far; equal outcomes in equal order give equal choices.
+    """Choice of the variations to try next, from outcomes so far; equal outcomes in equal order give equal choices.
 
     Args:
         items: Variations of the log to try.
@@ -63,10 +65,10 @@ class Covering:
         situations: Situations of the log: times when a field has one of its few values.
 
     Attributes:
-        stretches: Choice of policies on many messages, from things that passed on single ones.
-        novelties: Choice of things to try because of new behaviour.
-        tried: Things that were delivered in a conclusive trial, and whether they failed alone.
-        total: Number of things to try.
+        stretches: Choice of policies on many messages, from variations that passed on single ones.
+        novelties: Choice of variations to try because of new behaviour.
+        tried: Variations that were delivered in a conclusive trial, and whether they failed alone.
+        total: Number of variations to try.
         nominal_outputs: Number of outputs of a nominal trial: a group after which many are missing is tried in parts.
     """
 
@@ -106,10 +108,10 @@ class Covering:
         self._failed: Counter[object] = Counter()
 
     def next(self, *, calm: bool = False) -> tuple[Placed, ...]:
-        """Return the next things to try together; nothing when all have been tried or handed out.
+        """Return the next variations to try together; nothing when all have been tried or handed out.
 
         Args:
-            calm: Whether to keep back halves of what hung, and other things about what alone makes the unit hang.
+            calm: Whether to keep back halves of what hung, and other variations about what alone makes the unit hang.
         """
         if self._halves:
             return self._halves.popleft()
@@ -131,9 +133,9 @@ class Covering:
         return found
 
     def further(self) -> tuple[Placed, ...]:
-        """Return further things to try, without end: things that passed, elsewhere, in a row, or two at once.
+        """Return further variations to try, without end: those that passed, elsewhere, in a row, or two at once.
 
-        In half of the trials, things that brought out new behaviour are among them.
+        In half of the trials, variations that brought out new behaviour are among them.
         """
         varied, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
         return self._gather(deque(varied), fill=True, placed=placed)
@@ -166,17 +168,17 @@ class Covering:
 
     @property
     def covered(self) -> int:
-        """Number of things that have been tried."""
+        """Number of variations that have been tried."""
         return len(self.tried)
 
     @property
     def undecided(self) -> list[Variation]:
-        """Things of failed trials that have not been told apart yet."""
+        """Variations of failed trials that have not been told apart yet."""
         return [placed.item for group in (*self._halves, *self._hanging) for placed in group]
 
     @property
     def finished(self) -> bool:
-        """Whether all things have been tried or handed out, and those that fail are known."""
+        """Whether all variations have been tried or handed out, and those that fail are known."""
         return not (self._fresh or self._alone or self._halves or self._hanging)
 
     def policies(self) -> tuple[Placed, ...]:
@@ -209,9 +211,9 @@ class Covering:
         return None if known else varied
 
     def _gather(self, queue: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
-        """Return as many things as a trial should have, each on messages that no other one takes.
+        """Return as many variations as a trial should have, each on messages that no other one takes.
 
-        If too few things of the queue find free messages, further variations may fill the rest. Those that are
+        If too few variations of the queue find free messages, further ones may fill the rest. Those that are
         `placed` have their messages already.
         """
         taken: _Taken = {}
@@ -237,10 +239,10 @@ class Covering:
         return tuple(sorted(found, key=self._position))
 
     def _place(self, item: Variation, taken: _Taken, firsts: Iterable[int] | None = None) -> Placed | None:
-        """Return a thing on free messages, and mark these as taken; None if too few are free.
+        """Return a variation on free messages, and mark these as taken; None if too few are free.
 
         Args:
-            item: The thing.
+            item: The variation.
             taken: Taken messages by topic: spans of their numbers, ascending.
             firsts: Numbers to try, each for the first message of an occurrence; None to draw them.
         """
@@ -273,9 +275,9 @@ class Covering:
         yield from (self._random.choice(numbers) for _ in range(_TRIES * item.times))
 
     def _reached(self, group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
-        """Return the things that changed a message: its field may be missing, or have that value already.
+        """Return the variations that changed a message: its field may be missing, or have that value already.
 
-        If the outcome has no such counts, return all things whose messages were among those played.
+        If the outcome has no such counts, return all variations whose messages were among those played.
         """
         counts = outcome.statistics.get("delivered")
         if counts is None:
@@ -294,7 +296,7 @@ class Covering:
                 self._fresh.append(item)
 
     def _remember(self, passed: Iterable[Variation]) -> None:
-        """Keep the things that are worth varying further."""
+        """Keep the variations that are worth varying further."""
         for item in passed:
             if item.span == 1 and item.first is None and all(each.topic == item.topic for each in item.injections):
                 self._free.setdefault(item.topic, []).append(item)
@@ -306,7 +308,7 @@ class Covering:
                         self._values.setdefault(key, []).append(item)
 
     def _set_apart(self, about: str) -> None:
-        """Postpone the other things about what failed, to be tried alone: most would make their groups fail, too."""
+        """Postpone the other variations about what failed, to be tried alone: most would make their groups fail."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
 
@@ -317,7 +319,7 @@ def is_hang(outcome: Outcome) -> bool:
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:
-    """Return the share of tried things that failed alone, by the name that `name` gives them."""
+    """Return the share of tried variations that failed alone, by the name that `name` gives them."""
     failed: dict[str, list[bool]] = {}
     for item, each in tried:
         failed.setdefault(name(item), []).append(each)

@@ -92,10 +92,8 @@ def groups_of(
 
 def parts_by_topic(messages: Sequence[Message], registry: TypeRegistry) -> dict[str, list[MessagePart]]:
     """Return for each topic its messages and the messages nested in them, each with path and type."""
-    found: dict[str, list[MessagePart]] = {}
-    for topic, (_, samples) in samples_by_topic(messages, registry).items():
-        found[topic] = [part for kind, _ in _by_type(samples) for part in _parts(kind)]
-    return found
+    samples = {topic: some for topic, (_, some) in samples_by_topic(messages, registry).items()}
+    return {topic: [part for kind, _ in _by_type(some) for part in _parts(kind)] for topic, some in samples.items()}
 
 
 def _by_type(samples: Iterable[tuple[MessageType, bytes]]) -> Iterable[tuple[MessageType, list[bytes]]]:

@@ -34,7 +34,7 @@ _KEEP = (0.5, 0.0)
 def malformations(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = (), include: Sequence[str] = ()
 ) -> list[Variation]:
-    """Return the ways to malform a log's messages, as things to try once.
+    """Return the ways to malform a log's messages, as variations to try once.
 
     Payloads are cut off. Arrays are empty, one shorter, one longer and long. In formats without a definition of the
     fields, each field, list and map is missing, null and of another type. All stamps of a message are those of the

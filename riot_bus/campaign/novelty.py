@@ -1,8 +1,8 @@
 """Causes of behaviour that no earlier trial has shown: isolated from the rest of their trial, and built upon.
 
 A fault may need several steps that each show: one message switches the unit into another mode, and another one does
-harm in that mode. So if a passing trial shows something new, parts of its group are tried until the things that cause
-it are known; from then on these are part of many trials, with other things around them.
+harm in that mode. So if a passing trial shows something new, parts of its group are tried until the variations that
+cause it are known; from then on these are part of many trials, with others around them.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _MOST = 16
 _MOST_VALUES = 24
 """Values of one name after which further ones, such as of a field that repeats an input, are not new."""
 _STEPS, _TOGETHER = 60, 8
-"""Most trials to find the things that cause new behaviour, and most things that may cause it together."""
+"""Most trials to find the variations that cause new behaviour, and most that may cause it together."""
 _TIMES = 8
-"""Most times that a single thing occurs in a trial that builds upon it: something may follow each time."""
+"""Most times that a single variation occurs in a trial that builds upon it: something may follow each time."""
 
 _Shown = frozenset[tuple[str, str]]
 _Group = tuple["Placed", ...]
@@ -51,13 +51,13 @@ class _Pursuit:
 
 
 class Novelties:
-    """Choice of things to try because of new behaviour; equal outcomes in equal order give equal choices.
+    """Choice of variations to try because of new behaviour; equal outcomes in equal order give equal choices.
 
     Args:
         seed: Seed of the choices.
 
     Attributes:
-        kept: Groups of things that caused new behaviour, those of several things on the same messages as then.
+        kept: Groups of variations that caused new behaviour, those of several variations on the same messages as then.
     """
 
     def __init__(self, *, seed: int) -> None:
@@ -74,7 +74,7 @@ class Novelties:
             self._new(outcome)
 
     def learn(self, group: Sequence[Placed], outcome: Outcome) -> None:
-        """Record a passing trial of things that were tried together."""
+        """Record a passing trial of variations that were tried together."""
         new = self._new(outcome)
         if new and group and self._pursued < _MOST:
             self._pursued += 1
@@ -97,7 +97,7 @@ class Novelties:
             self._new(outcome)
 
     def seeds(self) -> tuple[list[Variation], _Group]:
-        """Return things to build upon in a trial: one on any messages, or several on fixed ones; nothing if none."""
+        """Return variations to build upon: one on any messages, or several on fixed ones; nothing if there are none."""
         if not self.kept:
             return [], ()
         group = self._random.choice(self.kept)

@@ -86,7 +86,7 @@ class Schedule:
         return tuple(injection for _ in range(policies) for injection in self._policy(draw))
 
     def items(self) -> list[Variation]:
-        """Return each value of each field, and each mutation, as things to try once.
+        """Return each value of each field, and each mutation, as variations to try once.
 
         In an array, each value is tried in one element.
         """
@@ -147,7 +147,7 @@ def _stretch(draw: random.Random, messages: int, most: int | None = None) -> tup
 def message_faults(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = ()
 ) -> list[Variation]:
-    """Return faults of whole messages of a log, as things to try once on each topic.
+    """Return faults of whole messages of a log, as variations to try once on each topic.
 
     Single messages and a few in a row are dropped, those at the start are missing; a message comes twice, or in a
     burst, or later or earlier (`moves_of`).

@@ -1,8 +1,8 @@
 """Choice of policies on many messages: in windows, while a predicate holds, or on a share of them.
 
-Many messages may cause failures that single ones do not, such as by accumulated state or losses. Things that are tried
-this way have passed on a single message. A trial has one policy for each topic; if it fails, its halves are tried,
-until it is known which policy fails alone.
+Many messages may cause failures that single ones do not, such as by accumulated state or losses. Variations that are
+tried this way have passed on a single message. A trial has one policy for each topic; if it fails, its halves are
+tried, until it is known which policy fails alone.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Stretches:
         self._failed: Counter[str] = Counter()
 
     def add(self, item: Variation) -> None:
-        """Add a thing that has passed on a single message of its topic."""
+        """Add a variation that has passed on a single message of its topic."""
         if len(self._positions[item.topic]) < _LEAST:
             return
         if item.injections[0].field is None:

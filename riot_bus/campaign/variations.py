@@ -93,7 +93,7 @@ def moves_of(
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """One thing to try, on messages that are still to be chosen.
+    """One change to try, on messages that are still to be chosen.
 
     Attributes:
         topic: Topic of the messages.
@@ -101,7 +101,7 @@ class Variation:
         about: Name of what it changes, such as `topic:field`; variations about the same thing may fail in the same way.
         span: Number of consecutive messages that it takes.
         first: Number of the first of them within the topic; None for any.
-        again: Whether it is made of things that have been tried before.
+        again: Whether it is made of variations that have been tried before.
         times: Number of occurrences in a trial.
         most: Most messages that it may change in a trial, so that enlarged messages fit into memory; None for any.
         elements: Paths of array elements that may get the value in place of the injection's own field.
@@ -120,7 +120,7 @@ class Variation:
     moves: Moves | None = field(default=None, compare=False)
 
     def with_(self, other: Variation) -> Variation:
-        """Return the changes of both as one thing, on the same messages."""
+        """Return the changes of both as one variation of the same messages."""
         most = min((each.most for each in (self, other) if each.most is not None), default=None)
         about = " and ".join(sorted((self.about, other.about)))
         return replace(self, injections=(*self.injections, *other.injections), about=about, most=most)
@@ -133,7 +133,7 @@ class Variation:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A thing on certain messages of its topic, starting at each of the ascending numbers in `firsts`."""
+    """A variation on certain messages of its topic, starting at each of the ascending numbers in `firsts`."""
 
     item: Variation
     firsts: tuple[int, ...]
@@ -152,6 +152,6 @@ class Placed:
 
 
 def sets_value(item: Variation) -> bool:
-    """Return whether a thing sets the value of a field, not a length."""
+    """Return whether a variation sets the value of a field, not a length."""
     first = item.injections[0]
     return first.fault == "set" and not str(first.field).startswith("len(")

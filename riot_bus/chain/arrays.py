@@ -83,6 +83,7 @@ def _read(kind: MessageType, payload: bytes, path: str) -> Elements | None:
 
 
 def _with(elements: object, place: int, value: object) -> Elements:
+    """Return the elements of an array with one of them replaced."""
     assert isinstance(elements, Elements)
     assert isinstance(value, int | float)
     return Elements((*elements[:place], value, *elements[place + 1 :]))

@@ -125,14 +125,11 @@ def _check(targets: Sequence[str], columns: LogColumns) -> None:
     for name in targets:
         topic = name.rpartition(":")[0]
         if topic not in columns.topics:
-            raise ConfigError(
-                f"no topic {topic!r} in these logs", where="--to", hint=did_you_mean(topic, columns.topics)
-            )
+            hint = did_you_mean(topic, columns.topics)
+            raise ConfigError(f"no topic {topic!r} in these logs", where="--to", hint=hint)
         if name not in known:
-            of_topic = [one for one in known if one.startswith(f"{topic}:")]
-            raise ConfigError(
-                f"no numeric field {name!r} in these logs", where="--to", hint=did_you_mean(name, of_topic)
-            )
+            hint = did_you_mean(name, [one for one in known if one.startswith(f"{topic}:")])
+            raise ConfigError(f"no numeric field {name!r} in these logs", where="--to", hint=hint)
 
 
 def _graph(

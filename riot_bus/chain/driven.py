@@ -151,34 +151,44 @@ class DrivenRuns:
 
     def _driven(self, groups: Sequence[Sequence[ExternalField]], numbers: range) -> list[Perturbed]:
         """Return a run for each group of fields, in which these are driven."""
-        found: list[Perturbed] = []
         plans = [
             {field: self._signal(field, run) for field in group} for group, run in zip(groups, numbers, strict=True)
         ]
-        for start in range(0, len(plans), self.runner.parallelism):
-            some = plans[start : start + self.runner.parallelism]
-            cases = [
-                self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), run)
-                for plan, run in zip(some, numbers[start:], strict=False)
-            ]
-            found += zip(some, self._carried_out(some, cases), strict=True)
-            doing = f"{counted(max(map(len, groups)), 'external field')} perturbed at once"
-            self.step.progress(numbers.start + len(found), numbers.stop, doing)
-        return found
+        cases = [
+            self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), run)
+            for plan, run in zip(plans, numbers, strict=True)
+        ]
+        doing = f"{counted(max(map(len, groups)), 'external field')} perturbed at once"
+        return list(zip(plans, self._carried_out(plans, cases, doing, before=numbers.start), strict=True))
 
-    def _carried_out(self, plans: Sequence[Iterable[ExternalField]], cases: Sequence[TestCase]) -> list[Outcome]:
-        """Run cases; each plan has the fields that its case sets, in the order of its injections."""
-        outcomes = list(self.runner.run(cases))
-        for plan, case, outcome in zip(plans, cases, outcomes, strict=True):
-            own = outcome.failed_as(self.signature)
-            self.failures.update({self.signature} if own else {each.signature for each in outcome.violations})
-            fields = [one for one in plan if not one.parameter]
-            if case.messages and "delivered" not in outcome.statistics:
-                self.changed.update(changed_in_log(fields, case, self.step.workspace.context.registry, self.changed))
-            else:  # runs of earlier versions do not say what was changed
-                counts = outcome.statistics.get("delivered") or [_times(outcome, one) for one in fields]
-                self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
+    def _carried_out(
+        self, plans: Sequence[Iterable[ExternalField]], cases: Sequence[TestCase], doing: str, *, before: int = 0
+    ) -> list[Outcome]:
+        """Run cases, as many at once as the runner can, and note which fields they changed and how they failed.
+
+        Args:
+            plans: For each case the fields that it sets, in the order of its injections.
+            cases: The test cases.
+            doing: Purpose of these runs, for the progress.
+            before: Number of runs before these, for the progress.
+        """
+        outcomes: list[Outcome] = []
+        for start in range(0, len(cases), self.runner.parallelism):
+            outcomes += self.runner.run(cases[start : start + self.runner.parallelism])
+            for number in range(start, len(outcomes)):
+                self._note(plans[number], cases[number], outcomes[number])
+            self.step.progress(before + len(outcomes), before + len(cases), doing)
         return outcomes
+
+    def _note(self, plan: Iterable[ExternalField], case: TestCase, outcome: Outcome) -> None:
+        own = outcome.failed_as(self.signature)
+        self.failures.update({self.signature} if own else {each.signature for each in outcome.violations})
+        fields = [one for one in plan if not one.parameter]
+        if case.messages and "delivered" not in outcome.statistics:
+            self.changed.update(changed_in_log(fields, case, self.step.workspace.context.registry, self.changed))
+        else:  # runs of earlier versions do not say what was changed
+            counts = outcome.statistics.get("delivered") or [_times(outcome, one) for one in fields]
+            self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
 
     def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
         """Return why runs did not set a field, so that they say nothing about it; empty if they did.
@@ -236,12 +246,8 @@ class DrivenRuns:
             self._case((field.injection(value, speed=self.speed) for field, value in point.items()), number)
             for point, number in zip(points, numbers, strict=True)
         ]
-        outcomes: list[Outcome] = []
-        for start in range(0, len(cases), self.runner.parallelism):
-            some = cases[start : start + self.runner.parallelism]
-            outcomes += self._carried_out([drawn] * len(some), some)
-            doing = f"{counted(len(drawn), 'external field')} constant in each run"
-            self.step.progress(len(outcomes), len(cases), doing)
+        doing = f"{counted(len(drawn), 'external field')} constant in each run"
+        outcomes = self._carried_out([drawn] * len(cases), cases, doing)
         self.failing.extend(
             {field.name: value for field, value in point.items()}
             for point, outcome in zip(points, outcomes, strict=True)

@@ -214,11 +214,9 @@ class NamedFields:
         for leaf in leaves:
             original: Scalar | None = None
             if before is not None:
-                try:
+                with suppress(PayloadError):
                     value = kind.read(before.payload, leaf.path)
                     original = None if same_scalar(value, leaf.value) else value
-                except PayloadError:
-                    original = None
             if leaf.path.startswith("len("):
                 if original is not None and max(int(original), int(leaf.value)) <= _LONGEST:
                     yield Leaf(leaf.path, "uint16", leaf.value), original

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
 from riot_bus.findings.records import CertificateRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord, Value
-from riot_bus.generalize.oracle import BudgetSpentError, Trials, same_scalar
+from riot_bus.generalize.oracle import BudgetSpentError, Trials, scalar_key
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
@@ -72,11 +72,7 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
     known = dictionary.values_for(field.leaf.type, f"{field.topic}:{field.leaf.path}", told=told)
     entries = [entry.value for entry in known]
     some = list(observed[:: max(1, len(observed) // _OBSERVED)])[:_OBSERVED]
-    values: list[Scalar] = []
-    for value in (*some, *entries):
-        if not any(same_scalar(value, other) for other in values):
-            values.append(value)
-    return tuple(values)
+    return tuple({scalar_key(value): value for value in (*some, *entries)}.values())
 
 
 def observed_in(

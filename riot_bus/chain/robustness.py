@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from riot_bus.campaign.variations import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.sut.baseline import Baseline
+    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
@@ -304,14 +305,11 @@ def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
 
 def _unjudged(cases: Sequence[tuple[TestCase, str]]) -> tuple[UnjudgedRecord, ...]:
     """Return the cases that could not be judged, by reason."""
-    reasons: dict[str, list[TestCase]] = {}
+    reasons: dict[str, list[Sequence[Injection]]] = {}
     for case, reason in cases:
-        reasons.setdefault(reason, []).append(case)
-    fewest = {reason: min(each, key=lambda case: len(case.injections)) for reason, each in reasons.items()}
+        reasons.setdefault(reason, []).append(case.injections)
     return tuple(
-        UnjudgedRecord(
-            detail=reason, occurrences=len(each), injections=tuple(one.row() for one in fewest[reason].injections)
-        )
+        UnjudgedRecord(detail=reason, occurrences=len(each), injections=tuple(one.row() for one in min(each, key=len)))
         for reason, each in reasons.items()
     )
 
@@ -326,8 +324,8 @@ def _summary(subject: _Subject, result: CampaignResult, findings: int, why: str)
     if result.coverable:
         text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"
     if result.unconfirmed:
-        repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
-        hits = sum(each.rate.hits if each.rate else 0 for each in result.unconfirmed.values())
+        rates = [each.rate for each in result.unconfirmed.values() if each.rate]
+        repeats, hits = sum(one.total for one in rates), sum(one.hits for one in rates)
         again = f"came again in {hits} of" if hits else "did not come again in"
         text += f"; {len(result.unconfirmed)} more {again} {counted(repeats, 'fresh trial')}"
         text += ", which may be chance" if hits else ""

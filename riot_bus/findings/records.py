@@ -145,7 +145,7 @@ class ProportionRecord(_Model):
 
 
 class EffectsRecord(_Model):
-    """Effects of a campaign's injections, and how many of the things that were tried failed alone.
+    """Effects of a campaign's injections, and how many of the tried values and faults failed alone.
 
     Attributes:
         undelivered: Injections that changed no message; all other counts are of injections that changed some.
