@@ -17,7 +17,7 @@ from riot_bus.chain.replay import Replay, replay
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord
 from riot_bus.plugins import SEARCHES
-from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["activation"]
 
+_NO_TIME = "the region around it was not measured to its end: the time was over"
 _NONE_ODD = "the unit failed with values that are not finite only, and no field that reaches it can have such"
 _ONLY_ODD = "all failing trials of the unit had a value that is not finite, so only such values were tried"
 
@@ -101,18 +102,27 @@ def activation(
         text += f"; of constant values, the nearest are at the end of what may be tried for {', '.join(limited)}"
     if result.found is not None:
         found = system.needed(system.simplest(result.found))
-        text = result.with_inputs(system.in_words(found)) + left_out
         played = _replayed(system, found)
+    controls_failed, controls = system.controls() if found is not None or system.chance else (0, 0)
+    if found is not None:
         axes = [name for name in axes_of(permeable, system.fields) if name in names]
-        region = crash_region(system, axes, found)
-        if not played.reliable and (deeper := system.deeper(found)) and system.run([deeper], "again")[0].failed:
+        try:
+            region = crash_region(system, axes, found)
+        except OutOfTimeError:
+            left_out += f"; {_NO_TIME}"
+        text = result.with_inputs(system.in_words(found)) + left_out
+        if (
+            region
+            and not played.reliable
+            and (deeper := system.deeper(found))
+            and system.run([deeper], "again")[0].failed
+        ):
             again = _replayed(system, deeper)
             if again.failed > played.failed:
                 found, played = deeper, again
                 text = result.with_inputs(system.in_words(found)) + left_out
             else:
                 _replayed(system, found)  # answered by the store; it writes the logs again
-    controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
         found=None if found is None else system.told(found),
         runs=result.runs,

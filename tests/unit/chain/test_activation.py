@@ -13,6 +13,7 @@ from riot_bus.chain.activation import activation
 from riot_bus.chain.driven_system import DrivenSystem
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.scan import scan_logs
+from riot_bus.events import Listeners, RunEvent, StepProgress
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     ActivationRecord,
@@ -661,3 +662,20 @@ def test_a_search_may_be_shared_as_a_study(tmp_path: Path, slow: dict[str, Any])
     (study,) = optuna.get_all_study_summaries(url)
     assert study.n_trials == 30
     assert study.study_name.startswith("machine hang-drive-1 ")
+
+
+def test_what_was_found_is_kept_where_the_time_ends_while_its_region_is_measured(
+    tmp_path: Path, slow: dict[str, Any]
+) -> None:
+    one = ready(tmp_path, slow)
+
+    def end(event: RunEvent) -> None:
+        if isinstance(event, StepProgress) and event.note.startswith("boundary"):
+            one.workspace.until = 0.0
+
+    one.workspace.tell = Listeners([one.events.append, end])
+    record = one.workspace.carry_out(find_step("activate"), one.folder, budget=60)
+    assert isinstance(record, ActivationRecord)
+    assert (record.region, record.replays, record.replays_failed, record.controls) == (None, 10, 10, 10)
+    assert record.text.endswith("the region around it was not measured to its end: the time was over")
+    assert record.text in record.summary
