@@ -100,10 +100,11 @@ def run_subscriber(pipe: Connection, endpoint: str) -> None:
 
 def run_player(pipe: Connection, options: PlayOptions) -> None:
     """Play as `riot play` does; answer with what the player says of itself."""
+    from riot_bus.control.terminal import Foreground
     from riot_bus.play.running import run_play
 
     lines: list[str] = []
-    run_play(options, say=lines.append, warn=lambda line: print(line, file=sys.stderr), as_json=True)
+    run_play(options, Foreground(lines.append, lambda line: print(line, file=sys.stderr), as_json=True))
     pipe.send(json.loads(lines[-1]))
 
 

@@ -6,7 +6,8 @@ import logging
 import threading
 import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import reason
@@ -16,9 +17,10 @@ if TYPE_CHECKING:
 
     from riot_bus.agent.request import Lead
 
-__all__ = ["FINAL", "Operation"]
+__all__ = ["FINAL", "Operation", "OperationService"]
 
 _LOG = logging.getLogger(__name__)
+_LOOK_S = 0.1  # so late a full disk is seen: meanwhile 1 GB/s fill a fifth of the 512 MiB kept free
 _MOST_WARNINGS = 20
 _LONGEST = 500
 """All warnings are in the status, published twice a second: at most 10,000 characters."""
@@ -27,7 +29,32 @@ FINAL = ("ended", "stopped", "failed")
 """The states in which an operation is over and holds no resources."""
 
 
-class Operation(ABC):
+class OperationService(Protocol):
+    """What an operation runs: a player or a recorder."""
+
+    def start(self) -> None:
+        """Begin; return without waiting for the end."""
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait for the end; return whether it has ended."""
+
+    def pause(self) -> None:
+        """Pause."""
+
+    def resume(self) -> None:
+        """Resume."""
+
+    def stop(self) -> None:
+        """End as soon as possible; does not wait for it."""
+
+    def close(self) -> None:
+        """Stop and release all resources; safe to call twice."""
+
+
+ServiceT = TypeVar("ServiceT", bound=OperationService)
+
+
+class Operation(ABC, Generic[ServiceT]):
     """A play or recording, which begins with `start` and ends by itself, by `stop`, or by a failure.
 
     Args:
@@ -46,6 +73,8 @@ class Operation(ABC):
         self._stopping = threading.Event()
         self._done = threading.Event()
         self._problem: dict[str, Any] | None = None
+        self._lock = threading.Lock()
+        self._service: ServiceT | None = None  # while it runs
         self._last: dict[str, Any] = {}  # the last known details
         self._thread = threading.Thread(target=self._run, name=f"riot-agent-{self.kind}", daemon=True)
 
@@ -71,16 +100,20 @@ class Operation(ABC):
         if not self._stopping.is_set():
             self.reason = reason[:_LONGEST]
             self._stopping.set()
-            self._stop()
+            with self._lock:
+                if self._service is not None:
+                    self._service.stop()
             self.changed()
 
     def pause(self) -> None:
         """Pause."""
-        raise self._cannot("pause")
+        self._running().pause()
+        self.changed()
 
     def resume(self) -> None:
         """Resume."""
-        raise self._cannot("resume")
+        self._running().resume()
+        self.changed()
 
     def seek(self, seconds: float) -> None:
         """Continue at a time in seconds from the beginning of what is played."""
@@ -114,16 +147,50 @@ class Operation(ABC):
         self.changed()
 
     @abstractmethod
+    def _open(self, stack: ExitStack) -> ServiceT:
+        """Return the service, not yet started; what has to end after it is pushed onto the stack."""
+
+    @abstractmethod
+    def _row(self, service: ServiceT) -> dict[str, Any]:
+        """Return the details of a service for the status, with its state."""
+
+    @abstractmethod
+    def _result(self, service: ServiceT) -> dict[str, Any]:
+        """Return the result of a service as JSON values of limited length."""
+
+    def _look(self) -> None:
+        """Check the surroundings; called often while the service runs."""
+
     def _work(self) -> dict[str, Any]:
         """Run the operation to its end; return its final details."""
+        with ExitStack() as stack:
+            service = self._open(stack)
+            stack.callback(service.close)
+            if self._stopping.is_set():
+                return self._last
+            service.start()
+            with self._lock:
+                self._service = service
+            if self._stopping.is_set():
+                service.stop()
+            self.changed()
+            while not service.wait(_LOOK_S):
+                self._look()
+            with self._lock:
+                self._last, self._service = self._row(service), None
+            return {**self._last, "result": self._result(service)}
 
-    @abstractmethod
-    def _stop(self) -> None:
-        """Make `_work` return soon; may be called at any time."""
-
-    @abstractmethod
     def _details(self) -> dict[str, Any] | None:
-        """Return the current details with their own state; None before it has begun and once it is being closed."""
+        """Return the current details; None before it has begun and once it is being closed."""
+        with self._lock:
+            return None if self._service is None else self._row(self._service)
+
+    def _running(self) -> ServiceT:
+        with self._lock:
+            if self._service is None or self._stopping.is_set():
+                text = f"the {self.kind} has not begun yet, or has ended"
+                raise EnvironmentFaultError(text, hint="riot fleet status ROBOT")
+            return self._service
 
     def _state(self, details: dict[str, Any]) -> str:
         if self._done.is_set():
@@ -156,7 +223,4 @@ class Operation(ABC):
         }
 
     def _cannot(self, what: str) -> RiotError:
-        return ConfigError(f"a {self.kind} knows no {what}")
-
-    def _not_begun(self) -> RiotError:
-        return EnvironmentFaultError(f"the {self.kind} has not begun yet, or has ended", hint="riot fleet status ROBOT")
+        return ConfigError(f"a {self.kind} has no command {what!r}")

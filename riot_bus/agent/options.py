@@ -1,13 +1,12 @@
-"""Options of an agent, as plain values."""
-
-from __future__ import annotations
+"""Options of an agent: declared here for `riot agent`, and plain values for its service."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from riot_bus.agent.names import check_robot
+from riot_bus.agent.names import check_robot, default_robot
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, parse_size
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -17,31 +16,77 @@ PERMISSIONS = ("play", "record")
 """What an agent may be allowed to do."""
 
 
+def _zenoh_settings(texts: Sequence[str], where: str) -> dict[str, Any]:
+    from riot_bus.control.component import client_cfg  # loads Zenoh's configuration
+
+    return client_cfg(texts, where=where)
+
+
+def _permissions(texts: Sequence[str], where: str) -> Sequence[str]:
+    return () if list(texts) == ["nothing"] else texts
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentOptions:
-    """Options of an agent, and what it may do.
+    """Options of an agent, and what it may do."""
 
-    Attributes:
-        robot: Name of its robot.
-        folder: Folder of its logs and recordings; it reads and writes nowhere else.
-        endpoint: The router of the robot's own bus.
-        fleet: The router through which it is commanded; None for that of its own bus.
-        config: Further Zenoh configuration of clients of its own bus.
-        fleet_config: Further Zenoh configuration of clients of the fleet's router.
-        allow: Permissions that it has.
-        catalogue: File that keeps what it knows of its logs; None to read them again at each start.
-        keep_free: Bytes of the disk that recordings leave free.
-    """
-
-    robot: str
-    folder: Path
-    endpoint: str
-    fleet: str | None = None
-    config: Mapping[str, Any] = field(default_factory=dict)
-    fleet_config: Mapping[str, Any] = field(default_factory=dict)
-    allow: Sequence[str] = PERMISSIONS
-    catalogue: Path | None = None
-    keep_free: int = 1 << 29
+    folder: Annotated[
+        Path,
+        Flag("Folder of the robot's logs; no others are read or written.", "--logs", "FOLDER", "RIOT_AGENT_LOGS"),
+    ]
+    robot: Annotated[str, Flag("Name of this robot. [default: this machine's name]", "", "NAME", "RIOT_ROBOT")] = field(
+        default_factory=default_robot
+    )
+    endpoint: Annotated[str, Flag("Router of the robot's bus.", "-e", "ENDPOINT", "RIOT_ENDPOINT")] = DEFAULT_ENDPOINT
+    fleet: Annotated[
+        str | None,
+        Flag(
+            "The fleet's router, through which commands come. [default: that of the robot's bus]",
+            "",
+            "ENDPOINT",
+            "RIOT_FLEET",
+        ),
+    ] = None
+    config: Annotated[
+        Mapping[str, Any],
+        Flag(
+            "A Zenoh setting for connections to the robot's bus; KEY=@FILE for passwords; repeatable.",
+            "--cfg",
+            "KEY=VALUE",
+            "RIOT_CLIENT_CFG",
+            _zenoh_settings,
+        ),
+    ] = field(default_factory=dict)
+    fleet_config: Annotated[
+        Mapping[str, Any],
+        Flag(
+            "A Zenoh setting for the connection to the fleet's router; KEY=@FILE for passwords; repeatable.",
+            "--fleet-cfg",
+            "KEY=VALUE",
+            "RIOT_FLEET_CFG",
+            _zenoh_settings,
+        ),
+    ] = field(default_factory=dict)
+    allow: Annotated[
+        Sequence[str],
+        Flag(
+            "What this agent may do; repeatable. [default: play and record]",
+            metavar="play|record|nothing",
+            read=_permissions,
+        ),
+    ] = PERMISSIONS
+    catalogue: Annotated[
+        Path | None,
+        Flag(
+            "File to keep what is known of the logs, so that they are not read again at each start.",
+            "",
+            "FILE",
+            "RIOT_AGENT_CATALOGUE",
+        ),
+    ] = None
+    keep_free: Annotated[
+        int, Flag("Disk space that recordings leave free.", metavar="SIZE", read=parse_size, text="512MiB")
+    ] = 1 << 29
 
     def check(self) -> None:
         """Raise ConfigError if a value cannot work."""

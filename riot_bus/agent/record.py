@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +12,20 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import ExitStack
 
     from riot_bus.agent.options import AgentOptions
     from riot_bus.agent.request import RecordRequest
     from riot_bus.record.options import CaptureOptions
-    from riot_bus.record.service import CaptureResult
 
 __all__ = ["RecordOperation", "check_room"]
 
-_LOOK_S = 0.1  # between two looks, 1 GB/s fill a fifth of the 512 MiB kept free
 _MOST_ROWS = 20  # with `_LONGEST`: a result's problems take at most 6,000 characters of the status
 _LONGEST = 300  # as in play.py: problems may quote payloads of any length
 _MIB = 1 << 20  # bytes: the unit in which people are told what is free
 
 
-class RecordOperation(Operation):
+class RecordOperation(Operation[CaptureService]):
     """Records the robot's own bus into its folder of logs.
 
     It ends by itself when the disk becomes too full.
@@ -46,45 +44,16 @@ class RecordOperation(Operation):
     ) -> None:
         super().__init__(request, changed)
         self._options, self._agent = options, agent
-        self._lock = threading.Lock()
-        self._service: CaptureService | None = None
 
-    def pause(self) -> None:
-        """Pause recording."""
-        self._recording().pause()
-        self.changed()
-
-    def resume(self) -> None:
-        """Resume recording."""
-        self._recording().resume()
-        self.changed()
-
-    def _work(self) -> dict[str, Any]:
+    def _open(self, stack: ExitStack) -> CaptureService:
         check_room(self._agent)
-        service = CaptureService(self._options, warn=self.warn)
+        return CaptureService(self._options, warn=self.warn)
+
+    def _look(self) -> None:
         try:
-            service.start()
-            with self._lock:
-                self._service = service
-            if self._stopping.is_set():
-                service.stop()
-            self.changed()
-            while not service.wait(_LOOK_S):
-                self._look_at_disk()
-            with self._lock:
-                self._last, self._service = self._row(service), None
-            return {**self._last, "result": _result(service.result())}
-        finally:
-            service.close()
-
-    def _stop(self) -> None:
-        with self._lock:
-            if self._service is not None:
-                self._service.stop()
-
-    def _details(self) -> dict[str, Any] | None:
-        with self._lock:
-            return None if self._service is None else self._row(self._service)
+            check_room(self._agent)
+        except EnvironmentFaultError as error:
+            self.stop(error.message)
 
     def _row(self, service: CaptureService) -> dict[str, Any]:
         status = service.status()
@@ -96,17 +65,16 @@ class RecordOperation(Operation):
             "logs": [file.removeprefix(f"{self._agent.folder.resolve()}/")] if file else [],
         }
 
-    def _look_at_disk(self) -> None:
-        try:
-            check_room(self._agent)
-        except EnvironmentFaultError as error:
-            self.stop(error.message)
-
-    def _recording(self) -> CaptureService:
-        with self._lock:
-            if self._service is None or self._stopping.is_set():
-                raise self._not_begun()
-            return self._service
+    def _result(self, service: CaptureService) -> dict[str, Any]:
+        result = service.result()
+        account = result.account
+        return {
+            "recorded": sum(account.recorded.values()),
+            "seconds": round(result.seconds, 3),
+            "lost": {name: sum(topics.values()) for name, topics in account.lost.items() if any(topics.values())},
+            "problems": {str(number): text[:_LONGEST] for number, text in enumerate(result.problems[:_MOST_ROWS], 1)},
+            "files": [Path(each.path).name for each in result.files[:_MOST_ROWS]],
+        }
 
 
 def check_room(agent: AgentOptions) -> None:
@@ -115,15 +83,3 @@ def check_room(agent: AgentOptions) -> None:
     if free < agent.keep_free:
         text = f"the disk has {free // _MIB} MiB left, and {agent.keep_free // _MIB} MiB are to be kept free"
         raise EnvironmentFaultError(text, where=agent.robot, hint="delete logs there, or see riot agent --keep-free")
-
-
-def _result(result: CaptureResult) -> dict[str, Any]:
-    """Return the result as JSON values of limited length."""
-    account = result.account
-    return {
-        "recorded": sum(account.recorded.values()),
-        "seconds": round(result.seconds, 3),
-        "lost": {name: sum(topics.values()) for name, topics in account.lost.items() if any(topics.values())},
-        "problems": {str(number): text[:_LONGEST] for number, text in enumerate(result.problems[:_MOST_ROWS], 1)},
-        "files": [Path(str(each.row().get("path", ""))).name for each in result.files[:_MOST_ROWS]],
-    }

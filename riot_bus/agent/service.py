@@ -18,14 +18,13 @@ from riot_bus.agent.proof import proved
 from riot_bus.agent.record import RecordOperation, check_room
 from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, parse_request
 from riot_bus.agent.watch import ControllerWatch
-from riot_bus.control.commands import Command
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.control.commands import Command, number_of
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.agent.operation import Operation
     from riot_bus.agent.options import AgentOptions
     from riot_bus.control.commands import CommandRequest
     from riot_bus.vocabulary.errors import RiotError
@@ -33,11 +32,11 @@ if TYPE_CHECKING:
 __all__ = ["AGENT_COMMANDS", "AgentService"]
 
 _LOG = logging.getLogger(__name__)
+_Operation = Play | RecordOperation
 _PROGRESS_S = 0.5  # four within the 2 s (`_SILENT_S`) after which a controller asks by itself
 _LOOK_S = 0.1  # so late changes are told that do not set the event, as a player's
 _WATCH_S = 0.5  # six questions that time out fit into the default grace of 10 s
 _END_S = 20.0  # with the link's 15 s below the 40 s of systemd (riot-agent.service)
-_LARGEST = 1e12  # beyond any log; keeps out NaN, infinity and what overflows SQLite's 64 bits
 _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and the status
 
 
@@ -70,7 +69,7 @@ class AgentService:
         )
         self._began = time.monotonic()
         self._lock = threading.Lock()
-        self._operation: Operation | None = None
+        self._operation: _Operation | None = None
         self._watch: ControllerWatch | None = None
         self._held = False  # whether the watch has paused it
         self._news = threading.Event()
@@ -178,12 +177,12 @@ class AgentService:
             operation.stop(f"stopped by {who}")
 
     def shutdown(self) -> None:
-        """Ask whoever runs this agent to end."""
+        """Ask the process that runs this agent to end."""
         self.stopping.set()
 
     # -- one operation at a time --------------------------------------------------------------------------------------
 
-    def _start(self, operation: Operation) -> None:
+    def _start(self, operation: _Operation) -> None:
         lead = operation.lead
         with self._lock:
             present = self._operation
@@ -202,7 +201,7 @@ class AgentService:
         own = operation is not None and (status["operation"] or {}).get("id") == operation.lead.operation
         return proved(status, operation.lead.secret if own and operation is not None else None, nonce)
 
-    def _busy(self, present: Operation) -> EnvironmentFaultError:
+    def _busy(self, present: _Operation) -> EnvironmentFaultError:
         status, lead = present.status(), present.lead
         what = ", ".join(status.get("logs", [])) or status["kind"]
         since = time.time() - status["since"]
@@ -219,10 +218,10 @@ class AgentService:
             return None
         return ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
 
-    def _steered(self, who: str, what: str) -> Operation:
+    def _steered(self, who: str, what: str) -> _Operation:
         operation = self._operation
         if operation is None or not operation.active:
-            raise ConfigError("nothing goes on", where=self.options.robot, hint="riot fleet play ROBOT LOG")
+            raise ConfigError("no operation is running", where=self.options.robot, hint="riot fleet play ROBOT LOG")
         self._say(f"{who} {what} the {operation.kind}")
         self._held = False
         return operation
@@ -287,7 +286,7 @@ class AgentService:
                 present = False
             self._act(operation, watch, present=present)
 
-    def _act(self, operation: Operation, watch: ControllerWatch, *, present: bool) -> None:
+    def _act(self, operation: _Operation, watch: ControllerWatch, *, present: bool) -> None:
         action = watch.look(time.monotonic(), present=present)
         lost = f"the controller was lost for {operation.lead.grace:g} s"
         try:
@@ -313,43 +312,30 @@ def _outcome(row: dict[str, Any]) -> str:
     return f"{row['state']}: {why}" if why else str(row["state"])
 
 
-def _arguments(request: CommandRequest, *names: str) -> dict[str, Any]:
-    found = request.arguments()
-    for other in found.keys() - set(names):
-        raise ConfigError(f"unknown argument {other[:80]!r}", hint=did_you_mean(other[:80], names))
-    return found
-
-
-def _number(found: Any, name: str) -> float:
-    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
-        raise ConfigError(f"the argument {name!r} is no number", hint=f'such as {{"{name}": 2.5}}')
-    return float(found)
-
-
 def _who(arguments: dict[str, Any]) -> str:
-    who = arguments.get("who", "somebody")
+    who = arguments.get("who", "an unnamed controller")
     if not isinstance(who, str) or len(who) > _LONGEST_WHO:
-        raise ConfigError("the argument 'who' is no text, or too long", hint=f"at most {_LONGEST_WHO} letters")
+        raise ConfigError("the argument 'who' is not a text, or too long", hint=f"at most {_LONGEST_WHO} letters")
     return who
 
 
 def _logs(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-    arguments = _arguments(request, "query", "offset", "limit", "look")
+    arguments = request.arguments("query", "offset", "limit", "look")
     query = arguments.get("query", "")
     if not isinstance(query, str):
-        raise ConfigError("the argument 'query' is no text", hint='such as {"query": "topic=/odom lossless"}')
+        raise ConfigError("the argument 'query' is not a text", hint='such as {"query": "topic=/odom lossless"}')
     offset, limit = (
-        int(_number(arguments.get(name, default), name)) for name, default in (("offset", 0), ("limit", 100))
+        int(number_of(arguments.get(name, default), name)) for name, default in (("offset", 0), ("limit", 100))
     )
-    look = int(_number(arguments["look"], "look")) if "look" in arguments else None
+    look = int(number_of(arguments["look"], "look")) if "look" in arguments else None
     return service.library.logs(query, offset=offset, limit=limit, look=look)
 
 
 def _steer(do: Callable[[AgentService, str], object]) -> Command:
-    """Return a command whose only argument is who gives it."""
+    """Return a command whose only argument is the name of its sender."""
 
     def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        do(service, _who(_arguments(request, "who")))
+        do(service, _who(request.arguments("who")))
         return service.answer(request.nonce())
 
     return Command(run, urgent=True)
@@ -369,8 +355,8 @@ def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Comm
     """Return a command that takes a number."""
 
     def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        arguments = _arguments(request, name, "who")
-        do(service, _number(arguments.get(name), name), _who(arguments))
+        arguments = request.arguments(name, "who")
+        do(service, number_of(arguments.get(name), name), _who(arguments))
         return service.answer(request.nonce())
 
     return Command(run)
@@ -379,12 +365,12 @@ def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Comm
 AGENT_COMMANDS: dict[str, Command] = {
     "agent/status": Command(lambda service, request: service.answer(request.nonce()), reads=True, urgent=True),
     "agent/logs": Command(_logs, reads=True),
-    "agent/play": _begin(lambda service, payload: service.play(payload)),
-    "agent/record": _begin(lambda service, payload: service.record(payload)),
-    "agent/pause": _steer(lambda service, who: service.pause(who)),
-    "agent/resume": _steer(lambda service, who: service.resume(who)),
-    "agent/stop": _steer(lambda service, who: service.stop(who)),
-    "agent/seek": _adjust("time", lambda service, time, who: service.seek(time, who)),
-    "agent/rate": _adjust("rate", lambda service, rate, who: service.set_rate(rate, who)),
+    "agent/play": _begin(AgentService.play),
+    "agent/record": _begin(AgentService.record),
+    "agent/pause": _steer(AgentService.pause),
+    "agent/resume": _steer(AgentService.resume),
+    "agent/stop": _steer(AgentService.stop),
+    "agent/seek": _adjust("time", AgentService.seek),
+    "agent/rate": _adjust("rate", AgentService.set_rate),
 }
 """All commands by name; all but `agent/logs` answer with the status."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.bridge.inner import InnerPort
 from riot_bus.bridge.running import run_bridge
-from riot_bus.control.router_process import Upkeep, router_of, say_end
+from riot_bus.control.router_process import Upkeep, report_end, router_of
 from riot_bus.control.signals import END_S, force_end_after, let_run
 from riot_bus.types.bridging import LinkedBridge
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from riot_bus.bridge.program import Program
     from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
+    from riot_bus.control.terminal import Foreground
     from riot_bus.types.bridging import Bridge
 
 __all__ = ["run_own_router"]
-
 
 BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
 
@@ -29,10 +29,8 @@ BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
 def run_own_router(
     options: RouterOptions,
     bridge_of: Callable[[Mapping[str, InnerPort]], BridgeT],
+    foreground: Foreground,
     *,
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
-    as_json: bool = False,
     program: Callable[[BridgeT], Program] | None = None,
 ) -> int:
     """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
@@ -40,9 +38,7 @@ def run_own_router(
     Args:
         options: Options of the router.
         bridge_of: Function that makes the bridge from the segments by name.
-        say: Function that prints a line of the result.
-        warn: Function that prints a line of diagnostics.
-        as_json: Whether to print the result as lines of JSON.
+        foreground: Frame that prints the result.
         program: Function that starts the program behind the bridge, once that is ready.
 
     Returns:
@@ -51,16 +47,16 @@ def run_own_router(
     Raises:
         RiotError: The router or bridge does not start, has failed, or messages were lost.
     """
-    with router_of(options, warn=warn) as service:
+    with router_of(options, warn=foreground.warn) as service:
         with ExitStack() as closing, service:
             bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)
-            status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
+            status = run_bridge(bridge, foreground, program=start, look=partial(next, looks))
             closing.callback(let_run)
             force_end_after(END_S)
-        say_end(service, say, warn, as_json=as_json)
+        report_end(service, foreground)
     return status
 
 

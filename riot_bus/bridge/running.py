@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -12,33 +11,26 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.bridge.program import Program
+    from riot_bus.control.terminal import Foreground
     from riot_bus.types.bridging import Bridge
 
 __all__ = ["run_bridge"]
 
-_LOOK_S = 0.2  # so late the bridge ends if the signal came just before a wait
-
-
-def _nothing() -> None:
-    """Do nothing."""
-
 
 def run_bridge(
     bridge: Bridge,
+    foreground: Foreground,
     *,
-    say: Callable[[str], None],
-    as_json: bool = False,
     program: Callable[[], Program] | None = None,
-    look: Callable[[], None] = _nothing,
+    look: Callable[[], None] = lambda: None,
 ) -> int:
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
     Args:
         bridge: The bridge; it is started and ended here.
-        say: Function that prints a line of the result.
-        as_json: Whether to print the result as lines of JSON.
+        foreground: Frame that prints the result.
         program: Function that starts the program behind the bridge, once that is ready.
-        look: Called a few times per second.
+        look: Function called a few times per second.
 
     Returns:
         The program's exit status, negative for a signal; 0 if it was still running, or there is none.
@@ -49,16 +41,11 @@ def run_bridge(
     status: int | None = None
     with ended_by_signals(bridge.stop):
         with bridge, ExitStack() as stack:
-            say(json.dumps({"event": "ready", **bridge.status()}, sort_keys=True) if as_json else bridge.ready())
+            foreground.report("ready", bridge.status(), [bridge.ready()])
             behind = stack.enter_context(program()) if program is not None else None
-            while not bridge.wait(_LOOK_S):  # a signal just before a wait without a timeout would not end it
-                look()
+            foreground.attend(bridge.wait, look=look)
             status = behind.status if behind is not None else None
-        if as_json:
-            say(json.dumps({"event": "ended", **bridge.status()}, sort_keys=True))
-        else:
-            for line in bridge.summary():
-                say(line)
+        foreground.report("ended", bridge.status(), bridge.summary())
     if bridge.failure is not None:
         raise bridge.failure
     return status or 0

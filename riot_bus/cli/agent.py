@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from riot_bus.agent.options import AgentOptions
+from riot_bus.cli.declared import declared
 from riot_bus.cli.options import Format, OutputFormat
-from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["register"]
 
@@ -21,99 +21,21 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="agent")
 
 
-def agent(
-    context: typer.Context,
-    *,
-    logs: Annotated[
-        Path | None,
-        typer.Option(
-            "--logs",
-            metavar="FOLDER",
-            envvar="RIOT_AGENT_LOGS",
-            help="Folder of the robot's logs; no others are read or written.",
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", envvar="RIOT_ROBOT", help="Name of this robot. [default: this machine's name]"),
-    ] = None,
-    endpoint: Annotated[
-        str,
-        typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_ENDPOINT", help="Router of the robot's bus."),
-    ] = DEFAULT_ENDPOINT,
-    fleet: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ENDPOINT",
-            envvar="RIOT_FLEET",
-            help="The fleet's router, through which commands come. [default: that of the robot's bus]",
-        ),
-    ] = None,
-    cfg: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            envvar="RIOT_CLIENT_CFG",
-            help="A Zenoh setting for connections to the robot's bus; KEY=@FILE for passwords; repeatable.",
-        ),
-    ] = None,
-    fleet_cfg: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            envvar="RIOT_FLEET_CFG",
-            help="A Zenoh setting for the connection to the fleet's router; KEY=@FILE for passwords; repeatable.",
-        ),
-    ] = None,
-    allow: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="play|record|nothing", help="What this agent may do; repeatable. [default: play and record]"
-        ),
-    ] = None,
-    catalogue: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            envvar="RIOT_AGENT_CATALOGUE",
-            help="File to keep what is known of the logs, so that they are not read again at each start.",
-        ),
-    ] = None,
-    keep_free: Annotated[str, typer.Option(metavar="SIZE", help="Disk space that recordings leave free.")] = "512MiB",
-    form: Format = OutputFormat.TEXT,
-) -> None:
+@declared(AgentOptions)
+def agent(context: typer.Context, *, form: Format = OutputFormat.TEXT, **given: Any) -> None:
     """Play and record logs on this robot by remote command: see `riot fleet play`.
 
     Runs until it is told to end. If the link to the fleet's router breaks, it connects again.
     """
-    from riot_bus.agent.names import default_robot
-    from riot_bus.agent.options import PERMISSIONS, AgentOptions
     from riot_bus.agent.running import run_agent
-    from riot_bus.config.arguments import parse_size
-    from riot_bus.control.component import client_cfg
+    from riot_bus.cli.terminal import foreground_of
     from riot_bus.vocabulary.errors import ConfigError
 
     if context.invoked_subcommand is not None:
         return
-    if logs is None:
+    if "folder" not in given:
         raise ConfigError("no folder of logs is named", where="--logs", hint="riot agent --logs FOLDER")
-    options = AgentOptions(
-        robot=default_robot() if robot is None else robot,
-        folder=logs,
-        endpoint=endpoint,
-        fleet=fleet,
-        config=client_cfg(cfg or ()),
-        fleet_config=client_cfg(fleet_cfg or (), where="--fleet-cfg"),
-        allow=() if allow == ["nothing"] else allow or PERMISSIONS,
-        catalogue=catalogue,
-        keep_free=parse_size(keep_free, "--keep-free"),
-    )
-    run_agent(
-        options,
-        say=typer.echo,
-        tell=lambda line: typer.echo(line, err=True),
-        as_json=form is OutputFormat.JSON,
-    )
+    run_agent(AgentOptions(**given), foreground_of(form))
 
 
 def acl(

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
 from riot_bus.cli.declared import annotation_of
-from riot_bus.cli.options import Format
+from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import BRIDGES
 from riot_bus.vocabulary.errors import RiotError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bridge.port import SegmentPort
     from riot_bus.bridge.program import Program
+    from riot_bus.control.terminal import Foreground
     from riot_bus.types.bridging import Bridge, LinkedBridge, OwnRouter
 
 __all__ = ["BusHost", "register"]
@@ -103,7 +104,7 @@ class BusHost:
         from riot_bus.bridge.running import run_bridge
 
         start = partial(_start, program, bridge) if program else None
-        return _ended(run_bridge(bridge, say=typer.echo, as_json=as_json, program=start))
+        return _ended(run_bridge(bridge, _foreground(as_json=as_json), program=start))
 
     def segments(self, asked: OwnRouter) -> list[str]:
         """Return the names of a router's segments."""
@@ -124,8 +125,7 @@ class BusHost:
 
         options = RouterOptions(**asdict(asked))
         start = partial(_start, program) if program else None
-        warn = partial(typer.echo, err=True)
-        return _ended(run_own_router(options, bridge_of, say=typer.echo, warn=warn, as_json=as_json, program=start))
+        return _ended(run_own_router(options, bridge_of, _foreground(as_json=as_json), program=start))
 
 
 @contextmanager
@@ -134,6 +134,12 @@ def _port(endpoints: Sequence[str], config: Mapping[str, Any]) -> Iterator[Segme
 
     with open_port(endpoints, config=config) as port:
         yield port
+
+
+def _foreground(*, as_json: bool) -> Foreground:
+    from riot_bus.cli.terminal import foreground_of
+
+    return foreground_of(OutputFormat.JSON if as_json else OutputFormat.TEXT)
 
 
 def _start(command: Sequence[str], bridge: Bridge) -> Program:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING
 from functools import wraps
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -60,11 +61,11 @@ def annotation_of(kind: type, name: str) -> Any:
 
 
 def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:
-    kind, default = get_args(field.type)[0], field.default
-    if flag.read:
-        kind, default = str | None, flag.text
-    elif get_origin(kind) is Sequence:
+    kind, default = get_args(field.type)[0], None if field.default is MISSING else field.default
+    if get_origin(kind) in (Sequence, Mapping):  # repeatable; a table is read from its rows
         kind, default = list[get_args(kind)[0]] | None, None  # type: ignore[misc]  # known at run time
+    elif flag.read:
+        kind, default = str | None, flag.text
     elif get_origin(kind) is Literal:
         kind = str
     option = typer.Option(*names, metavar=flag.metavar, envvar=flag.env, help=flag.help, min=flag.least)

@@ -123,8 +123,9 @@ def start_router(given: Mapping[str, Any], *, as_json: bool) -> None:
     """Run a router until it is told to stop; takes the fields of `RouterOptions`."""
     from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_process import run_router
+    from riot_bus.control.terminal import Foreground
 
-    run_router(RouterOptions(**given), say=say, warn=warn, as_json=as_json)
+    run_router(RouterOptions(**given), Foreground(say, warn, as_json=as_json))
 
 
 def say(line: str) -> None:

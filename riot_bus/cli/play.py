@@ -73,18 +73,13 @@ def play(
     1: the answers are not as expected. 3: messages could not be read or published. 4: no router answers. 130:
     interrupted.
     """
-    from riot_bus.cli.terminal import Terminal
+    from riot_bus.cli.terminal import foreground_of
     from riot_bus.control.component import client_cfg
     from riot_bus.play.running import run_play
     from riot_bus.vocabulary.errors import ConfigError
 
     options = PlayOptions(logs=logs, endpoint=endpoint, config=client_cfg(cfg or ()), **given)
-    how: dict[str, Any] = {
-        "say": typer.echo,
-        "warn": lambda line: typer.echo(line, err=True),
-        "console": Terminal() if Terminal.present() else None,
-        "as_json": form is OutputFormat.JSON,
-    }
+    foreground = foreground_of(form, keys=True)
     if expect is None:
         more: dict[str, object] = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
         more |= {"--tolerance": tolerance, "--tolerances": tolerances}
@@ -93,7 +88,7 @@ def play(
             raise ConfigError(
                 f"{', '.join(unfit)} cannot be used without --expect", hint="name the log to compare with"
             )
-        if not run_play(options, **how):
+        if not run_play(options, foreground):
             raise typer.Exit(INTERRUPTED)
         return
     from riot_bus.log.comparison.compare import Wishes
@@ -102,7 +97,7 @@ def play(
 
     wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()))
     wanted = Expectation(log=expect, topics=expect_topics or (), wishes=wishes, wait=expect_wait, answers=answers)
-    found = play_expecting(options, wanted, **how)
+    found = play_expecting(options, wanted, foreground)
     if found is None:
         raise typer.Exit(INTERRUPTED)
     print_difference(found, html, form, event="compared")

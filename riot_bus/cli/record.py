@@ -56,7 +56,7 @@ def record(
     On a terminal, keys pause and begin another file. SIGUSR1 writes the ring. Exit code 3: messages are lost; how many
     of each topic and why is said at the end and written into the log. 4: nobody answers at the endpoint.
     """
-    from riot_bus.cli.terminal import Terminal
+    from riot_bus.cli.terminal import foreground_of
     from riot_bus.control.component import client_cfg
     from riot_bus.record.running import run_capture
     from riot_bus.sut.context import invariants_of
@@ -76,13 +76,7 @@ def record(
         notes={**_notes(note or ()), "command": _command(sys.argv)},
         **given,
     )
-    run_capture(
-        options,
-        say=typer.echo,
-        warn=lambda line: typer.echo(line, err=True),
-        console=Terminal() if Terminal.present() else None,
-        as_json=form is OutputFormat.JSON,
-    )
+    run_capture(options, foreground_of(form, keys=True))
 
 
 def _notes(texts: list[str] | tuple[()]) -> dict[str, str]:

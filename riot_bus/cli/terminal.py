@@ -8,9 +8,15 @@ import select
 import sys
 import termios
 import tty
+from functools import partial
 from typing import Any, Self
 
-__all__ = ["Terminal", "split_keys"]
+import typer
+
+from riot_bus.cli.options import OutputFormat
+from riot_bus.control.terminal import Foreground
+
+__all__ = ["Terminal", "foreground_of", "split_keys"]
 
 _LOCAL = 3  # of tcgetattr: local modes
 _COLUMNS = 80  # of a terminal that does not report its width
@@ -18,6 +24,12 @@ _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _KEY = re.compile(r"\x1b[\[O]([0-9;]*)([@-~])|.", re.DOTALL)
 _UNFINISHED = re.compile(r"\x1b([\[O][0-9;]*)?\Z")
 _MOST = 64  # a key sends a few bytes; more comes only from pasted text, which takes several reads
+
+
+def foreground_of(form: OutputFormat, *, keys: bool = False) -> Foreground:
+    """Return the frame of a command's run: results on stdout, diagnostics on stderr, keys from a terminal."""
+    console = Terminal() if keys and Terminal.present() else None
+    return Foreground(typer.echo, partial(typer.echo, err=True), console=console, as_json=form is OutputFormat.JSON)
 
 
 class Terminal:

@@ -33,7 +33,8 @@ class Flag:
         names: Names on the command line, separated by spaces; `--field-name` is added if none begins with `--`.
         metavar: Placeholder of the value.
         env: Environment variable that stands for the option.
-        read: Function that turns the user's text into the value; gets the option's name, for errors.
+        read: Function that turns the user's text into the value, or all texts of a repeatable option; gets the option's
+            name, for errors.
         text: The default as a user would write it, for `read`.
         least: Smallest number.
         remote: Whether it may be requested of a robot; for numbers, optionally the least and the greatest.
@@ -43,7 +44,7 @@ class Flag:
     names: str = ""
     metavar: str | None = None
     env: str | None = None
-    read: Callable[[str, str], Any] | None = None
+    read: Callable[[Any, str], Any] | None = None
     text: str | None = None
     least: float | None = None
     remote: bool | tuple[float, float] = False

@@ -1,6 +1,6 @@
-"""Commands that a running router, recorder, player or agent accepts: what comes with them, and how they are answered.
+"""Commands that a running router, recorder, player or agent accepts, with their arguments and answers.
 
-All of them come from the network: whatever is wrong with one is reported in an answer.
+They come from the network: an error in one is reported in the answer.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["LARGEST_PAYLOAD", "VERSION", "Command", "CommandRequest", "answer", "find_command", "refusal"]
+__all__ = ["LARGEST_PAYLOAD", "Command", "CommandRequest", "answer", "number_of", "refusal", "reporting"]
 
-VERSION = 1
-"""Version of the answers' format."""
+_VERSION = 1  # of the answers' format
 
 LARGEST_PAYLOAD = 1 << 20  # anybody in a segment may send more; a plan, the largest payload, is a text file
 _LARGEST_ARGUMENTS = 1 << 16  # they are a path or a list of keys; parsed JSON takes several times its size
+_LARGEST_NUMBER = 1e12  # beyond any log; keeps out NaN, infinity and what overflows as nanoseconds or in SQLite
 _LONGEST_NAME = 200  # a guess: bounds what an answer or a message repeats of a sender's text
 
 
@@ -38,8 +38,8 @@ class CommandRequest:
         except UnicodeDecodeError as error:
             raise ConfigError(f"the payload is not UTF-8: {error.reason} at byte {error.start}") from None
 
-    def arguments(self) -> dict[str, Any]:
-        """Return the payload, which is a JSON object; an empty payload gives an empty one."""
+    def arguments(self, *known: str) -> dict[str, Any]:
+        """Return the payload, a JSON object with no other keys than these; an empty payload gives an empty object."""
         size = len(self.payload)
         if size > _LARGEST_ARGUMENTS:
             raise ConfigError(f"the payload of {size} bytes is too large", hint=f"at most {_LARGEST_ARGUMENTS} bytes")
@@ -49,27 +49,26 @@ class CommandRequest:
             raise ConfigError(f"the payload is not JSON: {error}", hint='such as {"keys": ["/odom"]}') from None
         if not isinstance(found, dict):
             raise ConfigError("the payload is not a JSON object", hint='such as {"keys": ["/odom"]}')
+        for other in found.keys() - set(known):
+            raise ConfigError(f"unknown argument {other[:80]!r}", hint=did_you_mean(other[:80], known))
         return found
 
-    def argument(self, name: str) -> Any:
-        """Return the only argument that the command knows; None if it is not given."""
-        found = self.arguments()
-        for other in found.keys() - {name}:
-            raise ConfigError(f"unknown argument {other[:80]!r}", hint=did_you_mean(other[:80], [name]))
-        return found.get(name)
+    def number(self, name: str, default: float | None = None) -> float:
+        """Return the only argument of the command, a number."""
+        return number_of(self.arguments(name).get(name, default), name)
 
     def keys(self) -> list[str]:
         """Return the argument `keys`."""
-        found = self.argument("keys")
+        found = self.arguments("keys").get("keys")
         if not isinstance(found, list) or not all(isinstance(each, str) for each in found):
-            raise ConfigError("the argument 'keys' is no list of texts", hint='such as {"keys": ["/odom"]}')
+            raise ConfigError("the argument 'keys' is not a list of texts", hint='such as {"keys": ["/odom"]}')
         return found
 
     def path(self) -> str | None:
-        """Return the argument `path`."""
-        found = self.argument("path")
+        """Return the argument `path`; None if it is not given."""
+        found = self.arguments("path").get("path")
         if found is not None and not isinstance(found, str):
-            raise ConfigError("the argument 'path' is no text", hint='such as {"path": "run.mcap"}')
+            raise ConfigError("the argument 'path' is not a text", hint='such as {"path": "run.mcap"}')
         return found
 
     def nonce(self) -> str:
@@ -97,12 +96,21 @@ class Command:
     urgent: bool = False
 
 
-def find_command(name: str, commands: Mapping[str, Command]) -> Command:
-    """Return a command; raises ConfigError if there is none of this name."""
-    try:
-        return commands[name]
-    except KeyError:
-        raise ConfigError(f"no command {name[:80]!r}", hint=did_you_mean(name[:80], commands)) from None
+def reporting(do: Callable[[Any, CommandRequest], object], *, urgent: bool = False) -> Command:
+    """Return a command that is answered with the status of the service after `do`."""
+
+    def run(service: Any, request: CommandRequest) -> Any:
+        do(service, request)
+        return service.status()
+
+    return Command(run, urgent=urgent)
+
+
+def number_of(value: Any, name: str) -> float:
+    """Return the value of an argument as a number; raises ConfigError if it is not one."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST_NUMBER:
+        raise ConfigError(f"the argument {name!r} is not a number", hint=f'such as {{"{name}": 2.5}}')
+    return float(value)
 
 
 def answer(
@@ -117,7 +125,7 @@ def answer(
     """Carry out a command and return the answer as JSON.
 
     Args:
-        service: The router, or whatever else the commands are for.
+        service: The router, recorder, player or agent.
         router: Name of the service.
         name: Name of the command.
         payload: Payload of the question.
@@ -127,15 +135,17 @@ def answer(
     Raises:
         RiotError: The command cannot be carried out.
     """
-    result = find_command(name, commands).run(service, CommandRequest(payload, parameters))
-    document = {"version": VERSION, "router": router, "command": name, "result": result}
+    if name not in commands:
+        raise ConfigError(f"no command {name[:80]!r}", hint=did_you_mean(name[:80], commands))
+    result = commands[name].run(service, CommandRequest(payload, parameters))
+    document = {"version": _VERSION, "router": router, "command": name, "result": result}
     return json.dumps(document, sort_keys=True).encode()
 
 
 def refusal(router: str, error: Exception) -> bytes:
     """Return why a command was not carried out, as JSON: message, where, hint and exit code."""
     document = {
-        "version": VERSION,
+        "version": _VERSION,
         "router": router,
         "message": getattr(error, "message", None) or f"failure of ours: {error!r}",
         "where": getattr(error, "where", None),

@@ -87,7 +87,7 @@ class Recordings:
         """
         if self._recorder is not None:
             hint = "split it (riot ctl record split), or stop it first (riot ctl record stop)"
-            raise ConfigError(f"this router records already, to {self.path}", where="record/start", hint=hint)
+            raise ConfigError(f"this router is recording already, to {self.path}", where="record/start", hint=hint)
         path = claim(self.folder, text, f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}")
         self._bus().set_recorder(self.begin(path))
         self._await_observation()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -14,7 +13,6 @@ from riot_bus.control.router_options import interceptors_of, intercepts, plan_of
 from riot_bus.control.scheduling import LoadScheduling
 from riot_bus.control.signals import ended_by_signals, force_end_after
 from riot_bus.vocabulary.errors import DataLossError
-from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.network import Network
 
 if TYPE_CHECKING:
@@ -24,12 +22,12 @@ if TYPE_CHECKING:
     from riot_bus.control.bypass import Bypass
     from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
+    from riot_bus.control.terminal import Foreground
     from riot_bus.router.counts import Losses
 
-__all__ = ["Upkeep", "router_of", "run_router", "say_end"]
+__all__ = ["Upkeep", "report_end", "router_of", "run_router"]
 
-_LOOK_S = 0.2
-_TRIM_S = 20.0
+_TRIM_S = 20.0  # a guess: walks all heaps of the C library, and what is freed comes back slowly anyway
 _HELD_UP_S = 60.0
 """A router whose interpreter is blocked this long forwards nothing intercepted, and handles no signal: it ends."""
 
@@ -60,24 +58,25 @@ class Upkeep:
             force_end_after(_HELD_UP_S)
 
 
-def run_router(
-    options: RouterOptions, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool = False
-) -> None:
+def run_router(options: RouterOptions, foreground: Foreground) -> None:
     """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
 
     Args:
         options: The command line of `riot router`.
-        say: Function that prints a line of the result.
-        warn: Function that prints a line of diagnostics.
-        as_json: Whether to print lines of JSON.
+        foreground: Frame that prints the result.
 
     Raises:
         ConfigError: An option is wrong.
         EnvironmentFaultError: An endpoint is in use.
         DataLossError: It ran, but messages were lost.
     """
-    with router_of(options, warn=warn) as service:
-        _run(service, say=say, warn=warn, as_json=as_json)
+    with router_of(options, warn=foreground.warn) as service, ended_by_signals(service.shutdown):
+        with service:
+            _report_ready(service, foreground)
+            service.watch()
+            calm_collector()
+            foreground.attend(service.stopping.wait, look=Upkeep())
+        report_end(service, foreground)
 
 
 @contextmanager
@@ -124,37 +123,22 @@ def router_of(
         yield service
 
 
-def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool) -> None:
-    with ended_by_signals(service.shutdown):
-        with service:
-            say(_ready(service, as_json=as_json))
-            service.watch()
-            calm_collector()
-            upkeep = Upkeep()
-            while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
-                upkeep()
-        say_end(service, say, warn, as_json=as_json)
+def _report_ready(service: RouterService, foreground: Foreground) -> None:
+    endpoints = service.endpoints
+    where = ", ".join(f"segment {segment} {' '.join(shown)}" for segment, shown in endpoints.items())
+    foreground.report(
+        "ready",
+        {"router": service.settings.name, "endpoints": endpoints, "intercepted": service.topics},
+        [f"ready: {where}; intercepting {', '.join(service.topics) or 'nothing'}"],
+    )
 
 
-def _ready(service: RouterService, *, as_json: bool) -> str:
-    endpoints = {segment: list(map(redacted, found)) for segment, found in service.endpoints.items()}
-    name = service.settings.name
-    if as_json:
-        return json.dumps(
-            {"event": "ready", "router": name, "endpoints": endpoints, "intercepted": service.topics}, sort_keys=True
-        )
-    where = ", ".join(f"segment {segment} {' '.join(found)}" for segment, found in endpoints.items())
-    return f"ready: {where}; intercepting {', '.join(service.topics) or 'nothing'}"
-
-
-def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
-    """Say what happened to each topic.
+def report_end(service: RouterService, foreground: Foreground) -> None:
+    """Report what happened to each topic.
 
     Args:
         service: The router, which has ended.
-        say: Function that prints a line of the result.
-        warn: Function that prints a line of diagnostics.
-        as_json: Whether to print a line of JSON.
+        foreground: Frame that prints the result.
 
     Raises:
         DataLossError: Messages were lost.
@@ -162,16 +146,10 @@ def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[
     from riot_bus.control.status import count_rows, count_table, interceptor_rows, loss_rows
     from riot_bus.vocabulary.redaction import escape_control_chars
 
-    counts, losses = service.counts(), service.losses
-    if as_json:
-        rows = {"counts": count_rows(counts), "losses": loss_rows(losses)}
-        end = {"event": "ended", **rows, "interceptors": interceptor_rows(service.pipeline)}
-        say(json.dumps(end, sort_keys=True))
-    else:
-        for line in count_table(count_rows(counts)):
-            say(escape_control_chars(line))
-    for name, errors in service.pipeline.errors.items():
-        warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
+    counts, losses = count_rows(service.counts()), service.losses
+    ended = {"counts": counts, "losses": loss_rows(losses), "interceptors": interceptor_rows(service.pipeline)}
+    foreground.report("ended", ended, map(escape_control_chars, count_table(counts)))
+    foreground.warn_of_errors(service.pipeline)
     if losses:
         raise DataLossError("; ".join(_lost(losses)), hint="see the column 'lost', by topic")
 

@@ -19,12 +19,15 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Control"]
+__all__ = ["Control", "free_name"]
 
 _LOG = logging.getLogger(__name__)
-_MOST_WAITING = 64
+_MOST_QUEUED = 64  # a guess: commands of people; in a flood, the oldest queries end unanswered
 _MOST_URGENT = 1024
 """Queue length of an urgent command: at 5,000 queries per second, the thread may stall for 0.2 s and lose none."""
+
+_ASK_S = 1.0  # for the names of others; delays a start by as much if one of them does not answer
+_MOST_NAMES = 100  # a guess: so many of one name in a network are a mistake
 
 _END_S = 10.0  # an asker who does not read blocks a lane until Zenoh closes the link, after 5 s
 
@@ -70,7 +73,7 @@ class Control:
         for session in self._sessions.values():
             for name in urgent:
                 self._open_lane(session, name, {name: self._commands[name]}, _MOST_URGENT, nullcontext())
-            self._open_lane(session, self._under, others, _MOST_WAITING, self._shared)
+            self._open_lane(session, self._under, others, _MOST_QUEUED, self._shared)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -161,6 +164,20 @@ class Control:
     def _refuse(self, query: zenoh.Query, error: Exception) -> None:
         with suppress(Exception):  # the asker may have gone
             query.reply_err(refusal(self._name, error), encoding="application/json")
+
+
+def free_name(session: zenoh.Session, name: str, group: str) -> str:
+    """Return a name for the control keys, with a number appended if another service has it.
+
+    Args:
+        session: Session that asks for the others.
+        name: The preferred name.
+        group: First part of the service's commands, such as `play` for `play/status`.
+    """
+    replies = session.get(f"{OWN_CHUNK}/*/{group}/status", timeout=_ASK_S)
+    taken = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+    names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
+    return next((each for each in names if each not in taken), name)
 
 
 def _pairs(text: str) -> list[tuple[str, str]]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from riot_bus.play.service import PlayService
 
-__all__ = ["HELP", "press"]
+__all__ = ["HELP", "key_actions"]
 
 HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
 
@@ -16,33 +19,31 @@ _SEEK_S = 10.0  # `HELP` says so; usual in players of videos
 _LOWEST, _HIGHEST = 0.01, 1000.0  # keys go no further; beyond, `-r` or rate 0 will do
 
 
-def press(service: PlayService, key: str) -> None:
-    """Perform the action of a key, if it has one.
+def key_actions(service: PlayService) -> dict[str, Callable[[], None]]:
+    """Return the action of each key: a letter, or `up`, `down` and `right`."""
 
-    Args:
-        service: The playback that is controlled.
-        key: A letter, or `up`, `down` and `right`.
-    """
-    match key:
-        case " ":
-            (service.resume if service.status()["state"] == "paused" else service.pause)()
-        case "s" | "right":
-            service.step()
-        case "up" | "+":
-            _accelerate(service, _FASTER)
-        case "down" | "-":
-            _accelerate(service, 1 / _FASTER)
-        case "]":
-            service.seek(service.status()["position"] + _SEEK_S)
-        case "[":
-            service.seek(service.status()["position"] - _SEEK_S)
-        case "0":
-            service.seek(service.status()["start"])
-        case "q":
-            service.stop()
+    def toggle() -> None:
+        (service.resume if service.status()["state"] == "paused" else service.pause)()
 
+    def seek(seconds: float) -> None:
+        service.seek(service.status()["position"] + seconds)
 
-def _accelerate(service: PlayService, factor: float) -> None:
-    rate = service.status()["rate"]
-    if rate:  # 0, as fast as possible, stays 0
-        service.set_rate(float(f"{min(max(_HIGHEST, rate), max(min(_LOWEST, rate), rate * factor)):.3g}"))
+    def accelerate(factor: float) -> None:
+        rate = service.status()["rate"]
+        if rate:  # 0, as fast as possible, stays 0
+            service.set_rate(float(f"{min(max(_HIGHEST, rate), max(min(_LOWEST, rate), rate * factor)):.3g}"))
+
+    faster, slower = partial(accelerate, _FASTER), partial(accelerate, 1 / _FASTER)
+    return {
+        " ": toggle,
+        "s": service.step,
+        "right": service.step,
+        "up": faster,
+        "+": faster,
+        "down": slower,
+        "-": slower,
+        "]": partial(seek, _SEEK_S),
+        "[": partial(seek, -_SEEK_S),
+        "0": lambda: service.seek(service.status()["start"]),
+        "q": service.stop,
+    }

@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.control.commands import Command
-from riot_bus.control.server import Control
+from riot_bus.control.commands import Command, reporting
+from riot_bus.control.server import Control, free_name
 from riot_bus.log.playback.pace import SteadyPace
 from riot_bus.log.playback.player import Player
 from riot_bus.play.lockstep import Acknowledged, Quiet
@@ -24,7 +24,7 @@ from riot_bus.play.simclock import Ticker
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
-from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
+from riot_bus.zenoh.session_config import client_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -40,8 +40,6 @@ __all__ = ["PLAY_COMMANDS", "PlayResult", "PlayService"]
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
 _END_S = _FLUSH_S + 5.0
-_ASK_S = 1.0
-_MOST_NAMES = 100
 _LOOK_S = 0.002
 _SHOWN = 5
 _CONFIG = {
@@ -51,8 +49,7 @@ _CONFIG = {
 UNDER = "play/**"
 """The keys of these commands, below the player's own."""
 
-_MOST_STEPS = 1_000_000  # a guess: beyond it is a mistake; whoever wants all messages resumes
-_LARGEST = 1e12  # beyond any log; keeps out NaN, infinity and what overflows as nanoseconds
+_MOST_STEPS = 1_000_000  # a guess: more is probably a mistake; `resume` plays all messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +157,7 @@ class PlayService:
             stack.callback(self._publishing.close)
             self._watch(session, stack)
             if options.control:
-                self.name = _free_name(session, options.name)
+                self.name = free_name(session, options.name, "play")
                 stack.enter_context(Control(self, self.name, {"": session}, commands=PLAY_COMMANDS, under=UNDER))
             for line in self.programme.warnings:
                 self._warn(line)
@@ -337,47 +334,20 @@ class PlayService:
         self._thread.join(max(0.0, self._give_up - time.monotonic()))
 
 
-def _free_name(session: zenoh.Session, name: str) -> str:
-    """Return the name, with a number appended if another player has it."""
-    taken = set()
-    for reply in session.get(f"{OWN_CHUNK}/*/play/status", timeout=_ASK_S):
-        if reply.ok is not None:
-            taken.add(str(reply.ok.key_expr).split("/")[1])
-    names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
-    return next((each for each in names if each not in taken), name)
-
-
-def _number(request: CommandRequest, name: str, default: float | None = None) -> float:
-    found = request.argument(name)
-    if found is None and default is not None:
-        return default
-    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
-        raise ConfigError(f"the argument {name!r} is no number", hint=f'such as {{"{name}": 2.5}}')
-    return float(found)
-
-
-def _told(do: Callable[[PlayService, CommandRequest], object], *, urgent: bool = False) -> Command:
-    def run(service: PlayService, request: CommandRequest) -> dict[str, Any]:
-        do(service, request)
-        return service.status()
-
-    return Command(run, urgent=urgent)
-
-
 def _step(service: PlayService, request: CommandRequest) -> None:
-    count = _number(request, "count", 1.0)
+    count = request.number("count", 1.0)
     if not 1 <= count <= _MOST_STEPS or count != int(count):
-        raise ConfigError(f"{count:g} is no number of steps", hint=f"1 to {_MOST_STEPS}")
+        raise ConfigError(f"{count:g} is not a number of steps", hint=f"1 to {_MOST_STEPS}")
     service.step(int(count))
 
 
 PLAY_COMMANDS: dict[str, Command] = {
     "play/status": Command(lambda service, _: service.status(), reads=True, urgent=True),
-    "play/pause": _told(lambda service, _: service.pause(), urgent=True),
-    "play/resume": _told(lambda service, _: service.resume(), urgent=True),
-    "play/step": _told(_step),
-    "play/seek": _told(lambda service, request: service.seek(_number(request, "time"))),
-    "play/rate": _told(lambda service, request: service.set_rate(_number(request, "rate"))),
-    "play/stop": _told(lambda service, _: service.stop(), urgent=True),
+    "play/pause": reporting(lambda service, _: service.pause(), urgent=True),
+    "play/resume": reporting(lambda service, _: service.resume(), urgent=True),
+    "play/step": reporting(_step),
+    "play/seek": reporting(lambda service, request: service.seek(request.number("time"))),
+    "play/rate": reporting(lambda service, request: service.set_rate(request.number("rate"))),
+    "play/stop": reporting(lambda service, _: service.stop(), urgent=True),
 }
 """All commands by name; each answers with the status."""

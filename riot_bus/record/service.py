@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
-from riot_bus.control.commands import Command
+from riot_bus.control.commands import Command, reporting
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import registry_of
-from riot_bus.control.server import Control
+from riot_bus.control.server import Control, free_name
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
 from riot_bus.record.gaps import Gaps
@@ -53,7 +53,6 @@ _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1
 _LINK_S = 1.0
 _ASK_S = 1.0
-_MOST_NAMES = 100
 _GRAPH = "riot_bus.graph"
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
@@ -166,7 +165,7 @@ class CaptureService:
                 watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
                 stack.enter_context(watch)
             if options.control:
-                self.name = _free_name(session, options.name)
+                self.name = free_name(session, options.name, "record")
                 stack.enter_context(Control(self, self.name, {"": session}, commands=CAPTURE_COMMANDS, under=UNDER))
             _await_routes(session)
             self._stack = stack.pop_all()
@@ -469,32 +468,14 @@ def _await_routes(session: zenoh.Session) -> None:
             pass
 
 
-def _free_name(session: zenoh.Session, name: str) -> str:
-    """Return the name, with a number appended if another recorder has it."""
-    taken = set()
-    for reply in session.get(f"{OWN_CHUNK}/*/record/status", timeout=_ASK_S):
-        if reply.ok is not None:
-            taken.add(str(reply.ok.key_expr).split("/")[1])
-    names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
-    return next((each for each in names if each not in taken), name)
-
-
 def _plain(value: object) -> object:
     return dict(value) if isinstance(value, Mapping) else str(value) if isinstance(value, Path) else list(value)  # type: ignore[call-overload]
 
 
-def _told(do: Callable[[CaptureService], object], *, urgent: bool = False) -> Command:
-    def run(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
-        do(service)
-        return service.status()
-
-    return Command(run, urgent=urgent)
-
-
-def _start(service: CaptureService) -> None:
+def _start(service: CaptureService, _: CommandRequest) -> None:
     if not service.paused:
         hint = "split it (riot ctl record split), or stop it (riot ctl record stop)"
-        raise ConfigError("this recorder records already", where="record/start", hint=hint)
+        raise ConfigError("this recorder is recording already", where="record/start", hint=hint)
     service.resume()
 
 
@@ -505,11 +486,11 @@ def _split(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
 
 CAPTURE_COMMANDS: dict[str, Command] = {
     "record/status": Command(lambda service, _: service.status(), reads=True, urgent=True),
-    "record/start": _told(_start),
-    "record/pause": _told(lambda service: service.pause(), urgent=True),
-    "record/resume": _told(lambda service: service.resume(), urgent=True),
+    "record/start": reporting(_start),
+    "record/pause": reporting(lambda service, _: service.pause(), urgent=True),
+    "record/resume": reporting(lambda service, _: service.resume(), urgent=True),
     "record/split": Command(_split),
     "record/dump": Command(lambda service, request: {"dumped": str(service.dump(request.path()))}),
-    "record/stop": _told(lambda service: service.stop(), urgent=True),
+    "record/stop": reporting(lambda service, _: service.stop(), urgent=True),
 }
 """All commands by name."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +24,7 @@ from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, DataLossError
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from riot_bus.control.terminal import Console
+    from riot_bus.control.terminal import Foreground
     from riot_bus.log.comparison.result import LogDifference
     from riot_bus.play.options import PlayOptions
 
@@ -57,24 +55,13 @@ class Expectation:
     answers: Path | None = None
 
 
-def play_expecting(
-    options: PlayOptions,
-    expectation: Expectation,
-    *,
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
-    console: AbstractContextManager[Console] | None = None,
-    as_json: bool = False,
-) -> LogDifference | None:
+def play_expecting(options: PlayOptions, expectation: Expectation, foreground: Foreground) -> LogDifference | None:
     """Play logs, record the answers, and compare them with the expected ones.
 
     Args:
         options: Logs and settings of the playback.
         expectation: Expected answers.
-        say: Function that prints a line of the result.
-        warn: Function that prints a line of diagnostics.
-        console: Console that shows progress and takes keys during playback; None if there is no terminal.
-        as_json: Whether to print the result as lines of JSON.
+        foreground: Frame that prints the result of the playback and takes keys.
 
     Returns:
         How the answers differ from the expected ones; None if the playback was interrupted.
@@ -97,7 +84,7 @@ def play_expecting(
             hint = "choose what is played by --topics, or name a log that has answers as well"
             raise ConfigError("it holds no topic that is not played", where=str(expectation.log), hint=hint)
         names = sorted({track.topic for track in tracks})
-        warn(f"answers are expected on {', '.join(names)}")
+        foreground.warn(f"answers are expected on {', '.join(names)}")
         counts = Counter[str]()
         for track in tracks:
             counts[track.topic] += len(track)
@@ -116,8 +103,8 @@ def play_expecting(
             definitions=options.definitions,
             control=False,
         )
-        with CaptureService(capture, warn=warn) as service:
-            finished = run_play(options, say=say, warn=warn, console=console, as_json=as_json)
+        with CaptureService(capture, warn=foreground.warn) as service:
+            finished = run_play(options, foreground)
             if finished:
                 _await(service, counts, expectation.wait)
         if not finished:

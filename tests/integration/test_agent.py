@@ -211,12 +211,12 @@ def test_a_robot_is_steered_and_does_one_thing_at_a_time(bus: str, hub: str, log
         assert "paused" in err
         assert fleet(hub, "seek", "r7", "5.9")["operation"]["position"] == 5.9
         assert fleet(hub, "rate", "r7", "2")["operation"]["rate"] == 2.0
-        assert "is no number" in fleet(hub, "rate", "r7", "nan", code=2)
+        assert "is not a number" in fleet(hub, "rate", "r7", "nan", code=2)
         assert listener.messages == []
         fleet(hub, "resume", "r7")
         assert controller.end() == 0, controller.err
         assert listener.payloads(2) == expected()[118:]
-        assert "nothing goes on" in fleet(hub, "pause", "r7", code=2)
+        assert "no operation is running" in fleet(hub, "pause", "r7", code=2)
         assert fleet(hub, "stop", "r7")["busy"] is False
 
 
@@ -291,7 +291,7 @@ def test_nonsense_is_answered(bus: str, hub: str, logs: Path) -> None:
         ("play", json.dumps({**good, "on_lost_controller": "stop"}).encode(), "needs one that stays"),
         ("play", b"x" * (2 << 20), "bytes are too many"),
         ("logs", b'{"query": "nonsense"}', "'nonsense' is no condition"),
-        ("seek", b"{}", "the argument 'time' is no number"),
+        ("seek", b"{}", "the argument 'time' is not a number"),
         ("pause", b'{"whom": 1}', "unknown argument 'whom'"),
         ("dance", b"{}", "no command 'agent/dance'"),
     ]
@@ -409,7 +409,7 @@ def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs
                 source.put(Message(BEGIN, "a/x", b'{"v": %d}' % number))
             listener.wait(10)
             assert "is busy: record of new.mcap" in fleet(hub, "play", "r7", "log.mcap", code=4)
-            assert "knows no seek" in fleet(hub, "seek", "r7", "1", code=2)
+            assert "has no command 'seek'" in fleet(hub, "seek", "r7", "1", code=2)
             assert wait_until(lambda: fleet(hub, "status", "r7")["operation"]["recorded"] == 10, 60)
             recorder.process.send_signal(signal.SIGINT)
             assert recorder.end() == 130, recorder.err

@@ -356,7 +356,7 @@ def test_a_running_recorder_is_controlled_from_afar(router: str, tmp_path: Path)
         put(sender, "ctl/x", 1)
         assert wait_until(lambda: remote.ask("record/status")["left_out"] == {"paused": 1}, 60)
         assert remote.ask("record/start")["state"] == "recording"
-        with pytest.raises(ConfigError, match="records already"):
+        with pytest.raises(ConfigError, match="is recording already"):
             remote.ask("record/start")
         with pytest.raises(ConfigError, match="no ring"):
             remote.ask("record/dump")

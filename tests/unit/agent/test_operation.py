@@ -1,18 +1,46 @@
 from __future__ import annotations
 
 import threading
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 
 from riot_bus.agent.operation import FINAL, Operation
 from riot_bus.agent.request import Lead
-from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
+from riot_bus.zenoh.session import wait_until
 
 LEAD = Lead(operation="0" * 16, on_lost_controller="continue", who="ann")
 
 
-class Steps(Operation):
+class Service:
+    """A service that goes on when the test says so."""
+
+    def __init__(self, go: threading.Event) -> None:
+        self._go = go
+        self.done: list[str] = []
+
+    def start(self) -> None:
+        self.done.append("start")
+
+    def pause(self) -> None:
+        self.done.append("pause")
+
+    def resume(self) -> None:
+        self.done.append("resume")
+
+    def stop(self) -> None:
+        self._go.set()
+
+    def close(self) -> None:
+        self.done.append("close")
+
+    def wait(self, timeout: float | None = None) -> bool:
+        return self._go.wait(timeout)
+
+
+class Steps(Operation[Service]):
     """An operation that goes on when the test says so."""
 
     kind = "step"
@@ -27,22 +55,26 @@ class Steps(Operation):
     def _note(self) -> None:
         self.states.append(self.status()["state"])
 
-    def _work(self) -> dict[str, Any]:
-        self.go.wait(30)
+    def _open(self, stack: ExitStack) -> Service:
+        self.service = Service(self.go)
+        return self.service
+
+    def _row(self, service: Service) -> dict[str, Any]:
+        return self.inner
+
+    def _result(self, service: Service) -> dict[str, Any]:
         if self._error is not None:
             raise self._error
-        return {"state": "ended", "result": {"published": 1}}
+        return {"published": 1}
 
-    def _stop(self) -> None:
-        self.go.set()
-
-    def _details(self) -> dict[str, Any]:
-        return self.inner
+    def begin(self) -> None:
+        self.start()
+        assert wait_until(lambda: self._details() is not None, 30)
 
 
 def test_it_is_not_over_before_the_result_is_there() -> None:
     steps = Steps()
-    steps.start()
+    steps.begin()
     assert steps.status()["state"] == "playing"
     steps.inner = {"state": "ended"}
     assert (steps.status()["state"], steps.active) == ("stopping", True)
@@ -54,12 +86,13 @@ def test_it_is_not_over_before_the_result_is_there() -> None:
 
 def test_a_stop_says_why_and_the_first_reason_counts() -> None:
     steps = Steps()
-    steps.start()
+    steps.begin()
     steps.stop("stopped by ann")
     steps.stop("stopped by bob")
     assert steps.wait(30)
     assert (steps.status()["state"], steps.status()["reason"]) == ("stopped", "stopped by ann")
-    assert steps.states[0] in ("stopping", *FINAL)
+    assert steps.states[0] == "playing"
+    assert steps.states[1] in ("stopping", *FINAL)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +105,7 @@ def test_a_stop_says_why_and_the_first_reason_counts() -> None:
 )
 def test_a_failure_is_a_state(error: Exception, code: int, message: str) -> None:
     steps = Steps(error)
-    steps.start()
+    steps.begin()
     steps.go.set()
     assert steps.wait(30)
     status = steps.status()
@@ -87,8 +120,22 @@ def test_warnings_are_bounded() -> None:
     assert max(map(len, steps.status()["warnings"])) == 500
 
 
+def test_a_pause_goes_to_the_service() -> None:
+    steps = Steps()
+    with pytest.raises(EnvironmentFaultError, match="the step has not begun yet"):
+        steps.pause()
+    steps.begin()
+    steps.pause()
+    steps.resume()
+    steps.stop("enough")
+    with pytest.raises(EnvironmentFaultError, match="has ended"):
+        steps.resume()
+    assert steps.wait(30)
+    assert steps.service.done == ["start", "pause", "resume", "close"]
+
+
 def test_what_it_cannot_do() -> None:
     steps = Steps()
-    for do in (steps.pause, steps.resume, lambda: steps.seek(1.0), lambda: steps.set_rate(1.0)):
-        with pytest.raises(ConfigError, match="a step knows no "):
+    for do in (lambda: steps.seek(1.0), lambda: steps.set_rate(1.0)):
+        with pytest.raises(ConfigError, match="a step has no command "):
             do()

@@ -9,6 +9,7 @@ import pytest
 
 from riot_bus.bridge.program import Program
 from riot_bus.bridge.running import run_bridge
+from riot_bus.control.terminal import Foreground
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 DEADLINE = 30.0
@@ -47,14 +48,16 @@ def python(code: str) -> list[str]:
 @pytest.mark.parametrize(("code", "status"), [("pass", 0), ("raise SystemExit(3)", 3)])
 def test_the_bridge_ends_with_its_program(code: str, status: int) -> None:
     bridge, said = Quiet(), []
-    done = run_bridge(bridge, say=said.append, program=lambda: Program(python(code), {}, ended=bridge.stop))
+    done = run_bridge(
+        bridge, Foreground(said.append, said.append), program=lambda: Program(python(code), {}, ended=bridge.stop)
+    )
     assert (done, said) == (status, ["ready", "ended"])
 
 
 def test_a_signal_is_told() -> None:
     bridge = Quiet()
     code = "import os; os.kill(os.getpid(), 9)"
-    assert run_bridge(bridge, say=lambda line: None, program=lambda: Program(python(code), {}, ended=bridge.stop)) == -9
+    assert run_bridge(bridge, Foreground(str, str), program=lambda: Program(python(code), {}, ended=bridge.stop)) == -9
 
 
 def test_the_program_ends_with_the_bridge() -> None:
@@ -65,7 +68,7 @@ def test_the_program_ends_with_the_bridge() -> None:
         bridge.stop()
         return programs[0]
 
-    assert run_bridge(bridge, say=lambda line: None, program=start) == 0
+    assert run_bridge(bridge, Foreground(str, str), program=start) == 0
     assert programs[0].status == -signal.SIGTERM
 
 

@@ -14,9 +14,10 @@ from riot_bus.control.commands import answer, refusal
 from riot_bus.control.remote import Remote, find_routers
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import merged
-from riot_bus.control.router_process import _ready
+from riot_bus.control.router_process import _report_ready
 from riot_bus.control.router_service import ROUTER_COMMANDS as COMMANDS
 from riot_bus.control.router_service import RouterService
+from riot_bus.control.terminal import Foreground
 from riot_bus.graph.history import replay
 from riot_bus.graph.model import ConnectedComponent
 from riot_bus.log.reader import LogReader
@@ -124,7 +125,7 @@ def test_a_recording_begins_goes_on_elsewhere_and_ends(router: RouterService, tm
         with pytest.raises(ConfigError, match="does not record"):
             operation()
     assert router.record_start("a.mcap") == {"file": str(tmp_path / "a.mcap")}
-    with pytest.raises(ConfigError, match="records already"):
+    with pytest.raises(ConfigError, match="is recording already"):
         router.record_start("b.mcap")
     with pytest.raises(ConfigError, match="exists already"):
         router.record_split("a.mcap")
@@ -144,7 +145,9 @@ def test_what_is_behind_the_hash_of_an_endpoint_is_not_told_and_not_recorded(tmp
     segments = [f"a={place}#so_sndbuf=65536", "b=tcp/127.0.0.1:0#so_sndbuf=65536"]
     flags = RouterOptions(segments=segments, record=tmp_path / "a.mcap")
     with RouterService(merged(RouterSettings(), flags), scouting=None) as router:
-        told = [json.dumps(router.status()), *(_ready(router, as_json=each) for each in (True, False))]
+        told = [json.dumps(router.status())]
+        for as_json in (True, False):
+            _report_ready(router, Foreground(told.append, told.append, as_json=as_json))
         assert router.endpoints["a"] == (f"{place}#...",)
     assert all(f"{place}#..." in text and "65536" not in text for text in told)
     with LogReader(tmp_path / "a.mcap") as reader:
@@ -269,8 +272,8 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
     ("command", "payload", "text"),
     [
         ("nope", b"", "no command 'nope'"),
-        ("intercept/add", b"", "no list of texts"),
-        ("intercept/add", b'{"keys": [1]}', "no list of texts"),
+        ("intercept/add", b"", "not a list of texts"),
+        ("intercept/add", b'{"keys": [1]}', "not a list of texts"),
         ("intercept/add", b"[]", "not a JSON object"),
         ("intercept/add", b"{" * 60_000, "not JSON"),
         ("intercept/add", b"\xff", "not UTF-8"),
@@ -279,7 +282,7 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
         ("plan/load", b"\xff\xfe", "not UTF-8"),
         ("plan/load", b"a = " + b"[" * 5000, "not a TOML file"),
         ("plan/load", b"", "injects nothing"),
-        ("record/start", b'{"path": 7}', "no text"),
+        ("record/start", b'{"path": 7}', "not a text"),
         ("record/start", b'{"path": "../x.mcap"}', "outside"),
     ],
 )

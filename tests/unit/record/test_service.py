@@ -12,5 +12,5 @@ def test_what_is_behind_the_hash_of_the_endpoint_is_not_told_and_not_recorded() 
     service = CaptureService(CaptureOptions(endpoint="tls/host:1#key=s3kR1t", config=config))
     assert service.status()["endpoint"] == "tls/host:1#..."
     assert json.loads(service._metadata()["options"])["endpoint"] == "tls/host:1#..."
-    told = [json.dumps(service._metadata()), *(_ready(service, as_json=each) for each in (True, False))]
+    told = [json.dumps(service._metadata()), json.dumps(service.status()), _ready(service)]
     assert "s3kR1t" not in "".join(told)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from riot_bus.log.account import Account
-from riot_bus.record.keys import keys_help
 from riot_bus.record.loss_counts import LossCounts, summed
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.record.service import CaptureResult
@@ -57,11 +56,6 @@ def test_a_summary_says_which_files_are_gone_and_what_never_came() -> None:
         "nothing came on x\\x1b/**",
     ]
     assert [each.row().get("deleted", False) for each in files] == [True, True, False]
-
-
-def test_keys_are_those_that_do_something() -> None:
-    assert "ring" in keys_help(ring=True)
-    assert "another file" in keys_help(ring=False)
 
 
 def test_books_balance() -> None:
