@@ -44,7 +44,7 @@ def parse_subject(text: str) -> tuple[Role, str]:
     """Parse `ROLE` or `ROLE=USER`; a role alone stands for the user of the same name.
 
     Raises:
-        ConfigError: There is no such role.
+        ConfigError: The role does not exist.
     """
     word, _, user = text.partition("=")
     for role in ROLES:

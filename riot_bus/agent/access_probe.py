@@ -41,7 +41,7 @@ class Access:
         action: Action that it tried.
         key: Key that it was tried at.
         seen_by: The identities on the other side: who received what it put, whom it answered ...
-        needed: Whether its role needs this; False for `NOBODY`, None for other names that are no role.
+        needed: Whether its role needs this; False for `NOBODY`, None for names that are not a role.
     """
 
     identity: str
@@ -60,7 +60,7 @@ def probe_access(
 ) -> list[Access]:
     """Let each identity try each action at each key of an agent, and return what the others saw of it.
 
-    An action with two sides is seen only if both are allowed: when nobody can subscribe, no publication is seen.
+    An action with two sides is seen only if both are allowed: while no identity can subscribe, no publication is seen.
 
     Args:
         endpoint: The fleet's router.

@@ -107,7 +107,7 @@ class Library:
             name: Path, relative to the folder, or absolute and inside of it.
 
         Raises:
-            ConfigError: The path leads out of the folder, directly or through a link, or is no log.
+            ConfigError: The path leads out of the folder, directly or through a link, or is not a log.
         """
         where = "logs"
         if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
@@ -124,7 +124,7 @@ class Library:
             found = [self._inside(each, name) for each in files]
             for each in found:
                 if not stat.S_ISREG(each.stat().st_mode) or each.suffix != ENDING:
-                    raise ConfigError(f"{name!r} is no log", where=where, hint=f"their names end with {ENDING}")
+                    raise ConfigError(f"{name!r} is not a log", where=where, hint=f"their names end with {ENDING}")
         except OSError as error:
             known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
             hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"

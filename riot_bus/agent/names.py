@@ -38,7 +38,7 @@ def check_robot(name: str, where: str = "--robot") -> str:
     """Return the name; raises ConfigError if it is not valid for a robot."""
     if not _NAME.fullmatch(name):
         hint = f"letters, digits, '-', '_' and '.', at most 100: it is part of the key {OWN_CHUNK}/NAME/agent"
-        raise ConfigError(f"{name[:120]!r} is no name of a robot", where=where, hint=hint)
+        raise ConfigError(f"{name[:120]!r} is not a name of a robot", where=where, hint=hint)
     return name
 
 

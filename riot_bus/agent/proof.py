@@ -22,7 +22,7 @@ def new_secret() -> str:
 
 
 def prove(secret: str, role: str, text: str) -> str:
-    """Return the proof that whoever sends a text knows a secret.
+    """Return the proof that the sender of a text knows a secret.
 
     Args:
         secret: Shared by agent and controller; as `new_secret` returns it.

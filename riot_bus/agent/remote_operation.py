@@ -135,7 +135,7 @@ def who_am_i() -> str:
     try:
         user = getpass.getuser()
     except (KeyError, OSError):
-        user = "somebody"
+        user = "unknown"
     return f"{user}@{socket.gethostname()}"[:200]
 
 
@@ -251,7 +251,7 @@ class RemoteOperation:
         if not isinstance(status, dict) or status.get("id") != self.operation or "state" not in status:
             who = f"it is busy for {status.get('who')}" if isinstance(status, dict) and answer.get("busy") else ""
             raise EnvironmentFaultError(
-                f"{self.robot} no longer knows of it: its agent was started anew, or somebody else took over",
+                f"{self.robot} no longer knows of it: its agent was started anew, or another controller took over",
                 where=self.robot,
                 hint=who or f"riot fleet status {self.robot}",
             )
@@ -283,7 +283,7 @@ class RemoteOperation:
         operation = answer.get("operation")
         own = isinstance(operation, dict) and operation.get("id") == self.operation
         if own and not is_proved(answer, self._secret, nonce):
-            hint = "somebody else answers for it: use access control (riot agent acl), and look: riot doctor --acl"
+            hint = "another process answers for it: use access control (riot agent acl), and look: riot doctor --acl"
             text = f"an answer to {command!r} does not prove to come from {self.robot}"
             raise ForgedAnswerError(text, where=self._endpoint, hint=hint)
         return answer
@@ -295,7 +295,7 @@ class RemoteOperation:
             return found
 
     def _try(self, command: str, arguments: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Ask; return None if nobody answers in time."""
+        """Ask; return None without an answer in time."""
         try:
             return self._ask(command, arguments, timeout=_ASK_S)
         except ForgedAnswerError:

@@ -56,7 +56,7 @@ class Lead(BaseModel):
     operation: _Id
     secret: Annotated[_Secret | None, Field(repr=False)] = None
     watched: bool = False
-    who: Annotated[str, Field(max_length=200)] = "somebody"
+    who: Annotated[str, Field(max_length=200)] = "an unnamed controller"
     on_lost_controller: Policy = "stop"
     grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = DEFAULT_GRACE_S
 
@@ -189,7 +189,7 @@ def parse_request(kind: type[RequestT], payload: bytes) -> RequestT:
     """Return a received request, checked.
 
     Raises:
-        ConfigError: The payload is no request of this kind; names the place and what was expected.
+        ConfigError: The payload is not a request of this kind; names the place and what was expected.
     """
     try:
         return kind.model_validate_json(payload or b"{}")

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.campaign.store import ATTEMPTS
 from riot_bus.chain.reproduce import why_untold
-from riot_bus.fleet.places import copied
+from riot_bus.fleet.stores import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader

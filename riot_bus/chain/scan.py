@@ -12,7 +12,7 @@ import numpy as np
 from riot_bus.chain.prediction import Prediction, alike, column_of, moments_of, predict, rule_text
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.fleet.near_misses import BINS, FleetScan, LogScan, NearMiss
-from riot_bus.fleet.places import copied
+from riot_bus.fleet.stores import copied
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.info import log_info

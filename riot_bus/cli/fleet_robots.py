@@ -34,7 +34,7 @@ Grace = Annotated[
     float,
     typer.Option(metavar="SECONDS", min=0.0, help="Time without contact after which this command counts as lost."),
 ]
-Detach = Annotated[bool, typer.Option("--detach", help="Return once it has begun; nobody watches it then.")]
+Detach = Annotated[bool, typer.Option("--detach", help="Return once it has begun; it is not watched then.")]
 
 
 class Lost(StrEnum):
@@ -109,8 +109,8 @@ def play(
     """Make a robot play logs that it holds into its own bus, and follow its progress; Ctrl-C stops it.
 
     When the robot loses this command (its machine is off, the link is broken), it stops after --grace seconds, unless
-    --on-lost-controller says otherwise. With --detach nobody watches, and it plays to the end. Exit code 3: messages
-    were lost. 4: no answer, busy, or stopped by somebody else.
+    --on-lost-controller says otherwise. With --detach it plays to the end, unwatched. Exit code 3: messages
+    were lost. 4: no answer, busy, or stopped by another user.
     """
     arguments = {"logs": log, "inject": None if inject is None else _plan(inject), **given}
     policy = _policy(on_lost_controller, Lost.STOP, grace=grace, detach=detach)
@@ -142,7 +142,7 @@ def record(
     """Make a robot record its own bus into its folder of logs, and follow its progress; Ctrl-C ends the recording.
 
     When the robot loses this command, it goes on recording, unless --on-lost-controller says otherwise. Exit code 3:
-    messages were lost. 4: no answer, busy, or ended by somebody else.
+    messages were lost. 4: no answer, busy, or ended by another user.
     """
     arguments = {"keys": keys or ["**"], "output": output, **given}
     policy = _policy(on_lost_controller, Lost.CONTINUE, grace=grace, detach=detach)
@@ -197,7 +197,7 @@ def rate(
 def stop(
     robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
 ) -> None:
-    """Stop what a robot is doing, whoever started it."""
+    """Stop what a robot is doing, also for another user."""
     _steer(endpoint, cfg, robot, form, "stop")
 
 

@@ -54,7 +54,7 @@ def record(
     """Record a Zenoh network as MCAP: everything, or what is named; until Ctrl-C.
 
     On a terminal, keys pause and begin another file. SIGUSR1 writes the ring. Exit code 3: messages are lost; how many
-    of each topic and why is said at the end and written into the log. 4: nobody answers at the endpoint.
+    of each topic and why is said at the end and written into the log. 4: no router answers at the endpoint.
     """
     from riot_bus.cli.terminal import foreground_of
     from riot_bus.control.component import client_cfg
@@ -86,7 +86,7 @@ def _notes(texts: list[str] | tuple[()]) -> dict[str, str]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not key or not equals:
-            raise ConfigError(f"{text!r} is no note", where="--note", hint="write KEY=TEXT, such as place='hall 3'")
+            raise ConfigError(f"{text!r} is not a note", where="--note", hint="write KEY=TEXT, such as place='hall 3'")
         found[key] = value
     return found
 

@@ -67,7 +67,7 @@ def parse_size(text: str, where: str) -> int:
     """Return bytes: `500MB`, `1GiB`, `65536`; raises ConfigError."""
     match = _SIZE.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"{text!r} is no size", where=where, hint="write it like 500MB, 1GiB or 65536")
+        raise ConfigError(f"{text!r} is not a size", where=where, hint="write it like 500MB, 1GiB or 65536")
     number, letter, binary = match.groups()
     base = 1024 if binary else 1000
     return int(float(number) * base ** " kmgt".index(letter.lower() or " "))
@@ -77,7 +77,7 @@ def parse_seconds(text: str, where: str) -> float:
     """Return seconds: `90`, `90s`, `15min`, `15m`, `1h`; raises ConfigError."""
     match = _TIME.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"{text!r} is no time", where=where, hint="write it like 90, 90s, 15min or 1h")
+        raise ConfigError(f"{text!r} is not a time", where=where, hint="write it like 90, 90s, 15min or 1h")
     return float(match[1]) * _UNITS[match[2]]
 
 

@@ -142,7 +142,7 @@ def _check_address(protocol: str, address: str, text: str, *, connect: bool) -> 
         raise ConfigError(f"{port!r} in {text!r} is not a port", hint=f"write a number from 0 to {_LARGEST_PORT}")
     if connect and int(port) == 0:
         hint = "port 0 stands for any free port, which is only possible for listening"
-        raise ConfigError(f"nobody can connect to {text!r}", hint=hint)
+        raise ConfigError(f"no client can connect to {text!r}", hint=hint)
 
 
 def overlap(a: Endpoint, b: Endpoint) -> bool:

@@ -55,7 +55,7 @@ class SegmentSettings:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine reaches it: it listens on loopback or socket files, and joins nobody elsewhere."""
+        """Whether only this machine reaches it: it listens on loopback or socket files, and joins none elsewhere."""
         scouting = any(
             key.startswith("scouting/multicast") and value is not False for key, value in self.config.items()
         )

@@ -21,7 +21,7 @@ SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
 _LISTEN = "write listen = [...] in the segment's table"
 _CONNECT = "write connect = [...] in the segment's table"
 _PASSWORD = (
-    "the segment would refuse everybody without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
+    "the segment would refuse all clients without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
 )
 _FORBIDDEN = {
     "mode": "a segment is always a router",

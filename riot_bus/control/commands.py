@@ -18,7 +18,7 @@ __all__ = ["LARGEST_PAYLOAD", "Command", "CommandRequest", "answer", "number_of"
 
 _VERSION = 1  # of the answers' format
 
-LARGEST_PAYLOAD = 1 << 20  # anybody in a segment may send more; a plan, the largest payload, is a text file
+LARGEST_PAYLOAD = 1 << 20  # any client of a segment may send more; a plan, the largest payload, is a text file
 _LARGEST_ARGUMENTS = 1 << 16  # they are a path or a list of keys; parsed JSON takes several times its size
 _LARGEST_NUMBER = 1e12  # beyond any log; keeps out NaN, infinity and what overflows as nanoseconds or in SQLite
 _LONGEST_NAME = 200  # a guess: bounds what an answer or a message repeats of a sender's text

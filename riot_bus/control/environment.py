@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 Flavour = Literal["rmw_zenoh", "zenoh"]
-"""Who reads the environment: nodes of ROS 2 under `rmw_zenoh_cpp`, or programs that use Zenoh themselves."""
+"""Programs that read the environment: nodes of ROS 2 under `rmw_zenoh_cpp`, or programs that use Zenoh themselves."""
 
 _ROS_PROTOCOLS = frozenset({"tcp", "tls", "udp"})  # what rmw_zenoh's own build of Zenoh has
 _LOOPBACK = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}  # noqa: S104 - compared, not listened on

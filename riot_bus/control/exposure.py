@@ -1,4 +1,4 @@
-"""Who can reach a router: warnings about listeners that are open to the network."""
+"""Warnings about listeners of a router that are open to the network."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["exposure_warnings"]
 
 
 def exposure_warnings(settings: RouterSettings) -> list[str]:
-    """Return one line per listener that anybody in the network can use, reading and writing every key.
+    """Return one line per listener that every host of the network can use, reading and writing every key.
 
     Loopback and socket files are not reachable from outside. Elsewhere TLS or QUIC, user names with passwords, or
     access control count as a deliberate choice.
     """
     return [
-        f"segment {name!r} listens on {redacted(str(endpoint))}: who can reach this address can read and write "
+        f"segment {name!r} listens on {redacted(str(endpoint))}: any host that reaches it can read and write "
         "everything; use 127.0.0.1, or configure TLS, users or access control (docs/router.md)"
         for name, segment in settings.segments.items()
         if not _controlled(segment)

@@ -60,14 +60,14 @@ def safe_path(folder: Path, text: str) -> Path:
     if not path.is_relative_to(root):
         raise ConfigError(f"{text!r} is outside of {root}", where=where, hint=f"choose a path below {root}")
     if path.suffix != ".mcap" or len(path.name.encode()) > _LONGEST_NAME:
-        raise ConfigError(f"{text!r} is no name of a log", where=where, hint="names end with .mcap")
+        raise ConfigError(f"{text!r} is not a name of a log", where=where, hint="names end with .mcap")
     if not path.parent.is_dir():
         raise ConfigError(f"there is no folder {path.parent}", where=where, hint="create it first")
     return path
 
 
 def _create(path: Path) -> Path:
-    """Create a file that did not exist, so that nobody else's is overwritten."""
+    """Create a file that did not exist, so that no file of another program is overwritten."""
     try:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW, 0o644))
     except FileExistsError:

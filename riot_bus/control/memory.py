@@ -28,7 +28,7 @@ def memory_limit() -> int:
     """Return how many bytes this process may use: RIOT_MEMORY_LIMIT, else three quarters of what there is.
 
     Raises:
-        ConfigError: The variable is no size.
+        ConfigError: The variable is not a size.
     """
     written = os.environ.get(_VARIABLE)
     if written:
@@ -63,7 +63,7 @@ def check_memory(limit: int) -> None:
         force_end_after(_END_S)
         error = EnvironmentFaultError(
             f"this process uses {used >> 20} MiB of memory, more than {limit >> 20} MiB",
-            hint="somebody may have subscribed to a key with many wildcards, which costs Zenoh memory "
+            hint="a client may have subscribed to a key with many wildcards, which costs Zenoh memory "
             f"(docs/router.md); {_VARIABLE} sets another limit, such as 8GiB",
         )
         sys.stderr.write(f"riot: {error}\n")  # now, since the end may have to be forced

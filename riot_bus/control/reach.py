@@ -59,7 +59,7 @@ class Sightings:
         components: All sessions of all segments, ours left out; a session in two segments is there twice.
         contacts: Links between sessions, none of them ours.
         others: Sessions that are connected to no segment, by id.
-        answers: Who answered multicast scouting, by id.
+        answers: Answers to multicast scouting, by session id.
     """
 
     components: Sequence[ConnectedComponent] = ()

@@ -35,7 +35,7 @@ _LATE_S = 0.5
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
 _VERSION = 1
 _STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
-_NOBODY = {
+_NO_ANSWER = {
     "router": "is it riot's, and may this segment control it (control)?",
     "player": "is riot play running in this segment?",
     "recorder": "is riot record running, and connected to this router?",
@@ -59,7 +59,7 @@ class Remote:
         kind: Kind of process to ask, if not a router.
 
     Raises:
-        EnvironmentFaultError: Nobody answers at the endpoint.
+        EnvironmentFaultError: No router answers at the endpoint.
     """
 
     def __init__(
@@ -127,9 +127,7 @@ class Remote:
                 break
         refusals = {str(error_from(_document(data))) for ok, data in answers if not ok}
         if len(answers) > 1 and (len(refusals) > 1 or any(ok for ok, _ in answers)):
-            hint = (
-                "two of one name, or somebody who answers for another: give each its own name, and use access control"
-            )
+            hint = "two of one name, or one that answers for another: give each its own name, and use access control"
             text = f"{len(answers)} answers to one {command!r}: there is no telling which is {name}'s"
             raise ForgedAnswerError(text, where=self._endpoint, hint=hint)
         for ok, data in answers:
@@ -142,7 +140,7 @@ class Remote:
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer", where=command, hint=hint)
         if name in found:
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
-        raise self._nobody(name, found)
+        raise self._no_answer(name, found)
 
     def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:
         """Ask; return the answers that come until all have answered, or some time after the first answer.
@@ -183,15 +181,15 @@ class Remote:
     def _only(self) -> str:
         found = self.find()
         if not found:
-            raise self._nobody(None, found)
+            raise self._no_answer(None, found)
         if len(found) > 1:
             hint = f"choose one: --{self._kind} NAME"
             raise ConfigError(f"several {self._kind}s answer: {', '.join(found)}", where=self._endpoint, hint=hint)
         return found[0]
 
-    def _nobody(self, name: str | None, found: list[str]) -> EnvironmentFaultError:
+    def _no_answer(self, name: str | None, found: list[str]) -> EnvironmentFaultError:
         who = f"no {self._kind} {name!r}" if name is not None else f"no riot {self._kind}"
-        hint = f"there are {', '.join(found)}" if found else _NOBODY[self._kind]
+        hint = f"there are {', '.join(found)}" if found else _NO_ANSWER[self._kind]
         return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
 
 

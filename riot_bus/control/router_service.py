@@ -153,7 +153,7 @@ class RouterService(Operations):
         self._recordings.watch()
 
     def shutdown(self) -> None:
-        """Ask whoever runs this router to end."""
+        """Ask the process that runs this router to end."""
         self.stopping.set()
 
     @property

@@ -154,5 +154,5 @@ def _domains(environ: Mapping[str, str]) -> dict[str, str]:
     pairs = [word.partition("=") for word in environ.get(_DOMAINS, "").split()]
     for name, _, number in pairs:
         if not (number.isascii() and number.isdigit()):
-            raise ConfigError(f"{number!r} is no ROS domain", where=f"{_DOMAINS}: {name}", hint="such as unit=42")
+            raise ConfigError(f"{number!r} is not a ROS domain", where=f"{_DOMAINS}: {name}", hint="such as unit=42")
     return {name: number for name, _, number in pairs}

@@ -93,7 +93,7 @@ def become(command: Sequence[str], environ: Mapping[str, str]) -> NoReturn:
 
 
 def session_files_folder(text: str) -> Path:
-    """Return a folder for the files of one configuration, which nobody else can write to, and which outlives `become`.
+    """Return a folder for the files of one configuration that only this user can write to and that outlives `become`.
 
     The name is derived from the content of the file, so there is one folder for each configuration, however often it is
     used. The content of `$XDG_RUNTIME_DIR` is gone when the user logs out.

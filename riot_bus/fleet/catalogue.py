@@ -6,7 +6,7 @@ import os
 import sqlite3
 import threading
 import time
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,7 +14,7 @@ from riot_bus.fleet.entry import LATEST, LogEntry, TopicEntry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from riot_bus.fleet.near_misses import FleetScan
     from riot_bus.fleet.query import Query
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["Catalogue", "default_catalogue"]
 
 _APPLICATION = 0x52494F54  # "RIOT"
-_VERSION = 3
-_BUSY_S = 30.0
-_LONGEST = 4096
-_MOST_METADATA = 1000
+_VERSION = 3  # of the tables; `_UPGRADES` leads to it
+_BUSY_S = 30.0  # a guess: another process commits log by log, so it blocks for milliseconds
+_LONGEST = 4096  # letters of a text from a log, as PATH_MAX: bounds what a hostile log stores
+_MOST_METADATA = 1000  # a guess: entries of a log, of which a recorder writes about ten
 _COLUMNS = (
     "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone, "
     "scanned"
@@ -210,9 +210,22 @@ class Catalogue:
         with self._transaction() as db:
             db.execute("UPDATE logs SET gone = 0 WHERE place = ?", (place,))
 
-    def look(self, root: str) -> Look:
-        """Begin to look at all logs at or below a place."""
-        return Look(self, root)
+    def mark_gone(self, root: str, seen: Collection[str]) -> int:
+        """Mark logs that no longer exist; return how many there are.
+
+        Args:
+            root: Place of the logs; only those at or below it are marked.
+            seen: Places of the logs that exist.
+        """
+        root = root.rstrip("/")
+        with self._transaction() as db:
+            rows = db.execute(
+                "SELECT number, place FROM logs WHERE NOT gone AND (place = ?1 OR substr(place, 1, length(?2)) = ?2)",
+                (root, f"{root}/"),
+            ).fetchall()
+            gone = [(number,) for number, place in rows if place not in seen]
+            db.executemany("UPDATE logs SET gone = 1 WHERE number = ?", gone)
+        return len(gone)
 
     def prune(self) -> int:
         """Remove the logs that are gone; return how many were removed."""
@@ -292,7 +305,9 @@ class Catalogue:
                     self._db.execute("PRAGMA journal_mode = WAL")  # a commit then waits for no disk
                 with self._transaction() as db:
                     if not self._tables():  # else another process was faster
-                        self._create(db)
+                        _execute(db, _SCHEMA)
+                        db.execute(f"PRAGMA application_id = {_APPLICATION}")
+                        db.execute(f"PRAGMA user_version = {_VERSION}")
             self._db.execute("PRAGMA synchronous = NORMAL")
             self._db.execute("PRAGMA foreign_keys = ON")
             (application,) = self._db.execute("PRAGMA application_id").fetchone()
@@ -305,9 +320,9 @@ class Catalogue:
         except sqlite3.OperationalError as error:
             raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
         except sqlite3.DatabaseError as error:
-            raise ConfigError(f"this is no catalogue: {error}", where=str(self.path)) from error
+            raise ConfigError(f"this is not a catalogue: {error}", where=str(self.path)) from error
         if application != _APPLICATION:
-            raise ConfigError("this is no catalogue, but another SQLite file", where=str(self.path))
+            raise ConfigError("this is not a catalogue, but another SQLite file", where=str(self.path))
         if version != _VERSION:
             hint = "delete it and run riot fleet index again"
             raise ConfigError(f"version {version} of the catalogue, not {_VERSION}", where=str(self.path), hint=hint)
@@ -317,12 +332,6 @@ class Catalogue:
 
     def _tables(self) -> int:
         return int(self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
-
-    @staticmethod
-    def _create(db: sqlite3.Connection) -> None:
-        _execute(db, _SCHEMA)
-        db.execute(f"PRAGMA application_id = {_APPLICATION}")
-        db.execute(f"PRAGMA user_version = {_VERSION}")
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
@@ -342,36 +351,6 @@ class Catalogue:
                 yield self._db
             except sqlite3.OperationalError as error:
                 raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
-
-
-class Look:
-    """One pass over all logs at or below a place: logs that are not seen in it are gone.
-
-    Args:
-        catalogue: Catalogue that knows the logs.
-        root: Place of the logs.
-    """
-
-    def __init__(self, catalogue: Catalogue, root: str) -> None:
-        self._catalogue = catalogue
-        self._root = root.rstrip("/")
-        self._seen: set[str] = set()
-
-    def saw(self, place: str) -> None:
-        """Record that a log exists."""
-        self._seen.add(place)
-
-    def end(self) -> int:
-        """Mark logs that were not seen as gone; return how many have gone since the last pass."""
-        catalogue = self._catalogue
-        with catalogue._transaction() as db, closing(db.cursor()) as cursor:
-            rows = cursor.execute(
-                "SELECT number, place FROM logs WHERE NOT gone AND (place = ?1 OR substr(place, 1, length(?2)) = ?2)",
-                (self._root, f"{self._root}/"),
-            ).fetchall()
-            gone = [(number,) for number, place in rows if place not in self._seen]
-            cursor.executemany("UPDATE logs SET gone = 1 WHERE number = ?", gone)
-        return len(gone)
 
 
 def _execute(db: sqlite3.Connection, statements: str) -> None:

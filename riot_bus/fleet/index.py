@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.fleet.entry import LogEntry, TopicEntry
-from riot_bus.fleet.places import open_store
+from riot_bus.fleet.stores import open_store
 from riot_bus.log.info import log_info
 from riot_bus.vocabulary.errors import RiotError
 
@@ -98,38 +98,38 @@ class _Indexing:
     stop: Callable[[], bool]
     limits: LogLimits | None
     report: IndexReport = field(default_factory=IndexReport)
-    waiting: deque[Future[LogEntry]] = field(default_factory=deque)
+    reading: deque[Future[LogEntry]] = field(default_factory=deque)
 
     def index(self, store: Store, pool: ThreadPoolExecutor) -> None:
-        look = self.catalogue.look(store.root)
+        seen: set[str] = set()
         failures: list[str] = []
         try:
             for log in _until(store.logs(failures.append), self.stop):
                 self.report.logs += 1
                 self.progress(self.report.logs, log.place)
-                look.saw(log.place)
+                seen.add(log.place)
                 known = self.catalogue.known(log.place)
                 fresh = known is not None and (known.size, known.stamp) == (log.size, log.stamp)
                 if known is None or not fresh or (self.scan and not known.scanned):
                     work = pool.submit(describe, store, log, self.robot, scan=self.scan, limits=self.limits)
-                    self.waiting.append(work)
-                    self._take(self.jobs + _AHEAD, failures)
+                    self.reading.append(work)
+                    self._commit(self.jobs + _AHEAD, failures)
                 else:
                     self._keep(known)
-            self._take(0, failures)
+            self._commit(0, failures)
         finally:
-            for each in self.waiting:
+            for each in self.reading:
                 each.cancel()
-            self.waiting.clear()
+            self.reading.clear()
         self.report.failures += failures
         if not failures and not self.stop():  # else a log that was not seen may still exist
-            self.report.gone += look.end()
+            self.report.gone += self.catalogue.mark_gone(store.root, seen)
 
-    def _take(self, left: int, failures: list[str]) -> None:
+    def _commit(self, left: int, failures: list[str]) -> None:
         """Commit logs that were read, until only `left` are still being read."""
-        while len(self.waiting) > left:
+        while len(self.reading) > left:
             try:
-                entry = self.waiting.popleft().result()
+                entry = self.reading.popleft().result()
             except RiotError as error:
                 failures.append(str(error))
                 continue
@@ -179,16 +179,8 @@ def describe(
     except RiotError as error:
         if error.exit_code != 2:
             raise
-        return LogEntry(
-            place=log.place,
-            size=log.size,
-            stamp=log.stamp,
-            robot=name,
-            named_by=named,
-            readable=False,
-            problem=error.message,
-            scanned=True,
-        )
+        unread = LogEntry(place=log.place, size=log.size, stamp=log.stamp, robot=name, named_by=named)
+        return replace(unread, readable=False, problem=error.message, scanned=True)
     told = info.metadata.get(_ROBOT, "")
     lost = 0 if info.account is None else info.account.total()
     problems = [str(info.loss)] if info.loss else []

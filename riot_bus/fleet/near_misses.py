@@ -137,15 +137,11 @@ class FleetScan:
         met = f"{len(self.failing)} meet" if len(self.failing) > 1 else f"{len(self.failing) or 'none'} meets"
         misses = "near miss" if len(self.near) == 1 else "near misses"
         partly = sum(bool(log.judged and log.problem) and not log.holds for log in self.logs)
-        some = (
-            f"; {counted(partly, 'log')} only as far as {'it' if partly == 1 else 'they'} could be read"
-            if partly
-            else ""
-        )
+        reach = f"; {counted(partly, 'log')} only as far as {'it' if partly == 1 else 'they'} could be read"
         spreads = f"{self.within:g} nominal spread{'' if self.within == 1 else 's'} of its fields"
         return (
             f"{counted(len(self.logs), 'log')}: {met} the rule, {len(self.near)} {misses} (nearer than {spreads}), "
-            f"{far} farther away, {len(self.unjudged)} not judged{some}"
+            f"{far} farther away, {len(self.unjudged)} not judged{reach if partly else ''}"
         )
 
     def lines(self) -> list[str]:
@@ -171,7 +167,3 @@ class FleetScan:
     def to_json(self) -> dict[str, Any]:
         """Return the result as JSON values."""
         return {"rule": self.rule, "within": self.within, "logs": [log.to_json() for log in self.logs]}
-
-
-def _json(value: Scalar) -> bool | int | float | str:
-    return value.hex() if isinstance(value, bytes) else value

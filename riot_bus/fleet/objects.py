@@ -85,7 +85,7 @@ class ObjectStore:
 
     @contextmanager
     def excerpt(self, log: StoredLog) -> Iterator[Path]:
-        """Give a file with head and summary of a log, and its run's metadata; what lies between is a hole."""
+        """Yield a file with head and summary of a log, and its run's metadata; what lies between is a hole."""
         with self._temporary(log) as path:
             parts = self._parts(log)
             if parts is None:
@@ -101,7 +101,7 @@ class ObjectStore:
 
     @contextmanager
     def whole(self, log: StoredLog) -> Iterator[Path]:
-        """Give a copy of a log on this machine's disk."""
+        """Yield a copy of a log on this machine's disk."""
         with self._temporary(log) as path:
             self._copy(log, path)
             yield path

@@ -100,7 +100,7 @@ def _term(word: str, now: float) -> tuple[str, str, list[str | int | float]]:
         condition, convert = _NUMBERS[name]
         return name, condition, [convert(value, name, now)]
     hint = did_you_mean(word if not equals else name, [*_TEXTS, *_NUMBERS, *_FLAGS])
-    what = f"{name!r} needs a value" if name in _TEXTS or name in _NUMBERS else f"{word[:80]!r} is no condition"
+    what = f"{name!r} needs a value" if name in _TEXTS or name in _NUMBERS else f"{word[:80]!r} is not a condition"
     if name in _FLAGS:
         what, hint = f"{name!r} takes no value", f"write {name}"
     raise ConfigError(what, where="query", hint=f"{name}=..." if "needs a value" in what else hint)
@@ -118,7 +118,7 @@ def _time(text: str, name: str, now: float) -> int:
             seconds = (point if point.tzinfo is not None else point.replace(tzinfo=UTC)).timestamp()
         except (ValueError, OverflowError):
             hint = "write 2026-11-21, 2026-11-21T10:00:00 (UTC if it does not say), or 7d: so long ago"
-            raise ConfigError(f"{text[:80]!r} is no time", where=f"query: {name}", hint=hint) from None
+            raise ConfigError(f"{text[:80]!r} is not a time", where=f"query: {name}", hint=hint) from None
     return int(min(max(seconds, 0.0), _LATEST_S) * 1e9)
 
 
@@ -126,13 +126,13 @@ def _span(text: str, name: str, _: float) -> int:
     found = _SPAN.fullmatch(text)
     if found is None:
         hint = "write seconds, or 90s, 5m, 2h, 1d"
-        raise ConfigError(f"{text[:80]!r} is no duration", where=f"query: {name}", hint=hint)
+        raise ConfigError(f"{text[:80]!r} is not a duration", where=f"query: {name}", hint=hint)
     return int(min(float(found[1]) * _UNITS[found[2]], _LATEST_S) * 1e9)
 
 
 def _count(text: str, name: str, _: float) -> int:
     if not text.isascii() or not text.isdecimal() or len(text) > 18:
-        raise ConfigError(f"{text[:80]!r} is no number", where=f"query: {name}")
+        raise ConfigError(f"{text[:80]!r} is not a number", where=f"query: {name}")
     return int(text)
 
 

@@ -1,4 +1,4 @@
-"""Stores of logs: folders of this machine; object stores are in `objects`."""
+"""Stores of logs: folders of this machine, and how a place is opened; object stores are in `objects`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
-__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "is_remote"]
+__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "copied", "open_store"]
 
 ENDING = ".mcap"
 """Suffix of the names of logs."""
@@ -54,11 +54,11 @@ class Store(Protocol):
         ...
 
     def excerpt(self, log: StoredLog) -> AbstractContextManager[Path]:
-        """Give a local file with at least the summary of a log, and of the same size."""
+        """Return a local file with at least the summary of a log, and of the same size."""
         ...
 
     def whole(self, log: StoredLog) -> AbstractContextManager[Path]:
-        """Give a local file with all of a log."""
+        """Return a local file with all of a log."""
         ...
 
 
@@ -86,15 +86,15 @@ class FolderStore:
             details = root.stat()
             yield StoredLog(self.root, details.st_size, str(details.st_mtime_ns), root.parent.name)
             return
-        waiting = [(self.root, "")]
-        while waiting:
-            path, below = waiting.pop()
+        pending = [(self.root, "")]
+        while pending:
+            path, below = pending.pop()
             try:
                 with os.scandir(path) as entries:
                     for entry in entries:
                         try:
                             if entry.is_dir(follow_symlinks=False):
-                                waiting.append((entry.path, below or entry.name))
+                                pending.append((entry.path, below or entry.name))
                             elif entry.name.endswith(ENDING) and stat.S_ISREG((details := entry.stat()).st_mode):
                                 entry.path.encode()
                                 stamp = str(details.st_mtime_ns)
@@ -108,15 +108,36 @@ class FolderStore:
 
     @contextmanager
     def excerpt(self, log: StoredLog) -> Iterator[Path]:
-        """Give the log itself."""
+        """Yield the log itself."""
         yield Path(log.place)
 
-    @contextmanager
-    def whole(self, log: StoredLog) -> Iterator[Path]:
-        """Give the log itself."""
-        yield Path(log.place)
+    whole = excerpt
 
 
-def is_remote(place: str) -> bool:
-    """Return whether a place is a URL that fsspec has to open."""
-    return "://" in place and not place.startswith("file://")
+def open_store(root: str) -> Store:
+    """Open a folder, a log, or the URL of an object store.
+
+    Raises:
+        ConfigError: The place does not exist, or a package needed to open it is missing.
+    """
+    if "://" in root and not root.startswith("file://"):
+        from riot_bus.fleet.objects import ObjectStore
+
+        return ObjectStore(root)
+    return FolderStore(Path(root.removeprefix("file://")).expanduser())
+
+
+@contextmanager
+def copied(place: str) -> Iterator[Path]:
+    """Yield a local file with all of a log, wherever the log is; a copy on disk is deleted afterwards.
+
+    Raises:
+        ConfigError: The log cannot be read.
+    """
+    store = open_store(place)
+    problems: list[str] = []
+    log = next(store.logs(problems.append), None)
+    if log is None:
+        raise ConfigError(problems[0] if problems else "there is no such log", where=place)
+    with store.whole(log) as path:
+        yield path

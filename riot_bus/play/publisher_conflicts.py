@@ -55,7 +55,9 @@ class PublisherConflicts:
                     self._token(str(reply.ok.key_expr))
         for key in self._keys:
             subscriber = self._session.declare_subscriber(
-                key, lambda sample: self._add(str(sample.key_expr), "somebody"), allowed_origin=zenoh.Locality.REMOTE
+                key,
+                lambda sample: self._add(str(sample.key_expr), "another publisher"),
+                allowed_origin=zenoh.Locality.REMOTE,
             )
             self._subscribers.append(subscriber)
         self._timer.start()
@@ -66,6 +68,9 @@ class PublisherConflicts:
         with self._lock:
             subscribers, self._subscribers = self._subscribers, []
         release(*subscribers)
+
+    def _heard(self, sample: zenoh.Sample) -> None:
+        self._add(str(sample.key_expr), "another publisher")
 
     def _token(self, text: str) -> None:
         token = parse_token(text, self._registry)

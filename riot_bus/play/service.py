@@ -298,13 +298,13 @@ class PlayService:
         self._waiting = False
         self._unmatched = set(unmatched)
         if unmatched and self.options.wait and not self._stopped:
-            self._warn(f"after {self.options.wait:g} s nobody subscribes to {self._names(unmatched)}")
+            self._warn(f"after {self.options.wait:g} s there is no subscriber to {self._names(unmatched)}")
 
     def _warn_of_leavers(self) -> None:
         """Warn of lost subscribers: a router disconnects one that holds up others for too long."""
         gone = set(self._publishing.unmatched()) - self._unmatched
         if gone and not self._stopped:
-            self._warn(f"at the end nobody subscribes any more to {self._names(gone)}")
+            self._warn(f"at the end there is no longer a subscriber to {self._names(gone)}")
 
     def _names(self, keys: Collection[str]) -> str:
         names = sorted(map(self.programme.name, keys))

@@ -39,7 +39,7 @@ def _where(status: Mapping[str, Any]) -> str:
     if status["lost"]:
         parts.append(f"{status['lost']} lost")
     if status["unsettled"]:
-        parts.append(f"{counted(status['unsettled'], 'time')} nobody settled in time")
+        parts.append(f"{counted(status['unsettled'], 'time')} no subscriber settled in time")
     return ", ".join(parts)
 
 
@@ -61,7 +61,7 @@ def result_line(result: PlayResult) -> str:
     if late["max"]:
         text += f"; {_late(late)}"
     if result.unsettled:
-        text += f"; {counted(result.unsettled, 'time')} nobody settled in time"
+        text += f"; {counted(result.unsettled, 'time')} no subscriber settled in time"
     return f"{text}; stopped before the end" if result.stopped else text
 
 

@@ -104,7 +104,7 @@ def _check_known(texts: Iterable[str], topics: Sequence[RecordedTopic], where: s
             hint = did_you_mean(text, {topic.name for topic in topics})
             raise ConfigError(f"the logs have no topic {text!r}", where=where, hint=hint)
         if part_of(text) is not None and where == "--topics":
-            hint = "they are kept to be read; a player has nobody to answer"
+            hint = "they are kept to be read; a player cannot answer them"
             raise ConfigError(f"requests and replies are not played: {text}", where=where, hint=hint)
 
 

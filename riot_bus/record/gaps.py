@@ -6,7 +6,7 @@ from collections.abc import Hashable
 
 __all__ = ["Gaps"]
 
-_MOST_PUBLISHERS = 10_000  # anybody may invent publishers: bounds the memory; further ones are not followed
+_MOST_PUBLISHERS = 10_000  # any client may invent publishers: bounds the memory; further ones are not followed
 _MOST_REMEMBERED = 1000  # missing numbers of a publisher; one farther back means that it has restarted
 
 

@@ -26,7 +26,7 @@ class Naming:
         options: `output`, `folder`, `bag` and `overwrite`.
 
     Raises:
-        ConfigError: The output exists already, or is no name of a log.
+        ConfigError: The output exists already, or is not a name of a log.
     """
 
     def __init__(self, options: CaptureOptions) -> None:
@@ -38,7 +38,7 @@ class Naming:
             output = output / (stem + _SUFFIX)
         if not options.bag and output.suffix != _SUFFIX:
             hint = f"such as {output.name or 'run'}{_SUFFIX}; for a folder as of ros2 bag, take --bag"
-            raise ConfigError(f"{str(output)!r} is no name of a log", where="--output", hint=hint)
+            raise ConfigError(f"{str(output)!r} is not a name of a log", where="--output", hint=hint)
         self.bag = options.bag
         self.folder = output if options.bag else output.parent
         self.stem = output.name if options.bag else output.stem

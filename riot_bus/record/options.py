@@ -152,7 +152,7 @@ class CaptureOptions:
         for each, flag, names in flags_of(CaptureOptions):
             value = getattr(self, each.name)
             if (flag.read or flag.least is not None) and not 0.0 <= value < math.inf:
-                raise ConfigError(f"{value} is no number of 0 or more", where=names[0])
+                raise ConfigError(f"{value} is not a number of 0 or more", where=names[0])
         check_own_name(self.name, "record")
         self._check_ring()
         parse_throttles(self.throttle)
@@ -172,7 +172,7 @@ class CaptureOptions:
             selector = parse_selector(text)
             if selector.where is None or selector.field is not None:
                 hint = "write it like '/scan where range_max > 10'"
-                raise ConfigError(f"{text!r} is no condition of messages", where="--dump-on", hint=hint)
+                raise ConfigError(f"{text!r} is not a condition of messages", where="--dump-on", hint=hint)
             parse_predicate(selector.where)
 
 

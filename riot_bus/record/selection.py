@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordingSelection"]
 
-_MOST_WARNINGS = 20  # anybody may invent topics: bounds the lines on stderr and the memory
+_MOST_WARNINGS = 20  # any client may invent topics: bounds the lines on stderr and the memory
 _MOST_NAMED = 100  # each is compared with every new key; silent ones are lines of the result
 
 
@@ -78,7 +78,7 @@ class RecordingSelection:
         if self._bag and adapter is None:
             if key not in self._foreign and len(self._foreign) < _MOST_WARNINGS:
                 self._foreign.add(key)
-                self._warn(f"{key} is no topic of ROS 2 and is not recorded, since a bag cannot hold it")
+                self._warn(f"{key} is not a topic of ROS 2 and is not recorded, since a bag cannot hold it")
             return None
         topic = registry.topic(key)
         strange = adapter is not None and topic not in self._strange and len(self._strange) < _MOST_WARNINGS

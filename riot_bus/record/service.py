@@ -143,7 +143,7 @@ class CaptureService:
 
         Raises:
             ConfigError: The file exists already or cannot be written.
-            EnvironmentFaultError: Nobody answers at the endpoint.
+            EnvironmentFaultError: No router answers at the endpoint.
         """
         options = self.options
         with ExitStack() as stack:

@@ -35,8 +35,8 @@ __all__ = ["KeyRules", "RecordingSubscriber"]
 
 _LOG = logging.getLogger(__name__)
 _SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
-_CACHED_KEYS = 1 << 16  # anybody may invent keys: bounds the memory; a log holds 65,000 at most
-_MOST_SENDERS = 64  # ids of a key: anybody may invent them, and few keys have more publishers
+_CACHED_KEYS = 1 << 16  # any client may invent keys: bounds the memory; a log holds 65,000 at most
+_MOST_SENDERS = 64  # ids of a key: any client may invent them, and few keys have more publishers
 _MOST_FETCHED = 10_000  # timestamps of a key, 1 to 2 MB: a cache may send any number
 _LARGEST = 1 << 64  # MCAP stores times in 64 bits
 _TAKE = attrgetter(

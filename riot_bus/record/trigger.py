@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Trigger"]
 
-_MOST_KEYS = 1 << 16  # anybody may invent keys: bounds the memory; when full, conditions fire again
+_MOST_KEYS = 1 << 16  # any client may invent keys: bounds the memory; when full, conditions fire again
 
 
 class Trigger:

@@ -290,7 +290,7 @@ def test_nonsense_is_answered(bus: str, hub: str, logs: Path) -> None:
         ("play", json.dumps({**good, "logs": ["a\nb"]}).encode(), "is not a path"),
         ("play", json.dumps({**good, "on_lost_controller": "stop"}).encode(), "needs one that stays"),
         ("play", b"x" * (2 << 20), "bytes are too many"),
-        ("logs", b'{"query": "nonsense"}', "'nonsense' is no condition"),
+        ("logs", b'{"query": "nonsense"}', "'nonsense' is not a condition"),
         ("seek", b"{}", "the argument 'time' is not a number"),
         ("pause", b'{"whom": 1}', "unknown argument 'whom'"),
         ("dance", b"{}", "no command 'agent/dance'"),

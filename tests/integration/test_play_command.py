@@ -278,5 +278,5 @@ def test_names_in_a_log_do_nothing_to_a_terminal(router: str, tmp_path: Path) ->
     log = write(tmp_path / "log.mcap", numbered(1, "a/\x1b[31mx"))
     code, out, err = riot("play", str(log), "-e", router, "--wait=0.05")
     assert code == 0
-    assert "nobody subscribes to a/\\x1b[31mx" in err
+    assert "there is no subscriber to a/\\x1b[31mx" in err
     assert "\x1b" not in out + err

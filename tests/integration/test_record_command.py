@@ -277,7 +277,7 @@ def test_a_bag_is_what_ros_2_tools_read(router: str, tmp_path: Path) -> None:
             assert wait_until(lambda: len(recorded(folder / "bag_1.mcap")) == 2, 60, interval=0.02)
             process.send_signal(signal.SIGINT)
             code, _, err = ended(process)
-    assert (code, err) == (0, "no/ros is no topic of ROS 2 and is not recorded, since a bag cannot hold it\n")
+    assert (code, err) == (0, "no/ros is not a topic of ROS 2 and is not recorded, since a bag cannot hold it\n")
     assert sorted(each.name for each in folder.iterdir()) == ["bag_0.mcap", "bag_1.mcap", "metadata.yaml"]
     with AnyReader([folder]) as bag:
         assert [each.topic for each in bag.connections] == ["/chatter"] * len(bag.connections)

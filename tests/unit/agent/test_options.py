@@ -30,11 +30,11 @@ def test_an_agent_of_two_routers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"robot": "r/7"}, "is no name of a robot"),
-        ({"robot": "*"}, "is no name of a robot"),
-        ({"robot": ""}, "is no name of a robot"),
+        ({"robot": "r/7"}, "is not a name of a robot"),
+        ({"robot": "*"}, "is not a name of a robot"),
+        ({"robot": ""}, "is not a name of a robot"),
         ({"endpoint": "nonsense"}, "is not an endpoint"),
-        ({"fleet": "tcp/127.0.0.1:0"}, "nobody can connect"),
+        ({"fleet": "tcp/127.0.0.1:0"}, "no client can connect"),
         ({"folder": Path("/nowhere")}, "there is no folder"),
         ({"allow": ["fly"]}, "'fly' cannot be allowed"),
     ],

@@ -79,7 +79,7 @@ def test_what_is_no_option(words: str, *, remote: bool) -> None:
 
 
 def test_a_value_that_cannot_be_read_is_told_with_its_option() -> None:
-    assert str(run(Options, "--room x").exception).startswith("--room: 'x' is no size")
+    assert str(run(Options, "--room x").exception).startswith("--room: 'x' is not a size")
 
 
 @pytest.mark.parametrize("kind", [PlayOptions, CaptureOptions])

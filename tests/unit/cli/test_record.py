@@ -20,5 +20,5 @@ def test_passwords_do_not_get_into_the_log() -> None:
 def test_notes_are_pairs() -> None:
     assert _notes(["a=b=c", "d="]) == {"a": "b=c", "d": ""}
     for text in ("a", "=b"):
-        with pytest.raises(ConfigError, match="no note"):
+        with pytest.raises(ConfigError, match="not a note"):
             _notes([text])

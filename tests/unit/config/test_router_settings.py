@@ -84,7 +84,7 @@ def test_a_system_file_may_have_a_router(tmp_path: Path) -> None:
         ("tcp/127.0.0.1:7447", "tcp/127.0.0.1", 9, ("has no port", "tcp/127.0.0.1:7447")),
         ("tcp/127.0.0.1:7447", "127.0.0.1:7447", 9, ("is not an endpoint",)),
         ("tcp/127.0.0.1:7447", "tls/127.0.0.1:7447#listen_certificate_file=no.pem", 9, ("there is no file", "no.pem")),
-        ("tcp/192.168.0.9:7447", "tcp/192.168.0.9:0", 10, ("nobody can connect",)),
+        ("tcp/192.168.0.9:7447", "tcp/192.168.0.9:0", 10, ("no client can connect",)),
         ("tcp/192.168.0.9:7447", "tcp/localhost:7447", 10, ("segment 'system' of this router",)),
         ("udp/127.0.0.1:7447", "tls/0.0.0.0:7447", 16, ("'system' and 'unit' both listen",)),
         ("udp/127.0.0.1:7447", "unixsock-stream//tmp/x.sock", 16, ("both listen",)),

@@ -29,7 +29,7 @@ def test_the_limit_is_a_share_of_what_there_is_or_what_is_said(monkeypatch: pyte
     monkeypatch.setenv("RIOT_MEMORY_LIMIT", "2GiB")
     assert memory_limit() == 2 << 30
     monkeypatch.setenv("RIOT_MEMORY_LIMIT", "much")
-    with pytest.raises(ConfigError, match="RIOT_MEMORY_LIMIT: 'much' is no size"):
+    with pytest.raises(ConfigError, match="RIOT_MEMORY_LIMIT: 'much' is not a size"):
         memory_limit()
 
 

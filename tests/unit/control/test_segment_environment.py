@@ -74,7 +74,7 @@ def test_what_rmw_zenoh_cannot_reach_is_reached_by_others() -> None:
         ({"RIOT_ENDPOINTS": "unit"}, "RIOT_ENDPOINTS: 'unit' is not a segment and its endpoints"),
         ({"RIOT_ENDPOINTS": "unit='"}, "RIOT_ENDPOINTS: cannot be parsed"),
         (export({"unit": ["tcp/127.0.0.1:0"]}), "is chosen when the router starts"),
-        ({**export(TWO), "RIOT_DOMAINS": "unit=many"}, "RIOT_DOMAINS: unit: 'many' is no ROS domain"),
+        ({**export(TWO), "RIOT_DOMAINS": "unit=many"}, "RIOT_DOMAINS: unit: 'many' is not a ROS domain"),
     ],
 )
 def test_what_cannot_be_used_is_said(environ: dict[str, str], match: str) -> None:

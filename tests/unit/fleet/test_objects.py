@@ -11,8 +11,8 @@ import pytest
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
 from riot_bus.fleet.objects import ObjectStore
-from riot_bus.fleet.places import copied
 from riot_bus.fleet.query import Query
+from riot_bus.fleet.stores import copied
 from riot_bus.log.info import log_info
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 from tests.unit.fleet.fleet_logs import write

@@ -161,7 +161,7 @@ def test_the_environment_changes_limits(monkeypatch):
         lifted()
     assert (caught.value.where, "chunk" in (caught.value.hint or "")) == (VARIABLE, True)
     monkeypatch.setenv(VARIABLE, "chunk=big")
-    with pytest.raises(ConfigError, match="'big' is no size"):
+    with pytest.raises(ConfigError, match="'big' is not a size"):
         lifted()
 
 

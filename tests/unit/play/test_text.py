@@ -25,7 +25,7 @@ def test_speed():
 def test_progress():
     assert progress_line(STATUS) == "⏸ paused, 1.2 of 10.0 s, 0.5x, 3 messages"
     more = {**STATUS, "state": "playing", "loop": True, "pass": 2, "lost": 4, "unsettled": 1}
-    expected = "▶ playing, 1.2 of 10.0 s, 0.5x, 3 messages, pass 2, 4 lost, 1 time nobody settled in time"
+    expected = "▶ playing, 1.2 of 10.0 s, 0.5x, 3 messages, pass 2, 4 lost, 1 time no subscriber settled in time"
     assert progress_line(more) == expected
 
 
@@ -42,7 +42,7 @@ def test_result():
     assert result_line(PlayResult(7, 1.5, 1, lateness=late)) == "played 7 messages in 1.50 s"
     more = PlayResult(7, 1.5, 3, stopped=True, lateness={**late, "max": 0.001}, unsettled=2)
     expected = "played 7 messages in 1.50 s, 3 passes; late by 0.00 ms (median), 0.00 ms (99 %), 1.00 ms (most)"
-    assert result_line(more) == f"{expected}; 2 times nobody settled in time; stopped before the end"
+    assert result_line(more) == f"{expected}; 2 times no subscriber settled in time; stopped before the end"
 
 
 def test_a_result_is_good_if_nothing_is_missing():

@@ -26,9 +26,9 @@ def test_times(text: str, seconds: float) -> None:
 
 @pytest.mark.parametrize("text", ["", "x", "-1", "1e9", "1 year", "nan", "MB"])
 def test_what_is_no_size_and_no_time(text: str) -> None:
-    with pytest.raises(ConfigError, match="is no size"):
+    with pytest.raises(ConfigError, match="is not a size"):
         parse_size(text, "--x")
-    with pytest.raises(ConfigError, match="is no time"):
+    with pytest.raises(ConfigError, match="is not a time"):
         parse_seconds(text, "--x")
 
 
@@ -45,13 +45,13 @@ def test_throttles() -> None:
         ({"keys": ()}, "nothing is to be recorded"),
         ({"keys": ["a"] * 1000}, "too many"),
         ({"chunk_bytes": 1}, "a chunk cannot have 1 bytes"),
-        ({"chunk_seconds": -1.0}, "is no number"),
-        ({"split_seconds": float("nan")}, "is no number"),
+        ({"chunk_seconds": -1.0}, "is not a number"),
+        ({"split_seconds": float("nan")}, "is not a number"),
         ({"chunk_seconds": -1.0}, "--chunk-duration"),
-        ({"queue_bytes": -1}, "--queue-size: -1 is no number"),
+        ({"queue_bytes": -1}, "--queue-size: -1 is not a number"),
         ({"name": "a/b"}, "is no name"),
         ({"dump_on": ["/a where b > 1"]}, "need a ring"),
-        ({"ring_seconds": 1.0, "dump_on": ["/a:b where b > 1"]}, "no condition"),
+        ({"ring_seconds": 1.0, "dump_on": ["/a:b where b > 1"]}, "not a condition"),
         ({"ring_seconds": 1.0, "split_bytes": 1}, "nothing to split"),
         ({"max_files": 1}, "more than one file"),
     ],

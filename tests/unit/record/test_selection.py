@@ -32,7 +32,7 @@ def test_what_a_bag_cannot_hold_is_said_once() -> None:
     assert told == []
     for _ in range(2):
         assert chosen.rules("robot/odom") is None
-    assert told == ["robot/odom is no topic of ROS 2 and is not recorded, since a bag cannot hold it"]
+    assert told == ["robot/odom is not a topic of ROS 2 and is not recorded, since a bag cannot hold it"]
     for number in range(1000):
         chosen.rules(f"robot/{number}")
     assert len(told) <= 20

@@ -75,7 +75,7 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', 'only = "a("', 7, ("is no regular expression",)),
         ('segment = "a"', 'setup = ["reset", "{param:speed}"]', 7, ("{param:speed}",)),
         ('command = ["true"]', 'command = "true"', 6, ("tuple", "'true'")),
-        ("[unit.one]", '[components.one.limits]\nmemory = "2 GB per day"', 10, ("is no size", "1GiB")),
+        ("[unit.one]", '[components.one.limits]\nmemory = "2 GB per day"', 10, ("is not a size", "1GiB")),
         ("[unit.one]", "[components.one.limits]\nfile = 3", 10, ("unknown key 'file'", "'files'")),
         ('segment = "a"', "resources = { sin = 1 }\n[resources]\nsim = 2", 7, ("'sin' is not described", "'sim'")),
         ('segment = "a"', "resources = { sim = 3 }\n[resources]\nsim = 2", 7, ("3 are more than there are", "has 2")),
