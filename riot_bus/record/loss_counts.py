@@ -48,15 +48,15 @@ class LossCounts:
 
 def summed(accounts: Iterable[Account]) -> Account:
     """Return the sum of several accounts."""
-    book = LossCounts()
+    total = LossCounts()
     for account in accounts:
         for topic, number in account.recorded.items():
-            book.recorded.add(topic, number)
-        for part, found in ((account.lost, book.lost), (account.left_out, book.left_out)):
+            total.recorded.add(topic, number)
+        for part, found in ((account.lost, total.lost), (account.left_out, total.left_out)):
             for reason, topics in part.items():
                 for topic, number in topics.items():
                     found[reason].add(topic, number)
-    return book.account()
+    return total.account()
 
 
 def _plain(parts: Mapping[str, BoundedCounts]) -> dict[str, dict[str, int]]:

@@ -5,76 +5,52 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
-from riot_bus.log.account import LOST, Account
+from riot_bus.log.account import LOST
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LostMessagesError
 from riot_bus.record.loss_counts import LossCounts
 from riot_bus.record.rotating_sink import FileResult
+from riot_bus.record.sink import Sink
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.log.engine.chunk import Row
+    from riot_bus.log.account import Account
     from riot_bus.log.engine.ring import RingContent
-    from riot_bus.record.naming import Naming
     from riot_bus.record.options import CaptureOptions
-    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["RingSink"]
 
 
-class RingSink:
-    """Sink that keeps messages in memory; with the arguments of `RotatingSink`, but `notes` instead of `began`.
+class RingSink(Sink):
+    """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded.
 
     Args:
+        options: Limits of the ring and of its chunks.
         notes: Function that returns further records for the beginning of each file.
-
-    Attributes:
-        lock: Lock that a caller holds while it appends.
-        generation: Number that grows when tracks that were handed out become invalid.
-        writer: Writer that encodes messages for the ring.
-        book: Counts since the beginning; messages that the ring has dropped count as recorded.
+        more: Further arguments of `Sink`.
     """
 
     def __init__(
-        self,
-        options: CaptureOptions,
-        *,
-        registry: TypeRegistry,
-        naming: Naming,
-        metadata: Callable[[], Mapping[str, str]],
-        details: Callable[[str], Mapping[str, str]],
-        profile: str,
-        warn: Callable[[str], None],
-        notes: Callable[[], Sequence[tuple[str, Mapping[str, str]]]],
+        self, options: CaptureOptions, *, notes: Callable[[], Sequence[tuple[str, Mapping[str, str]]]], **more: Any
     ) -> None:
-        self.lock = threading.RLock()
-        self.generation = 0
-        self.book = LossCounts()
+        super().__init__(options, **more)
+        self.counts = LossCounts()
         self.problem = ""
-        self._registry, self._naming, self._metadata, self._profile = registry, naming, metadata, profile
-        self._warn, self._notes, self._most = warn, notes, options.max_files
+        self._notes = notes
         self._ring = Ring(options.ring_seconds, most_bytes=options.ring_bytes, compression=options.compression)
         # Chunks are dropped as a whole, so they must be short compared with the ring.
         age = min(options.chunk_seconds, options.ring_seconds / 10)
-        self.writer = LogWriter(
-            "ring",
-            registry=registry,
-            chunk_bytes=options.chunk_bytes,
-            chunk_seconds=age,
-            channel_metadata=details,
-            threaded=True,
-            queue_bytes=options.queue_bytes,
-            storage=self._ring,
-        )
+        self.writer = self._new_writer("ring", chunk_seconds=age, storage=self._ring)
         self._files: list[FileResult] = []
         self._bag: list[BagFile] = []
         self._dumping = threading.Lock()
@@ -84,28 +60,16 @@ class RingSink:
         """The last file, None if there is none."""
         return Path(self._files[-1].path) if self._files else None
 
-    def append(self, rows: Sequence[Row], *, patient: bool) -> None:
-        """Keep messages; lost ones are counted."""
-        try:
-            self.writer.append(rows, patient=patient)
-        except LostMessagesError as error:
-            self._failed(error)
-
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Do nothing: what `notes` returns is written with the ring."""
-
-    def renew(self, key: str) -> None:
-        """Record further messages of a key with its type, which has become known."""
-        with self.lock:
-            self.writer.renew(key)
-            self.generation += 1
 
     def tick(self) -> None:
         """End chunks by age; call it several times a second."""
         try:
             self.writer.tick()
         except LostMessagesError as error:
-            self._failed(error)
+            with self.lock:
+                self._failed(error)
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
         """Raise ConfigError: there is no file to split."""
@@ -131,7 +95,7 @@ class RingSink:
             schemas, channels = self.writer.definitions()
             file = bag_of(path.name, channels, schemas, content.messages, content.start, content.end)
             recorded = self._by_topic(content)
-            account = Account(recorded, self.book.account().lost, self.book.account().left_out)
+            account = replace(self.counts.account(), recorded=recorded)
             after = [(RECORD, bag_record(file))] if self._profile == "ros2" else []
             try:
                 size = content.write(
@@ -162,7 +126,7 @@ class RingSink:
     def account(self) -> Account:
         """Return the counts since the beginning."""
         with self.lock:
-            return self.book.account()
+            return self.counts.account()
 
     def files(self) -> list[FileResult]:
         """Return the files, the oldest first."""
@@ -186,13 +150,14 @@ class RingSink:
     def _by_topic(self, content: RingContent) -> dict[str, int]:
         _, channels = self.writer.definitions()
         topics = {each.id: each.metadata.get(layout.TOPIC, each.topic) for each in channels}
-        found: dict[str, int] = {}
+        found = Counter[str]()
         for channel, count in content.messages.items():
-            found[topics[channel]] = found.get(topics[channel], 0) + count
+            found[topics[channel]] += count
         return found
 
     def _forget_oldest(self) -> None:
-        for place, each in enumerate(self._files[: max(0, len(self._files) - self._most)] if self._most else ()):
+        most = self._options.max_files
+        for place, each in enumerate(self._files[: max(0, len(self._files) - most)] if most else ()):
             with suppress(OSError):
                 os.unlink(each.path)
                 self._files[place] = replace(each, deleted=True)
@@ -202,12 +167,6 @@ class RingSink:
         self.problem = f"the ring cannot be written: {error.strerror}"
         with self.lock:
             for topic, number in recorded.items():
-                self.book.lose("disk", topic, number)
+                self.counts.lose("disk", topic, number)
         stamp = time.strftime("%H:%M:%S")
         self._warn(f"ALARM: {stamp}: {self.problem}: {path}: {sum(recorded.values())} messages are not in a file")
-
-    def _failed(self, error: LostMessagesError) -> None:
-        with self.lock:
-            for reason, lost in error.reasons.items():
-                for (key, _), number in lost.items():
-                    self.book.lose(reason, self._registry.topic(key), number, written=True)

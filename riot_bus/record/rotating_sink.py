@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LostMessagesError
 from riot_bus.record.loss_counts import LossCounts, summed
+from riot_bus.record.sink import Sink
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
-    from riot_bus.log.engine.chunk import Row
-    from riot_bus.record.naming import Naming
+    from riot_bus.log.writer import LogWriter
     from riot_bus.record.options import CaptureOptions
-    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["FileResult", "RotatingSink"]
 
@@ -54,105 +53,52 @@ class _OpenFile:
     """A file that is being written."""
 
     def __init__(self, path: Path, writer: LogWriter) -> None:
-        self.path, self.writer, self.book = path, writer, LossCounts()
+        self.path, self.writer, self.counts = path, writer, LossCounts()
         self.result: FileResult | None = None
         self.began = time.monotonic()
         self.noted = 0
         self.noted_at = 0.0
 
 
-class RotatingSink:
-    """Sink that writes to files; thread-safe if `lock` is held where this is required.
+class RotatingSink(Sink):
+    """Sink that writes to files.
 
     Args:
         options: Limits of files and chunks.
-        registry: Names and types of topics.
-        naming: Names for the files.
-        metadata: Function that returns the metadata of each file.
-        details: Function that returns more metadata of a key's channel.
-        profile: MCAP profile.
-        warn: Function that receives each warning as one line.
         began: Function called, without the lock, when another file has begun.
-
-    Attributes:
-        lock: Lock that a caller holds from asking for tracks to appending.
-        generation: Number that grows with each file, and when a type becomes known; earlier tracks are then invalid.
+        more: Further arguments of `Sink`.
     """
 
-    def __init__(
-        self,
-        options: CaptureOptions,
-        *,
-        registry: TypeRegistry,
-        naming: Naming,
-        metadata: Callable[[], Mapping[str, str]],
-        details: Callable[[str], Mapping[str, str]],
-        profile: str,
-        warn: Callable[[str], None],
-        began: Callable[[], None],
-    ) -> None:
-        self.lock = threading.RLock()
-        self.generation = 0
-        self._options, self._registry, self._naming = options, registry, naming
-        self._metadata, self._details, self._profile = metadata, details, profile
-        self._warn, self._began = warn, began
+    def __init__(self, options: CaptureOptions, *, began: Callable[[], None], **more: Any) -> None:
+        super().__init__(options, **more)
+        self._began = began
         self._bag: dict[str, BagFile] = {}
-        self._reels: list[_OpenFile] = []
-        self._closing: list[threading.Thread] = []
+        self._files: list[_OpenFile] = []
+        self._finishing: list[threading.Thread] = []
         self._problem = ""
         self._said = self._tried = -_REPEAT_S
         self._slow = self._alarmed = self._closed = False
-        self._reel = self._open(naming.next())
-        self._reels.append(self._reel)
-        self._write_bag()
-
-    # -- for who appends, with the lock -------------------------------------------------------------------------------
-
-    @property
-    def writer(self) -> LogWriter:
-        """Writer of the present file."""
-        return self._reel.writer
-
-    @property
-    def book(self) -> LossCounts:
-        """Counts of the present file."""
-        return self._reel.book
-
-    def append(self, rows: Sequence[Row], *, patient: bool) -> None:
-        """Write messages; lost ones are counted."""
-        reel = self._reel
-        try:
-            reel.writer.append(rows, patient=patient)
-        except LostMessagesError as error:
-            self._failed(reel, error)
-
-    # -- for others ---------------------------------------------------------------------------------------------------
+        self._use(self._open(self._naming.next()))
 
     @property
     def path(self) -> Path:
         """Path of the present file."""
-        return self._reel.path
+        return self._file.path
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        reel = self._reel
-        self._guard(reel, lambda: reel.writer.note(name, mapping))
-
-    def renew(self, key: str) -> None:
-        """Record further messages of a key with its type, which has become known."""
-        with self.lock:
-            self.writer.renew(key)
-            self.generation += 1
+        file = self._file
+        self._guard(file, lambda: file.writer.note(name, mapping))
 
     def tick(self) -> None:
         """End chunks by age, begin other files, report problems; call this several times a second."""
-        reel = self._reel
-        self._guard(reel, reel.writer.tick)
-        self._note_account(reel)
+        file = self._file
+        self._guard(file, file.writer.tick)
+        self._note_account(file)
         self._look()
         options = self._options
-        too_large = options.split_bytes and reel.writer.size >= options.split_bytes
-        too_old = options.split_seconds and time.monotonic() - reel.began >= options.split_seconds
+        too_large = options.split_bytes and file.writer.size >= options.split_bytes
+        too_old = options.split_seconds and time.monotonic() - file.began >= options.split_seconds
         if too_large or too_old:
             try:
                 self.split()
@@ -170,18 +116,17 @@ class RotatingSink:
         """
         path = self._naming.next(text)
         try:
-            reel = self._open(path)
+            file = self._open(path)
         except ConfigError:
             with suppress(OSError):
                 path.unlink()
             raise
         with self.lock:
-            former, self._reel = self._reel, reel
-            self._reels.append(reel)
+            former = self._file
+            self._use(file)
             self.generation += 1
-            self._write_bag()
         thread = threading.Thread(target=self._finish, args=(former,), name="riot-finish", daemon=True)
-        self._closing.append(thread)
+        self._finishing.append(thread)
         thread.start()
         self._began()
         return former.path, path
@@ -190,14 +135,14 @@ class RotatingSink:
         """Finish all files; safe to call twice."""
         if not self._closed:
             self._closed = True
-            self._finish(self._reel)
-        for thread in self._closing:
+            self._finish(self._file)
+        for thread in self._finishing:
             thread.join()
 
     @property
     def problem(self) -> str:
         """Why nothing can be written at present; empty as long as all is well."""
-        return self._reel.writer.problem
+        return self._file.writer.problem
 
     def account(self) -> Account:
         """Return the counts of all files."""
@@ -207,16 +152,17 @@ class RotatingSink:
         """Return the files, in the order of writing."""
         with self.lock:
             return [
-                each.result or FileResult(str(each.path), each.writer.size, each.book.account()) for each in self._reels
+                each.result or FileResult(str(each.path), each.writer.size, each.counts.account())
+                for each in self._files
             ]
 
     def status(self) -> dict[str, Any]:
         """Return the state of the present file as JSON values."""
-        reel = self._reel
+        file = self._file
         return {
-            "file": str(reel.path),
-            "bytes": reel.writer.size,
-            "waiting_bytes": reel.writer.waiting,
+            "file": str(file.path),
+            "bytes": file.writer.size,
+            "waiting_bytes": file.writer.waiting,
             "problem": self.problem,
         }
 
@@ -224,41 +170,42 @@ class RotatingSink:
 
     def _open(self, path: Path) -> _OpenFile:
         options = self._options
-        writer = LogWriter(
+        writer = self._new_writer(
             path,
-            registry=self._registry,
             metadata=self._metadata(),
             profile=self._profile,
             compression=options.compression,
-            chunk_bytes=options.chunk_bytes,
             chunk_seconds=options.chunk_seconds,
-            channel_metadata=self._details,
-            threaded=True,
             durable=options.durable,
-            queue_bytes=options.queue_bytes,
             epilogue=bag_epilogue if self._profile == "ros2" else None,
         )
         return _OpenFile(path, writer)
 
-    def _finish(self, reel: _OpenFile) -> None:
-        writer = reel.writer
-        self._guard(reel, writer.flush)
-        file = bag_file(reel.path.name, writer)
-        self._guard(reel, lambda: writer.note(LOST, reel.book.account().record()))
-        self._guard(reel, writer.close)
+    def _use(self, file: _OpenFile) -> None:
+        """Append to a file from now on."""
+        self._file, self.writer, self.counts = file, file.writer, file.counts
+        self._files.append(file)
+        self._write_bag()
+
+    def _finish(self, file: _OpenFile) -> None:
+        writer = file.writer
+        self._guard(file, writer.flush)
+        entry = bag_file(file.path.name, writer)
+        self._guard(file, lambda: writer.note(LOST, file.counts.account().record()))
+        self._guard(file, writer.close)
         try:
-            size = os.stat(reel.path).st_size
+            size = os.stat(file.path).st_size
         except OSError:
             size = 0
         with self.lock:
-            reel.result = FileResult(str(reel.path), size, reel.book.account())
-            self._bag[reel.path.name] = file
+            file.result = FileResult(str(file.path), size, file.counts.account())
+            self._bag[file.path.name] = entry
             self._forget_oldest()
             self._write_bag()
 
     def _forget_oldest(self) -> None:
         most = self._options.max_files
-        kept = [each for each in self._reels if os.path.lexists(each.path)]
+        kept = [each for each in self._files if os.path.lexists(each.path)]
         for each in kept[: max(0, len(kept) - most)] if most else ():
             if each.result is None:
                 return  # it is still being finished, and then looked at again
@@ -271,59 +218,58 @@ class RotatingSink:
     def _write_bag(self) -> None:
         if not self._naming.bag:
             return
-        names = [each.path.name for each in self._reels if os.path.lexists(each.path)]
+        names = [each.path.name for each in self._files if os.path.lexists(each.path)]
         try:
             write_metadata(self._naming.folder, [self._bag.get(name, BagFile(name)) for name in names])
         except OSError as error:
             self._warn(f"metadata.yaml cannot be written: {error.strerror}")
 
-    def _note_account(self, reel: _OpenFile) -> None:
+    def _note_account(self, file: _OpenFile) -> None:
         """Write losses to the file as they happen, so that they survive a crash."""
         now = time.monotonic()
-        if now - reel.noted_at < _NOTE_S:
+        if now - file.noted_at < _NOTE_S:
             return
         with self.lock:
-            account = reel.book.account()
-        if account.total() != reel.noted and not reel.writer.problem:
-            reel.noted, reel.noted_at = account.total(), now
-            self._guard(reel, lambda: reel.writer.note(LOST, account.record()))
+            account = file.counts.account()
+        if account.total() != file.noted and not file.writer.problem:
+            file.noted, file.noted_at = account.total(), now
+            self._guard(file, lambda: file.writer.note(LOST, account.record()))
 
     # -- trouble ------------------------------------------------------------------------------------------------------
 
-    def _guard(self, reel: _OpenFile, action: Callable[[], None]) -> None:
+    def _guard(self, file: _OpenFile, action: Callable[[], None]) -> None:
         try:
             action()
         except LostMessagesError as error:
             with self.lock:
-                self._failed(reel, error)
+                self._failed(error, file)
 
-    def _failed(self, reel: _OpenFile, error: LostMessagesError) -> None:
-        for reason, lost in error.reasons.items():
-            for (key, _), number in lost.items():
-                reel.book.lose(reason, self._registry.topic(key), number, written=True)
-        if reel is not self._reel or self._problem:
+    def _failed(self, error: LostMessagesError, file: _OpenFile | None = None) -> None:
+        file = file or self._file
+        self._count_lost(file.counts, error)
+        if file is not self._file or self._problem:
             return
         self._problem = error.message
-        self._alarm(f"{error.message}: {reel.path}: messages are being lost")
+        self._alarm(f"{error.message}: {file.path}: messages are being lost")
         if error.errno == errno.EFBIG:
             self._tried = -_AGAIN_S  # files may not be larger here: another one will do
 
     def _look(self) -> None:
         """Report whether the problem persists, and try another file where that may help."""
-        reel, now = self._reel, time.monotonic()
-        slow = reel.writer.waiting > _SLOW * self._options.queue_bytes
+        file, now = self._file, time.monotonic()
+        slow = file.writer.waiting > _SLOW * self._options.queue_bytes
         if slow and not self._slow:
-            self._alarm(f"the disk is slow: {reel.writer.waiting >> 20} MiB wait to be written")
+            self._alarm(f"the disk is slow: {file.writer.waiting >> 20} MiB wait to be written")
         self._slow = slow
-        problem = reel.writer.problem
+        problem = file.writer.problem
         if not problem:
             if self._problem and self._alarmed:
-                self._warn(f"the log is being written again: {reel.path}")
+                self._warn(f"the log is being written again: {file.path}")
             self._problem, self._alarmed = "", False
             return
         self._problem = problem
-        self._alarm(f"{problem}: {reel.path}: {self.account().total()} messages are lost so far")
-        if now - self._tried >= _AGAIN_S and (reel.writer.gone or reel.writer.errno not in _NO_USE):
+        self._alarm(f"{problem}: {file.path}: {self.account().total()} messages are lost so far")
+        if now - self._tried >= _AGAIN_S and (file.writer.gone or file.writer.errno not in _NO_USE):
             self._tried = now
             try:
                 self.split()

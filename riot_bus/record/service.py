@@ -50,9 +50,9 @@ if TYPE_CHECKING:
 __all__ = ["CAPTURE_COMMANDS", "CaptureResult", "CaptureService"]
 
 _LOG = logging.getLogger(__name__)
-_TICK_S = 0.1
-_LINK_S = 1.0
-_ASK_S = 1.0
+_TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
+_LINK_S = 1.0  # a guess: a lost link is reported this late; each look lists all transports
+_ASK_S = 1.0  # routers answer at once; one that does not delays the start by as much
 _GRAPH = "riot_bus.graph"
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
@@ -114,8 +114,8 @@ class CaptureService:
         self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
         self._announcements = Announcements(self.registry, wanted=self._wanted, learnt=self._learnt)
         self._selection = RecordingSelection(options, registry=self.registry, trigger=self._trigger, warn=warn)
-        self._tape: RotatingSink | RingSink | None = None
-        self._intakes: list[RecordingSubscriber] = []
+        self._sink: RotatingSink | RingSink | None = None
+        self._subscribers: list[RecordingSubscriber] = []
         self._gaps = Gaps()
         self._paused = options.paused
         self._graph: Graph | None = None
@@ -155,13 +155,13 @@ class CaptureService:
             self._session = session
             self._announcements.watch(session)
             stack.callback(self._announcements.close)
-            self._tape = self._open_tape()
-            stack.callback(self._tape.close)
+            self._sink = self._open_sink()
+            stack.callback(self._sink.close)
             self._listen(session, stack)
             if options.graph:
                 from riot_bus.graph.watch import GraphWatch
 
-                network = WatchedNetwork(session, lambda: self._intakes)
+                network = WatchedNetwork(session, lambda: self._subscribers)
                 watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
                 stack.enter_context(watch)
             if options.control:
@@ -214,11 +214,11 @@ class CaptureService:
             ConfigError: It is refused, or there is no ring.
             EnvironmentFaultError: The disk is full or has failed.
         """
-        tape = self._running()
-        if not isinstance(tape, RingSink):
+        sink = self._running()
+        if not isinstance(sink, RingSink):
             hint = "riot record --ring SECONDS keeps one; this recording can be split instead"
             raise ConfigError("there is no ring to be written", where="record/dump", hint=hint)
-        return tape.dump(path)
+        return sink.dump(path)
 
     def cut(self) -> None:
         """Write the ring, or begin another file if there is none, as soon as possible; for signal handlers."""
@@ -237,11 +237,11 @@ class CaptureService:
 
     def status(self) -> dict[str, Any]:
         """Return the state as JSON values."""
-        tape = self._tape
+        sink = self._sink
         found: dict[str, Any] = {"file": "", "bytes": 0, "waiting_bytes": 0, "problem": ""}
         account = Account()
-        if tape is not None:
-            found, account = tape.status(), tape.account()
+        if sink is not None:
+            found, account = sink.status(), sink.account()
         state = "ended" if self._done.is_set() else "paused" if self._paused else "recording"
         return {
             **found,
@@ -256,25 +256,25 @@ class CaptureService:
             "lost": account.total(),
             "reasons": {reason: sum(topics.values()) for reason, topics in account.lost.items()},
             "left_out": {reason: sum(topics.values()) for reason, topics in account.left_out.items()},
-            "files": len(tape.files()) if tape is not None else 0,
+            "files": len(sink.files()) if sink is not None else 0,
         }
 
     def result(self) -> CaptureResult:
         """Return the result so far."""
-        tape = self._tape
+        sink = self._sink
         problems = list(self._problems)
-        if tape is None:
+        if sink is None:
             return CaptureResult(problems=problems)
-        if tape.problem:
-            problems.append(tape.problem)
+        if sink.problem:
+            problems.append(sink.problem)
         if self._gaps.untold:
             problems.append("there are too many publishers to look for gaps in the numbers of all")
-        return CaptureResult(tape.files(), tape.account(), self._seconds(), problems, self._selection.silent())
+        return CaptureResult(sink.files(), sink.account(), self._seconds(), problems, self._selection.silent())
 
     def senders(self) -> dict[str, set[str]]:
         """Return the ids in the stamps of messages, by key; components stamp theirs if their configuration says so."""
         found: dict[str, set[str]] = {}
-        for each in self._intakes:
+        for each in self._subscribers:
             for key, zids in each.senders().items():
                 found.setdefault(key, set()).update(zids)
         return found
@@ -285,70 +285,60 @@ class CaptureService:
     # -- recording ----------------------------------------------------------------------------------------------------
 
     def _running(self) -> RotatingSink | RingSink:
-        if self._tape is None or self._done.is_set():
+        if self._sink is None or self._done.is_set():
             raise ConfigError("nothing is being recorded", where="record")
-        return self._tape
+        return self._sink
 
     def _wanted(self, key: str) -> bool:
         return any(key_matches(each, key) for each in self._selection.expressions)
 
     def _learnt(self, key: str) -> None:
-        if self._tape is not None:
-            self._tape.renew(key)
+        if self._sink is not None:
+            self._sink.renew(key)
             self._selection.learnt(key)
 
-    def _open_tape(self) -> RotatingSink | RingSink:
+    def _open_sink(self) -> RotatingSink | RingSink:
         options, naming = self.options, Naming(self.options)
         profile = "ros2" if options.bag else options.profile or ("ros2" if self._announcements else "none")
         profile = "" if profile == "none" else profile
+        common: dict[str, Any] = {
+            "registry": self.registry,
+            "naming": naming,
+            "metadata": self._metadata,
+            "details": self._announcements.details,
+            "profile": profile,
+            "warn": self._warn,
+        }
         if options.ring_seconds:
-            return RingSink(
-                options,
-                registry=self.registry,
-                naming=naming,
-                metadata=self._metadata,
-                details=self._announcements.details,
-                profile=profile,
-                warn=self._warn,
-                notes=self._graph_notes,
-            )
-        return RotatingSink(
-            options,
-            registry=self.registry,
-            naming=naming,
-            metadata=self._metadata,
-            details=self._announcements.details,
-            profile=profile,
-            warn=self._warn,
-            began=self._note_whole,
-        )
+            return RingSink(options, notes=self._graph_notes, **common)
+        return RotatingSink(options, began=self._note_whole, **common)
 
     def _listen(self, session: zenoh.Session, stack: ExitStack) -> None:
-        tape = self._running()
+        sink = self._running()
         expressions = self._selection.expressions
         claims, numbers = Claims(expressions), itertools.count(1)
         for text in expressions:
-            intake = RecordingSubscriber(
+            subscriber = RecordingSubscriber(
                 session,
                 text,
-                tape=tape,
+                sink=sink,
                 gaps=self._gaps,
                 owner=claims.owner,
                 rules=self._selection.rules,
                 paused=lambda: self._paused,
                 sequence=numbers,
             )
-            stack.callback(intake.close)
-            self._intakes.append(intake)
+            stack.callback(subscriber.close)
+            self._subscribers.append(subscriber)
         if self.options.latched:
-            by_text = {each.expression: each for each in self._intakes}
+            by_text = {each.expression: each for each in self._subscribers}
 
-            def take(key: str, samples: list[Any]) -> None:
+            def record(key: str, samples: list[Any]) -> None:
                 owner = claims.owner(key)
                 if owner is not None:
                     by_text[owner].put(samples)
 
-            latched = LatchedCaches(session, wanted=lambda key: claims.owner(key) is not None, take=take)
+            latched = LatchedCaches(session, wanted=lambda key: claims.owner(key) is not None, take=record)
             stack.callback(latched.close)
             self._latched: LatchedCaches | None = latched
         else:
@@ -373,8 +363,8 @@ class CaptureService:
             self._done.set()
 
     def _tick(self) -> None:
-        tape = self._running()
-        tape.tick()
+        sink = self._running()
+        sink.tick()
         self._look_at_link()
         reason = self._trigger.take(self.options.dump_after)
         if reason is not None:
@@ -385,8 +375,8 @@ class CaptureService:
 
     def _cut(self, why: str) -> None:
         try:
-            if isinstance(self._tape, RingSink):
-                self._warn(f"{why}wrote {self._tape.dump()}")
+            if isinstance(self._sink, RingSink):
+                self._warn(f"{why}wrote {self._sink.dump()}")
             else:
                 self._warn(f"{why}went on in {self._running().split()[1]}")
         except RiotError as error:
@@ -395,8 +385,8 @@ class CaptureService:
     def _finish(self) -> None:
         if self._latched is not None:
             self._latched.close()
-        for intake in self._intakes:
-            intake.close()
+        for subscriber in self._subscribers:
+            subscriber.close()
         reason = self._trigger.take(0.0)
         if reason is not None:
             self._cut(f"{reason}: ")
@@ -449,9 +439,9 @@ class CaptureService:
     def _note_graph(self) -> None:
         from riot_bus.graph.history import record
 
-        tape, graph = self._tape, self._graph
-        if tape is not None and graph is not None and graph != self._noted and not self._done.is_set():
-            tape.note(_GRAPH, record(self._noted, graph, time=time.time_ns()))
+        sink, graph = self._sink, self._graph
+        if sink is not None and graph is not None and graph != self._noted and not self._done.is_set():
+            sink.note(_GRAPH, record(self._noted, graph, time=time.time_ns()))
             self._noted = graph
 
     def _graph_notes(self) -> list[tuple[str, Mapping[str, str]]]:

@@ -1,7 +1,7 @@
-"""The thread that takes the messages of one key expression from Zenoh to the sink.
+"""The thread that brings the messages of one key expression from Zenoh to the sink.
 
-As in the router's lanes, messages are fetched in batches, since a full Zenoh channel wakes its sender for each single
-message that is taken out. What all messages of a key have in common is determined once.
+Messages are fetched in batches, since a full Zenoh channel wakes its sender for each single message that is fetched.
+What all messages of a key have in common is determined once.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.log.layout import Constants
     from riot_bus.log.writer import ChannelWriter
     from riot_bus.record.gaps import Gaps
-    from riot_bus.record.ring_sink import RingSink
-    from riot_bus.record.rotating_sink import RotatingSink
+    from riot_bus.record.sink import Sink
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
 
@@ -98,7 +97,7 @@ class RecordingSubscriber:
     Args:
         session: Session that receives.
         expression: Key expression of what is recorded.
-        tape: Sink that is written to.
+        sink: Sink that is written to.
         gaps: Tracking of publishers' numbers.
         owner: Function that returns which of several overlapping expressions a key belongs to.
         rules: Function that returns the rules for a key, None if it is not recorded.
@@ -111,7 +110,7 @@ class RecordingSubscriber:
         session: zenoh.Session,
         expression: str,
         *,
-        tape: RotatingSink | RingSink,
+        sink: Sink,
         gaps: Gaps,
         owner: Callable[[str], str | None],
         rules: Callable[[str], KeyRules | None],
@@ -121,16 +120,16 @@ class RecordingSubscriber:
         self.expression = expression
         self.flows = BoundedCounts()
         """Messages so far by key."""
-        self._tape, self._gaps, self._owner, self._rules = tape, gaps, owner, rules
+        self._sink, self._gaps, self._owner, self._rules = sink, gaps, owner, rules
         self._paused, self._sequence = paused, sequence
         self._convert = Converter("", itertools.count())
         self._generation = -1
         self._numbers: dict[int, _KeyRoute] = {}
-        self._ways: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
+        self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
         self._known: dict[str, KeyRules | None] = {}
         self._senders: dict[str, set[str]] = {}
         self._batches = Batches(session, expression)
-        self._thread = threading.Thread(target=self._run, name="riot-intake", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="riot-subscriber", daemon=True)
         self._thread.start()
 
     def senders(self) -> dict[str, set[str]]:
@@ -145,7 +144,7 @@ class RecordingSubscriber:
 
     def put(self, samples: list[Any]) -> None:
         """Record those samples from the cache of a publisher that were not received directly."""
-        with self._tape.lock:
+        with self._sink.lock:
             new = []
             for sample in samples:
                 rules, stamp = self._rules_of(str(sample.key_expr)), sample.timestamp
@@ -164,27 +163,27 @@ class RecordingSubscriber:
                 self._slice(samples)
             except Exception:  # whatever it is, the next messages are recorded
                 _LOG.exception("messages of %s are lost", self.expression)
-                with self._tape.lock:
-                    self._tape.book.lose("damaged", self.expression, len(samples))
+                with self._sink.lock:
+                    self._sink.counts.lose("damaged", self.expression, len(samples))
 
     def _slice(self, samples: list[Any], *, fetched: bool = False) -> None:
-        tape = self._tape
-        with tape.lock:
-            if self._generation != tape.generation:
-                self._generation = tape.generation
-                self._ways.clear()
+        sink = self._sink
+        with sink.lock:
+            if self._generation != sink.generation:
+                self._generation = sink.generation
+                self._routes.clear()
                 self._numbers.clear()
             try:
                 rows, patient = self._rows(samples, fetched=fetched)
             except Exception:
-                _LOG.exception("a message of %s could not be taken apart", self.expression)
+                _LOG.exception("a message of %s could not be read", self.expression)
                 rows, patient = self._one_by_one(samples)
             if rows:
                 for number, count in Counter(map(itemgetter(0), rows)).items():
-                    way = self._numbers[number]
-                    tape.book.recorded.add(way.rules.topic, count)
-                    self.flows.add(way.key, count)
-                tape.append(rows, patient=patient)
+                    route = self._numbers[number]
+                    sink.counts.recorded.add(route.rules.topic, count)
+                    self.flows.add(route.key, count)
+                sink.append(rows, patient=patient)
         self._note_sender(samples[0])
 
     def _one_by_one(self, samples: list[Any]) -> tuple[list[Row], bool]:
@@ -194,38 +193,39 @@ class RecordingSubscriber:
             try:
                 found += self._rows([sample])[0]
             except Exception:
-                self._tape.book.lose("damaged", self.expression)
+                self._sink.counts.lose("damaged", self.expression)
         return found, True
 
     def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
         rows: list[Row] = []
-        put, take, ways, clock, number_of = rows.append, _TAKE, self._ways, time.time_ns, self._sequence.__next__
+        put, take, routes, clock, number_of = rows.append, _TAKE, self._routes, time.time_ns, self._sequence.__next__
         paused, patient = self._paused(), False
+        # Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
         for sample in samples:
             key, content, encoding, priority, congestion, express, attached, stamp, info = take(sample)
             try:
-                way = ways[key]
+                route = routes[key]
             except KeyError:
-                way = self._learn(key, sample)
-            if way is None:
+                route = self._learn(key, sample)
+            if route is None:
                 continue
             now = clock()
             payload = content.to_bytes()
             extras: dict[str, Any] | None = None
             sequence = published = None
-            rules = way.rules
+            rules = route.rules
             if attached is not None:
                 attachment = attached.to_bytes()
                 extras = {"a": attachment}
                 if rules.stamp is not None and (said := rules.stamp(attachment)) is not None:
                     sequence, published, publisher = said
-                    if not fetched and (missed := self._gaps.see((way.key, publisher), sequence)):
-                        self._tape.book.lose("missed", rules.topic, missed)
+                    if not fetched and (missed := self._gaps.see((route.key, publisher), sequence)):
+                        self._sink.counts.lose("missed", rules.topic, missed)
             if info is not None and sequence is None:
                 source = info.source_id
                 sequence = info.source_sn
-                if not fetched and (missed := self._gaps.see((way.key, str(source.zid), source.eid), sequence)):
-                    self._tape.book.lose("missed", rules.topic, missed)
+                if not fetched and (missed := self._gaps.see((route.key, str(source.zid), source.eid), sequence)):
+                    self._sink.counts.lose("missed", rules.topic, missed)
             if stamp is not None:
                 if rules.first is None and not fetched:
                     rules.first = stamp
@@ -234,26 +234,26 @@ class RecordingSubscriber:
                 if published is None:
                     published = stamp.get_time_as_ntp64().as_nanos()
             if rules.trigger is not None:
-                rules.trigger(payload, way.key)
+                rules.trigger(payload, route.key)
             if paused:
-                self._tape.book.left_out["paused"].add(rules.topic)
+                self._sink.counts.left_out["paused"].add(rules.topic)
                 continue
             if rules.least_ns:
                 if now < rules.due:
-                    self._tape.book.left_out["throttled"].add(rules.topic)
+                    self._sink.counts.left_out["throttled"].add(rules.topic)
                     continue
                 rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
-            if way.number < 0:
-                self._refused(way)
+            if route.number < 0:
+                self._refused(route)
                 continue
             if not (
-                express is way.express
-                and priority == way.priority
-                and congestion == way.congestion
-                and encoding == way.encoding
+                express is route.express
+                and priority == route.priority
+                and congestion == route.congestion
+                and encoding == route.encoding
             ):
-                extras = self._different(sample, way, extras)
-            patient = patient or way.patient
+                extras = self._different(sample, route, extras)
+            patient = patient or route.patient
             if not payload and is_delete(sample):
                 extras = {**(extras or {}), "d": True}
             if published is None:
@@ -265,44 +265,44 @@ class RecordingSubscriber:
                 sequence = number_of()
             if not 0 <= sequence < 1 << 32:
                 extras = {**(extras or {}), "n": sequence}
-            put((way.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
+            put((route.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
         return rows, patient
 
-    def _different(self, sample: Any, way: _KeyRoute, extras: dict[str, Any] | None) -> dict[str, Any] | None:
+    def _different(self, sample: Any, route: _KeyRoute, extras: dict[str, Any] | None) -> dict[str, Any] | None:
         """Add what differs from the channel's first message."""
         from riot_bus.log.layout import extras_of
 
-        assert way.constants is not None
-        found = extras_of(self._convert.at(sample, 0), way.constants) or {}
+        assert route.constants is not None
+        found = extras_of(self._convert.at(sample, 0), route.constants) or {}
         found = {name: found[name] for name in ("e", "q") if name in found}
         return {**(extras or {}), **found} or None
 
-    def _refused(self, way: _KeyRoute) -> None:
+    def _refused(self, route: _KeyRoute) -> None:
         """Count a message for whose key there is no room in the file."""
-        book, topic = self._tape.book, way.rules.topic
-        book.recorded.add(topic)
-        book.lose("refused", topic, written=True)
+        counts, topic = self._sink.counts, route.rules.topic
+        counts.recorded.add(topic)
+        counts.lose("refused", topic, written=True)
 
     def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
-        if len(self._ways) >= _CACHED_KEYS:
-            self._ways.clear()
+        if len(self._routes) >= _CACHED_KEYS:
+            self._routes.clear()
             self._known.clear()
         key = str(key_expr)
         rules = self._rules_of(key)
         if rules is None:
-            self._ways[key_expr] = None
+            self._routes[key_expr] = None
             return None
         message: Message = self._convert.at(sample, 0)
-        way = _KeyRoute(key, sample, self._tape.writer.track(message), rules)
-        if way.constants is not None:
+        route = _KeyRoute(key, sample, self._sink.writer.track(message), rules)
+        if route.constants is not None:
             # The channel may have been opened by a message with other settings.
-            qos, text = way.constants.qos, way.constants.encoding
-            way.patient = message.qos.congestion != "drop"
+            qos, text = route.constants.qos, route.constants.encoding
+            route.patient = message.qos.congestion != "drop"
             if (message.qos, message.encoding) != (qos, text):
-                way.encoding = None
-        self._ways[key_expr] = self._numbers[way.number] = way
+                route.encoding = None
+        self._routes[key_expr] = self._numbers[route.number] = route
         self._note_sender(sample)
-        return way
+        return route
 
     def _rules_of(self, key: str) -> KeyRules | None:
         try:
@@ -313,8 +313,12 @@ class RecordingSubscriber:
 
     def _note_sender(self, sample: Any) -> None:
         stamp = sample.timestamp
-        way = self._ways.get(sample.key_expr)
-        if stamp is not None and way is not None and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
-            zids = self._senders.setdefault(way.key, set())
+        route = self._routes.get(sample.key_expr)
+        if (
+            stamp is not None
+            and route is not None
+            and (route.key in self._senders or len(self._senders) < _CACHED_KEYS)
+        ):
+            zids = self._senders.setdefault(route.key, set())
             if len(zids) < _MOST_SENDERS:
                 zids.add(str(stamp.get_id()))

@@ -17,49 +17,27 @@ __all__ = ["WatchedNetwork"]
 class WatchedNetwork:
     """Implementation of `riot_bus.graph.observe.WatchedBus` for one client.
 
+    It has one session, and neither intercepts keys nor bridges links.
+
     Args:
         session: Session of the client.
-        intakes: Function that returns the subscribers.
+        subscribers: Function that returns the subscribers.
     """
 
-    def __init__(self, session: zenoh.Session, intakes: Callable[[], Sequence[RecordingSubscriber]]) -> None:
-        self._session, self._intakes = session, intakes
-        self._zid = str(session.info.zid())
+    ids_ever: Collection[str] = ()
+    intercepted: Collection[str] = ()
+    bridged: Collection[BridgedLink] = ()
+    services: Collection[str] = ()
 
-    @property
-    def sessions(self) -> Mapping[str, zenoh.Session]:
-        """The only session."""
-        return {"": self._session}
-
-    @property
-    def ids(self) -> Collection[str]:
-        """Id of the only session."""
-        return {self._zid}
-
-    @property
-    def ids_ever(self) -> Collection[str]:
-        """No further ids."""
-        return ()
-
-    @property
-    def intercepted(self) -> Collection[str]:
-        """Nothing: a client intercepts no keys."""
-        return ()
-
-    @property
-    def bridged(self) -> Collection[BridgedLink]:
-        """No bridged links."""
-        return ()
-
-    @property
-    def services(self) -> Collection[str]:
-        """No services."""
-        return ()
+    def __init__(self, session: zenoh.Session, subscribers: Callable[[], Sequence[RecordingSubscriber]]) -> None:
+        self.sessions: Mapping[str, zenoh.Session] = {"": session}
+        self.ids: Collection[str] = {str(session.info.zid())}
+        self._subscribers = subscribers
 
     def flows(self) -> Mapping[tuple[str, str], int]:
         """Messages so far by key and segment."""
-        return {(key, ""): count for each in self._intakes() for key, count in each.flows.copy().items()}
+        return {(key, ""): count for each in self._subscribers() for key, count in each.flows.copy().items()}
 
     def senders(self) -> dict[tuple[str, str], set[str]]:
         """Ids in the stamps of messages, by key and segment."""
-        return {(key, ""): zids for each in self._intakes() for key, zids in each.senders().items()}
+        return {(key, ""): zids for each in self._subscribers() for key, zids in each.senders().items()}

@@ -323,13 +323,13 @@ def test_the_profile_is_that_of_the_network_if_none_is_given(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["-o", "a.txt"], "no name of a log"),
+        (["-o", "a.txt"], "not a name of a log"),
         (["-o", "no/a.mcap"], "cannot write the log"),
-        (["--split-size=big"], "no size"),
-        (["--ring=soon"], "no time"),
+        (["--split-size=big"], "not a size"),
+        (["--ring=soon"], "not a time"),
         (["--dump-on=/x where a > 1"], "need a ring"),
         (["--ring=3", "--monitors=none.toml"], "none.toml"),
-        (["--ring=3", "--dump-on=/x"], "no condition"),
+        (["--ring=3", "--dump-on=/x"], "not a condition"),
         (["--ring=3", "--dump-on=/x where a >"], "predicate"),
         (["--throttle=/x"], "how often"),
         (["--max-files=2"], "more than one file"),
