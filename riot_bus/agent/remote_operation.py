@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.agent.names import ALL_AGENTS, check_robot, controller_key, progress_key
 from riot_bus.agent.operation import FINAL
 from riot_bus.agent.proof import is_proved, new_secret, prove
-from riot_bus.control.remote import ForgedAnswerError, Remote
+from riot_bus.control.remote import ForgedAnswerError, Remote, document_of
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import release
 from riot_bus.zenoh.session_config import OWN_CHUNK
@@ -75,8 +75,8 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
         }
         answers = {}
         for reply in session.get(f"{OWN_CHUNK}/*/agent/status", target=zenoh.QueryTarget.ALL, timeout=_FIND_S):
-            if reply.ok is not None:
-                document = _document(reply.ok.payload.to_bytes())
+            if reply.ok is not None and len(reply.ok.payload) <= _LARGEST:
+                document = document_of(reply.ok.payload.to_bytes())
                 answers[str(reply.ok.key_expr).split("/")[1]] = document.get("result")
     names = [token.split("/")[1] for token in tokens]
     found = ((name, answers.get(name)) for name in sorted(set(names)))
@@ -263,7 +263,7 @@ class RemoteOperation:
             query.reply(query.key_expr, prove(self._secret, "controller", nonce))
 
     def _take(self, message: Message) -> None:
-        found = _document(message.payload)
+        found = {} if len(message.payload) > _LARGEST else document_of(message.payload)
         operation, proof = found.get("operation"), found.get("proof")
         number = proof.get("nonce") if isinstance(proof, dict) else None
         if not isinstance(operation, dict) or operation.get("id") != self.operation or "state" not in operation:
@@ -310,14 +310,3 @@ class RemoteOperation:
         else:
             text = f"{self.robot} was not heard for {seconds:.0f} s"
         return EnvironmentFaultError(text, where=self._endpoint, hint=hint)
-
-
-def _document(data: bytes) -> dict[str, Any]:
-    """Return received data as a JSON object; an empty one if it is not valid."""
-    if len(data) > _LARGEST:
-        return {}
-    try:
-        found = json.loads(data)
-    except (ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}

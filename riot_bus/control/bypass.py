@@ -7,7 +7,7 @@ import logging
 import os
 import threading
 from collections import Counter
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.reach import Bypass, Contact, Sightings, judge
 from riot_bus.graph.model import ConnectedComponent
@@ -18,57 +18,32 @@ from riot_bus.zenoh.scouting import THIS_HOST, scout
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from riot_bus.zenoh import api as zenoh
+    from riot_bus.graph.observe import WatchedBus
     from riot_bus.zenoh.scouting import Answer, Scouting
 
-__all__ = ["Bypass", "BypassFinder", "BypassWatch", "Segmented", "find_bypasses"]
+__all__ = ["Bypass", "BypassFinder", "BypassWatch"]
 
 _LOG = logging.getLogger(__name__)
 
 
-class Segmented(Protocol):
-    """What the alarm needs of a bus."""
-
-    @property
-    def sessions(self) -> Mapping[str, zenoh.Session]:
-        """The segments' own sessions."""
-
-    @property
-    def ids(self) -> Collection[str]:
-        """Ids of the bus's present sessions."""
-
-    @property
-    def ids_ever(self) -> Collection[str]:
-        """Ids of all routers that were ever the junction."""
-
-
-def find_bypasses(bus: Segmented, *, scouting: Scouting | None = THIS_HOST) -> list[Bypass]:
-    """Look once for components of different segments that reach each other around the router.
+class BypassFinder:
+    """Looks for components of different segments that reach each other around the router.
 
     It sees sessions in two segments; links that a component or foreign router with an enabled admin space reports about
-    itself; TCP connections between components' processes on this host; and answers to multicast scouting.
-
-    Args:
-        bus: The bus, open.
-        scouting: How to ask who answers multicast scouting; None not to ask.
-    """
-    return BypassFinder(bus).look(scouting)
-
-
-class BypassFinder:
-    """Looks for ways around a bus, and remembers which process owns which link.
+    itself; TCP connections between components' processes on this host; and answers to multicast scouting. It remembers
+    which process owns which link.
 
     Args:
         bus: The bus, open.
     """
 
-    def __init__(self, bus: Segmented) -> None:
+    def __init__(self, bus: WatchedBus) -> None:
         self._bus = bus
         self._owners: dict[str, SocketOwner | None] = {}
         self._answers: Mapping[str, Answer] = {}
 
     def look(self, scouting: Scouting | None) -> list[Bypass]:
-        """Look at everything; without scouting the last answers count."""
+        """Return all ways around the router; without `scouting`, the last answers to multicast scouting count."""
         return judge(self.sightings(scouting))
 
     def sightings(self, scouting: Scouting | None) -> Sightings:
@@ -156,7 +131,7 @@ class BypassWatch:
 
     def __init__(
         self,
-        bus: Segmented,
+        bus: WatchedBus,
         callback: Callable[[list[Bypass]], None],
         *,
         period: float = 5.0,

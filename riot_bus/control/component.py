@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from riot_bus.control.environment import (
     environment_lines,
     missing_for_clients,
     reachable,
-    session_file,
+    write_session_file,
 )
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.vocabulary.errors import ConfigError
@@ -77,10 +76,9 @@ def component_environment(
     config, hints = missing_for_clients(found, client_cfg(cfg))
     if flavour == "zenoh":
         file = file or Path(f"zenoh-{segment}.json5")
-        lines = environment_lines(segment, endpoints, flavour, config=config, file=file)
-        _write_private(file, session_file(client_settings(endpoints, config)))
-    else:
-        lines = environment_lines(segment, endpoints, flavour, config=config)
+    lines = environment_lines(segment, endpoints, flavour, config=config, file=file)
+    if flavour == "zenoh" and file is not None:
+        write_session_file(file, client_settings(endpoints, config))
     return lines, hints
 
 
@@ -101,12 +99,3 @@ def segment_endpoints(
 
     found = settings_of(RouterOptions(system=system)).segment(segment)
     return reachable(found.listen), missing_for_clients(found, config)[0]
-
-
-def _write_private(file: Path, text: str) -> None:
-    try:
-        with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
-            os.fchmod(out.fileno(), 0o600)
-            out.write(text)
-    except OSError as error:
-        raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(file)) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -28,6 +29,7 @@ __all__ = [
     "override",
     "reachable",
     "session_file",
+    "write_session_file",
 ]
 
 Flavour = Literal["rmw_zenoh", "zenoh"]
@@ -141,6 +143,25 @@ def session_file(settings: SessionConfig) -> str:
             table = table.setdefault(each, {})
         table[name] = value
     return json.dumps(tree, indent=2) + "\n"
+
+
+def write_session_file(path: Path, settings: SessionConfig) -> None:
+    """Write settings as a file for `ZENOH_CONFIG` that only this user can read, and that is never half written.
+
+    Args:
+        path: Path of the file.
+        settings: Settings, which may hold a password.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600), "w") as out:
+            out.write(session_file(settings))
+        part.replace(path)
+    except OSError as error:
+        raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(path)) from error
 
 
 def environment(

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Client
 
-__all__ = ["ForgedAnswerError", "Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
+__all__ = ["ForgedAnswerError", "Remote", "ask", "document_of", "error_from", "find_routers", "graphs", "plan_payload"]
 
-_TIMEOUT_S = 30.0
-_FIND_S = 3.0
+_TIMEOUT_S = 30.0  # a guess: a router on a loaded machine answers in tenths of a second
+_FIND_S = 3.0  # one process that hangs delays the list by as much
 _TRIES = 8
 """How often to ask: a question that ends at once without an answer was not carried out, since its queue was full or it
 is not allowed. In a flood of twice what a loaded machine can answer, every second question is lost."""
@@ -125,14 +125,14 @@ class Remote:
             answers = self._answers(selector, payload, max(0.0, began + timeout - time.monotonic()))
             if answers or time.monotonic() - began >= timeout:
                 break
-        refusals = {str(error_from(_document(data))) for ok, data in answers if not ok}
+        refusals = {str(error_from(document_of(data))) for ok, data in answers if not ok}
         if len(answers) > 1 and (len(refusals) > 1 or any(ok for ok, _ in answers)):
             hint = "two of one name, or one that answers for another: give each its own name, and use access control"
             text = f"{len(answers)} answers to one {command!r}: there is no telling which is {name}'s"
             raise ForgedAnswerError(text, where=self._endpoint, hint=hint)
         for ok, data in answers:
             if not ok:
-                raise error_from(_document(data))
+                raise error_from(document_of(data))
             return _result(data)
         found = self.find()
         if name in found and time.monotonic() - began < timeout:
@@ -155,7 +155,7 @@ class Remote:
         def take(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 found.append((True, reply.ok.payload.to_bytes()))
-            elif reply.err is not None and "exit_code" in _document(data := reply.err.payload.to_bytes()):
+            elif reply.err is not None and "exit_code" in document_of(data := reply.err.payload.to_bytes()):
                 found.append((False, data))  # any other is Zenoh's own, which reports the timeout
             came.set()
 
@@ -244,7 +244,7 @@ def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Itera
 
 
 def _result(data: bytes) -> dict[str, Any]:
-    document = _document(data)
+    document = document_of(data)
     result = document.get("result")
     if document.get("version") != _VERSION or not isinstance(result, dict):
         text = f"the router answers in version {document.get('version')!r} of the format, not {_VERSION}"
@@ -260,10 +260,11 @@ def error_from(document: Mapping[str, Any]) -> RiotError:
     return kind(message or "it does not say why", where=where, hint=hint)
 
 
-def _document(data: bytes) -> dict[str, Any]:
+def document_of(data: bytes) -> dict[str, Any]:
+    """Return received data as a JSON object; if it is not one, its beginning as `message`."""
     try:
         document = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         document = None
     return document if isinstance(document, dict) else {"message": data[:200].decode(errors="replace")}
 

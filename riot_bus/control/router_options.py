@@ -43,9 +43,13 @@ def settings_of(options: RouterOptions) -> RouterSettings:
     Raises:
         ConfigError: The file or an option is wrong.
     """
-    path = options.system if options.system is not None else DEFAULT_SYSTEM
-    found = load_router(path) if options.system is not None or path.is_file() else RouterSettings()
-    return merged(found, options)
+    path = _system_file(options)
+    return merged(RouterSettings() if path is None else load_router(path), options)
+
+
+def _system_file(options: RouterOptions) -> Path | None:
+    """Return the file that `--system` names, else riot.toml if it exists."""
+    return options.system or (DEFAULT_SYSTEM if DEFAULT_SYSTEM.is_file() else None)
 
 
 def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
@@ -81,10 +85,8 @@ def registry_of(options: RouterOptions) -> TypeRegistry:
     """
     from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 
-    path = options.system if options.system is not None else DEFAULT_SYSTEM
-    system: Any = {}
-    if options.system is not None or path.is_file():
-        system = read_toml(path)[0].get("system", {})
+    path = _system_file(options)
+    system: Any = {} if path is None else read_toml(path)[0].get("system", {})
     known = system if isinstance(system, dict) else {}
     types, adapters, messages = known.get("types", {}), known.get("adapters"), known.get("messages", [])
     texts = [list(types.values()) if isinstance(types, dict) else types, messages, adapters or []]
@@ -99,7 +101,7 @@ def registry_of(options: RouterOptions) -> TypeRegistry:
     return TypeRegistry(
         loaded,
         declared={**types, **parse_types(options.types)},
-        definitions=[*(path.resolve().parent / name for name in messages), *options.definitions],
+        definitions=[*((path or DEFAULT_SYSTEM).resolve().parent / name for name in messages), *options.definitions],
     )
 
 

@@ -163,11 +163,10 @@ def _lost(losses: Losses) -> list[str]:
 
 def _alarm(warn: Callable[[str], None]) -> Callable[[list[Bypass]], None]:
     def alarm(bypasses: list[Bypass]) -> None:
-        if not bypasses:
-            warn("bypass: the ways around the router are closed")
-        for each in bypasses:
-            who = " and ".join(f"{one.label} ({one.segment or 'no segment'})" for one in each.components)
-            what = "is used" if each.active else "is open"
-            warn(f"bypass: a way around the router {what}: {who}: {each.evidence}\n  hint: {each.cure}")
+        from riot_bus.control.status import bypass_rows
+        from riot_bus.control.status_text import bypass_lines
+
+        for line in bypass_lines(bypass_rows(bypasses)) or ["bypass: the ways around the router are closed"]:
+            warn(line)
 
     return alarm

@@ -14,7 +14,6 @@ from riot_bus import __version__
 from riot_bus.control import status
 from riot_bus.control.commands import Command
 from riot_bus.control.exposure import exposure_warnings
-from riot_bus.control.operations import Operations
 from riot_bus.control.recordings import Recordings
 from riot_bus.control.watches import Watches
 from riot_bus.router.bus import Bus
@@ -46,11 +45,11 @@ def _silent(bypasses: list[Bypass]) -> None:
     """Do nothing: the list of bypasses is enough."""
 
 
-class RouterService(Operations):
+class RouterService:
     """A running router; a context manager. Its operations may be called by several threads.
 
     Args:
-        settings: Settings as `flags.merged` returns them, with at least one segment.
+        settings: Settings as `router_options.merged` returns them, with at least one segment.
         interceptors: Interceptors, carried out in this order.
         plan: Injections, carried out last.
         registry: The registry of topics and types.
@@ -100,7 +99,8 @@ class RouterService(Operations):
             metadata=self._metadata,
             profile="ros2" if any(topic.startswith("/") for topic in interception.topics) else None,
         )
-        super().__init__(interception, recordings, seed=seed)
+        self._interception, self._recordings, self._seed = interception, recordings, seed
+        self._changing = threading.RLock()
         self.pipeline: Pipeline = Pipeline(
             interception.interceptors(plan), registry=self._registry, provenance=record is not None
         )
@@ -152,9 +152,85 @@ class RouterService(Operations):
         self._watches = watches
         self._recordings.watch()
 
+    # -- changes, one at a time ---------------------------------------------------------------------------------------
+
+    def intercept_add(self, keys: Sequence[str]) -> list[str]:
+        """Intercept more keys; ROS names such as `/odom` will do.
+
+        Natively routed messages are interrupted for about 100 ms; no intercepted ones are lost.
+
+        Args:
+            keys: Key expressions or names.
+
+        Returns:
+            The key expressions that are intercepted now.
+
+        Raises:
+            ConfigError: One of them is not usable; then nothing has changed.
+        """
+        with self._changing:
+            return self._interception.add(keys)
+
+    def intercept_remove(self, keys: Sequence[str]) -> list[str]:
+        """Intercept fewer keys, as `intercept_add`; raises ConfigError if one is not intercepted or a plan needs it."""
+        with self._changing:
+            return self._interception.remove(keys)
+
+    def plan_load(self, text: str, name: str) -> dict[str, Any]:
+        """Carry out an injection plan from now on instead of the present one, and intercept its topics.
+
+        Args:
+            text: The plan as TOML text.
+            name: Name of the plan, such as that of its file.
+
+        Raises:
+            ConfigError: It is not a plan; then nothing has changed.
+        """
+        from riot_bus.inject.injection_plan import InjectionPlan  # loads pydantic
+
+        plan = InjectionPlan.parse(text, name, seed=self._seed)
+        with self._changing:
+            return {"intercepted": self._interception.set_plan(plan), "plan": status.plan_row(plan)}
+
+    def plan_clear(self) -> dict[str, Any]:
+        """Stop carrying out the plan, and intercepting what was intercepted for it alone."""
+        with self._changing:
+            former = status.plan_row(self._interception.plan)
+            return {"intercepted": self._interception.set_plan(None), "plan": None, "former": former}
+
+    def record_start(self, path: str | None = None) -> dict[str, Any]:
+        """Record all that passes from now on.
+
+        Args:
+            path: Path relative to the folder of recordings; None for a name with the present time.
+
+        Raises:
+            ConfigError: It records already, or the path leads elsewhere or exists.
+        """
+        with self._changing:
+            return {"file": str(self._recordings.start(path))}
+
+    def record_stop(self) -> dict[str, Any]:
+        """End the recording and return its figures; raises ConfigError if there is none."""
+        with self._changing:
+            return self._recordings.stop()[1]
+
+    def record_split(self, path: str | None = None) -> dict[str, Any]:
+        """Continue recording in another file, without losing or repeating a message; `path` as for `record_start`."""
+        with self._changing:
+            former, present = self._recordings.split(path)
+            return {"former": str(former), "file": str(present)}
+
     def shutdown(self) -> None:
         """Ask the process that runs this router to end."""
         self.stopping.set()
+
+    # -- what is going on ---------------------------------------------------------------------------------------------
+
+    @property
+    def topics(self) -> list[str]:
+        """What is intercepted, as it was written."""
+        return self._interception.topics
 
     @property
     def bus(self) -> Bus:

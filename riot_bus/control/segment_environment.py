@@ -12,13 +12,12 @@ The process that opens a router exports them (`export`), and each child can then
 
 from __future__ import annotations
 
-import os
 import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.environment import client_settings, override, reachable, session_file
+from riot_bus.control.environment import client_settings, override, reachable, write_session_file
 from riot_bus.control.router_options import parse_endpoints
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -129,7 +128,7 @@ def segment_variables(
 def write_session_files(
     endpoints: Mapping[str, Sequence[str]], folder: Path, *, config: Mapping[str, Any] | None = None
 ) -> None:
-    """Write the file of each segment for `ZENOH_CONFIG`; only this user can read it, and it is never half written.
+    """Write the file of each segment for `ZENOH_CONFIG`, readable by this user alone.
 
     Args:
         endpoints: Where components of each segment connect.
@@ -140,14 +139,7 @@ def write_session_files(
         ConfigError: A file cannot be written.
     """
     for name, found in endpoints.items():
-        path, text = folder / _FILE.format(name), session_file(client_settings(reachable(found), config))
-        part = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600), "w") as out:
-                out.write(text)
-            part.replace(path)
-        except OSError as error:
-            raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(path)) from error
+        write_session_file(folder / _FILE.format(name), client_settings(reachable(found), config))
 
 
 def _domains(environ: Mapping[str, str]) -> dict[str, str]:

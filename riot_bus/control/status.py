@@ -11,7 +11,7 @@ from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.session_config import is_control
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.control.bypass import Bypass
     from riot_bus.graph.model import Graph
@@ -31,6 +31,7 @@ __all__ = [
     "plan_row",
     "segment_rows",
     "shown_endpoints",
+    "table_lines",
 ]
 
 MOST_TOPICS = 2000
@@ -169,7 +170,12 @@ def count_table(counts: Mapping[str, Any]) -> list[str]:
     for topic, each in counts.items():
         row = each if isinstance(each, dict) else asdict(each)
         rows.append([topic, *(str(row[name]) for name in names)])
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return table_lines(rows)
+
+
+def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table with a title row; columns after the first one are flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
             [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]

@@ -9,9 +9,9 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
-__all__ = ["answer_lines", "counts_lines", "status_lines"]
+__all__ = ["answer_lines", "bypass_lines", "counts_lines", "status_lines"]
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
@@ -20,7 +20,7 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
         f"router {status['name']}, riot_bus {status['version']}, process {status['pid']}, "
         f"up for {status['uptime']:.0f} s",
         *(f"warning: {each}" for each in status["warnings"]),
-        *_bypasses(status),
+        *bypass_lines(status["bypasses"]),
         *_losses(status["losses"]),
     ]
     for name, segment in status["segments"].items():
@@ -35,7 +35,8 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     lines += [line for each in status["interceptors"] for line in _interceptor(each)]
     lines += _plan(status["plan"])
     lines.append(_recording(status["recording"]))
-    return [escape_control_chars(line) for line in [*lines, *_table(status["counts"])]]
+    lines += ["", *count_table(status["counts"])] if status["counts"] else []
+    return [escape_control_chars(line) for line in lines]
 
 
 def counts_lines(answer: Mapping[str, Any]) -> list[str]:
@@ -59,9 +60,10 @@ def answer_lines(answer: Mapping[str, Any]) -> list[str]:
     return [escape_control_chars(line) for line in lines]
 
 
-def _bypasses(status: Mapping[str, Any]) -> list[str]:
+def bypass_lines(bypasses: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the lines about ways around the router, in the form of `status.bypass_rows`."""
     lines = []
-    for each in status["bypasses"]:
+    for each in bypasses:
         who = " and ".join(f"{one['name']} ({one['segment'] or 'no segment'})" for one in each["components"])
         state = "is used" if each["active"] else "is open"
         lines += [f"bypass: a way around the router {state}: {who}: {each['evidence']}", f"  hint: {each['cure']}"]
@@ -109,7 +111,3 @@ def _recording(recording: Mapping[str, Any] | None) -> str:
     figures = f"{counted(recording['messages'], 'message')}, {recording['lost']} lost, {recording['seconds']:.0f} s"
     problem = f"; {recording['problem']}" if recording.get("problem") else ""
     return f"recording: {recording['file']} ({figures}){problem}"
-
-
-def _table(counts: Mapping[str, Any]) -> list[str]:
-    return ["", *count_table(counts)] if counts else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.control.status import table_lines
 from riot_bus.log.text import size_text
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
@@ -94,12 +95,5 @@ def account_lines(account: Account) -> list[str]:
         [topic, str(account.recorded.get(topic, 0)), *(str(found.get(topic, 0)) for found in columns.values())]
         for topic in topics[:_SHOWN]
     ]
-    widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
-    lines = [
-        "  ".join(
-            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        )
-        for row in table
-    ]
     more = [f"... and {len(topics) - _SHOWN} topics more"] if len(topics) > _SHOWN else []
-    return [escape_control_chars(line) for line in [*lines, *more]]
+    return [escape_control_chars(line) for line in [*table_lines(table), *more]]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.control.bypass import Bypass, BypassFinder, BypassWatch, find_bypasses
+from riot_bus.control.bypass import Bypass, BypassFinder, BypassWatch
 from riot_bus.doctor.checks import check
 from riot_bus.router.bus import Bus
 from riot_bus.zenoh.scouting import Scouting, scout
@@ -48,7 +48,7 @@ def finds(bus: Bus, kind: str, *processes: ZenohProcess, scouting: Scouting | No
     found: list[Bypass] = []
 
     def there() -> bool:
-        found[:] = [each for each in find_bypasses(bus, scouting=scouting) if each.kind == kind]
+        found[:] = [each for each in BypassFinder(bus).look(scouting) if each.kind == kind]
         return any(wanted <= zids(each) for each in found)
 
     assert wait_until(there, 60, interval=0.02), found
@@ -69,7 +69,7 @@ def test_components_that_keep_to_their_segments_are_no_alarm(bus: Bus, group: st
         for each, segment in ((one, "outside"), (two, "outside"), (three, "outside"), (four, "inside")):
             connected(bus, segment, each)
         assert wait_until(lambda: three.zid in two.do("transports", ""), 60)  # peers of one segment may
-        assert find_bypasses(bus, scouting=Scouting(address=group)) == []
+        assert BypassFinder(bus).look(Scouting(address=group)) == []
 
 
 def test_peers_that_find_each_other_by_multicast_are_named(bus: Bus, group: str) -> None:
