@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bridge.port import message_of, put_one_by_one
@@ -65,23 +66,12 @@ class InnerOutlet:
         self._audience.close()
 
 
-class _Listening:
-    """A subscription of a bridge in this process; see `InnerPort.subscribe`."""
-
-    def __init__(self, subscriber: Any, end: Callable[[], None]) -> None:
-        self._subscriber, self._end = subscriber, end
-
-    def close(self) -> None:
-        """Remove the subscription."""
-        self._end()
-        release(self._subscriber)
-
-
 class InnerPort:
     """A segment as a bridge in the router's own process sees it; it ends with the bus.
 
     A message on an intercepted key goes to the other segments, and to their listeners in this process, on the thread
-    that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`.
+    that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`, which describes
+    the arguments of the methods.
 
     Args:
         bus: The bus, open.
@@ -99,14 +89,7 @@ class InnerPort:
     def publisher(
         self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
     ) -> InnerOutlet:
-        """Return a new publisher.
-
-        Args:
-            key: Key to publish on, by one thread at a time.
-            reliable: Whether to wait for slow receivers instead of losing messages.
-            changed: Called on a Zenoh thread when `matched` may have changed.
-            encoding: Zenoh's encoding string, empty for its default.
-        """
+        """Return a new publisher, for one thread at a time."""
         qos = Qos(congestion="block" if reliable else "drop")
         speaking = self._speaking
         audience = Audience(
@@ -115,16 +98,7 @@ class InnerPort:
         return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
 
     def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
-        """Publish many messages; waits for slow receivers if they are reliable.
-
-        Args:
-            outlets: Publisher of each message, from this port.
-            payloads: Payload of each message.
-            attachment: Attachment of all of them.
-
-        Returns:
-            Number of messages that could not be published.
-        """
+        """Publish many messages with one attachment; return how many could not be published."""
         if self._speaking is not None:
             return put_one_by_one(outlets, payloads, attachment)
         self._ramp.put_all([outlet.track for outlet in outlets], payloads, attachment)
@@ -136,13 +110,11 @@ class InnerPort:
                 failed += 1
         return failed
 
-    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> ExitStack:
         """Subscribe to messages of others.
 
-        Args:
-            key: Key expression of the messages.
-            take: Called with payload and attachment, one message at a time, on the thread that brings it: a thread of
-                Zenoh, of the router, or of a publisher on another segment.
+        `take` is called with one message at a time, on the thread that brings it: a thread of Zenoh, of the router, or
+        of a publisher on another segment.
         """
 
         def take_all(messages: list[tuple[bytes, bytes | None]]) -> None:
@@ -154,7 +126,7 @@ class InnerPort:
 
         return self.collect(key, take_all)
 
-    def collect(self, expression: str, take: Take) -> _Listening:
+    def collect(self, expression: str, take: Take) -> ExitStack:
         """Subscribe to messages of others, like `subscribe`, but with several messages at once."""
         from riot_bus.zenoh import api as zenoh
 
@@ -170,11 +142,14 @@ class InnerPort:
         def receive(sample: zenoh.Sample) -> None:
             if speaking is not None and getattr(speaking, "now", False):
                 return  # our own message
-            kind: Any = sample.kind
+            kind: Any = sample.kind  # not `is_delete`: a call for each message costs time
             if int(kind) == 0 and not only_stored(sample):
                 give([message_of(sample)])
 
         handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
         pin(self._session, expression)
         subscriber = self._session.declare_subscriber(expression, handler)
-        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))
+        listening = ExitStack()  # undone from the end
+        listening.callback(release, subscriber)
+        listening.callback(self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))
+        return listening

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.bridge.token_table import TokenTable
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.redaction import redacted
+from riot_bus.zenoh.convert import is_delete
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning, pin
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import client_config
@@ -43,45 +44,8 @@ _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 class Outlet:
     """Publisher for one key; see `SegmentPort.publisher`."""
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key: str,
-        *,
-        reliable: bool,
-        latched: int | None = None,
-        changed: Callable[[], None] | None = None,
-        encoding: str = "",
-    ) -> None:
-        from riot_bus.zenoh import api as zenoh
-        from riot_bus.zenoh.api import ext
-
-        settings: dict[str, Any] = {
-            "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
-            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
-            "allowed_destination": zenoh.Locality.REMOTE,
-        }
-        if encoding:
-            settings["encoding"] = zenoh.Encoding(encoding)
-        pin(session, key)
-        self._publisher: Any = session.declare_publisher(key, **settings)
-        self._put: Any = self._publisher.put
-        self._declared: list[Any] = [self._publisher]
-        if changed is not None:
-            handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
-            self._declared.insert(0, self._publisher.declare_matching_listener(handler))
-        if latched is not None:
-            beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
-            latch: Any = ext.declare_advanced_publisher(
-                session,
-                key,
-                cache=ext.CacheConfig(latched),
-                sample_miss_detection=beats if reliable else None,
-                publisher_detection=True,
-                **settings,
-            )
-            self._put = latch.put
-            self._declared.append(latch)
+    def __init__(self, publisher: Any, put: Any, declared: Sequence[Any]) -> None:
+        self._publisher, self._put, self._declared = publisher, put, declared
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish; waits for slow receivers if it is reliable."""
@@ -229,18 +193,43 @@ class SegmentPort:
             changed: Called on a Zenoh thread when `matched` may have changed.
             encoding: Zenoh's encoding string, empty for its default.
         """
-        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
+        from riot_bus.zenoh import api as zenoh
+        from riot_bus.zenoh.api import ext
+
+        settings: dict[str, Any] = {
+            "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            "allowed_destination": zenoh.Locality.REMOTE,
+        }
+        if encoding:
+            settings["encoding"] = zenoh.Encoding(encoding)
+        pin(self._session, key)
+        publisher: Any = self._session.declare_publisher(key, **settings)
+        if changed is not None:
+            handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
+            declared = [publisher.declare_matching_listener(handler), publisher]
+        else:
+            declared = [publisher]
+        if latched is None:
+            return Outlet(publisher, publisher.put, declared)
+        beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+        latch: Any = ext.declare_advanced_publisher(
+            self._session,
+            key,
+            cache=ext.CacheConfig(latched),
+            sample_miss_detection=beats if reliable else None,
+            publisher_detection=True,
+            **settings,
+        )
+        return Outlet(publisher, latch.put, [*declared, latch])
 
     def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
-        """Publish many messages.
+        """Publish many messages with one attachment; return how many could not be published.
 
         Args:
-            outlets: Publisher of each message.
+            outlets: Publisher of each message, from this port.
             payloads: Payload of each message.
             attachment: Attachment of all of them.
-
-        Returns:
-            Number of messages that could not be published.
         """
         return put_one_by_one(outlets, payloads, attachment)
 
@@ -256,8 +245,7 @@ class SegmentPort:
         from riot_bus.zenoh.api import ext
 
         def receive(sample: zenoh.Sample) -> None:
-            kind: Any = sample.kind
-            if int(kind) == 0:
+            if not is_delete(sample):
                 take(*message_of(sample))
 
         handler: Any = zenoh.handlers.Callback(receive, indirect=False)

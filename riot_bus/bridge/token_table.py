@@ -6,6 +6,8 @@ import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.zenoh.convert import is_delete
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -61,8 +63,7 @@ class TokenTable:
             self._followers.remove(take)
 
     def _hear(self, sample: zenoh.Sample) -> None:
-        kind: Any = sample.kind
-        token, there = str(sample.key_expr), int(kind) == 0
+        token, there = str(sample.key_expr), not is_delete(sample)
         with self._lock:
             if there == (token in self._present):
                 return  # Zenoh may notify twice

@@ -87,13 +87,13 @@ class BusHost:
         self, segments: Mapping[str, str | None], *, system: Path | None = None, cfg: Sequence[str] = ()
     ) -> dict[str, AbstractContextManager[Any]]:
         """Return segments that connect when they are entered."""
-        from riot_bus.control.component import client_cfg, segment_endpoints
+        from riot_bus.control.component import client_cfg, segment_access
 
         own = client_cfg(cfg)
         found: dict[str, AbstractContextManager[Any]] = {}
         for name, endpoint in segments.items():
             if endpoint is None:
-                endpoints, config = segment_endpoints(name, own, system=system)
+                endpoints, config, _ = segment_access(name, RouterOptions(system=system), own)
             else:
                 endpoints, config = [endpoint], own
             found[name] = _port(endpoints, config)

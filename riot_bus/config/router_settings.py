@@ -5,20 +5,39 @@ A table from a file gets its types from pydantic, which a router without a file 
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import dataclass, field, fields
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from riot_bus.config.endpoints import Endpoint, overlap, parse_endpoint
-from riot_bus.config.setting_checks import check_name, check_setting, check_text, checked_endpoints
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "router_keys"]
+__all__ = ["DEFAULT_SEGMENTS", "SEGMENT_NAME", "RouterSettings", "SegmentSettings", "forbidden", "router_keys"]
 
+SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
+
+_LISTEN = "write listen = [...] in the segment's table"
+_CONNECT = "write connect = [...] in the segment's table"
+_PASSWORD = (
+    "the segment would refuse all clients without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
+)
+_FORBIDDEN = {
+    "mode": "a segment is always a router",
+    "namespace": "a segment sees the keys as its components write them",
+    "listen": _LISTEN,
+    "listen/endpoints": _LISTEN,
+    "connect": _CONNECT,
+    "connect/endpoints": _CONNECT,
+    "transport/auth/usrpwd/user": _PASSWORD,
+    "transport/auth/usrpwd/password": _PASSWORD,
+}
+_NEEDED = ("adminspace/enabled", "adminspace/permissions/read")
 _LONGEST_BUDGET_S = 86_400.0  # a day: more is probably a wrong unit, such as milliseconds
 _STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
@@ -44,9 +63,9 @@ class SegmentSettings:
 
     def __post_init__(self) -> None:
         for name in ("listen", "connect"):
-            object.__setattr__(self, name, checked_endpoints(getattr(self, name), name))
+            object.__setattr__(self, name, _checked_endpoints(getattr(self, name), name))
         for key, value in self.config.items():
-            check_setting(key, value)
+            _check_setting(key, value)
 
     @property
     def listeners(self) -> tuple[Endpoint, ...]:
@@ -61,12 +80,6 @@ class SegmentSettings:
         )
         connected = (parse_endpoint(text, connect=True) for text in self.connect)
         return not scouting and all(each.is_local for each in (*self.listeners, *connected))
-
-
-DEFAULT_SEGMENTS = {
-    "system": SegmentSettings(listen=("tcp/127.0.0.1:7447",)),
-    "unit": SegmentSettings(listen=("tcp/127.0.0.1:7448",)),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,22 +112,22 @@ class RouterSettings:
     interceptors: tuple[dict[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        check_name(self.name, "name")
+        _check_name(self.name, "name")
         for word in ("intercept", "services"):
             for number, text in enumerate(getattr(self, word)):
-                check_text(text, word, str(number))
+                _check_text(text, word, str(number))
         if self.record is not None:
-            check_text(self.record, "record")
+            _check_text(self.record, "record")
         if not 0 < self.budget <= _LONGEST_BUDGET_S:
             text = f"budget should be greater than 0 and at most {_LONGEST_BUDGET_S:g} (got {self.budget!r})"
             raise MistakeError(text, hint="write seconds", place=["budget"])
         for number, name in enumerate(self.control or ()):
-            check_name(name, "control", str(number))
+            _check_name(name, "control", str(number))
             if self.segments and name not in self.segments:
                 known = did_you_mean(name, self.segments)
                 raise MistakeError(f"no segment {name!r}", hint=known, place=["control", str(number)])
         for name in self.segments:
-            check_name(name, "segments", name)
+            _check_name(name, "segments", name)
         _check_apart(self.segments)
 
     @property
@@ -174,3 +187,56 @@ def _check_apart(segments: Mapping[str, SegmentSettings]) -> None:
                         hint="riot joins its segments itself",
                         place=["segments", name, "connect"],
                     )
+
+
+def _check_text(text: str, *place: str) -> None:
+    """Raise MistakeError if a text is empty; `place` are the keys that lead to it."""
+    if not text:
+        raise MistakeError(f"{place[0]} should not be empty", hint="leave it out", place=place)
+
+
+def _check_name(name: str, *place: str) -> None:
+    """Raise MistakeError if a router or a segment cannot be called that."""
+    if not re.fullmatch(SEGMENT_NAME, name):
+        hint = "write letters, digits, '_', '.' and '-', such as unit-2"
+        raise MistakeError(
+            f"{name!r} is not a name: it should match the pattern {SEGMENT_NAME}", hint=hint, place=place
+        )
+
+
+def _checked_endpoints(texts: Sequence[str], place: str) -> tuple[str, ...]:
+    """Return endpoints in the form for Zenoh; raises MistakeError if one cannot work.
+
+    Args:
+        texts: Endpoints as the user wrote them.
+        place: `listen` or `connect`.
+    """
+    try:
+        return tuple(str(parse_endpoint(text, connect=place == "connect")) for text in texts)
+    except ConfigError as error:
+        raise MistakeError(error.message, hint=error.hint, place=[place]) from None
+
+
+def forbidden(key: str, value: Any) -> str | None:
+    """Return why a segment cannot have this setting, or None if it can."""
+    if key in _NEEDED and value is False:
+        return "it cannot be false: riot asks there where a segment listens"
+    return _FORBIDDEN.get(key.strip("/"))
+
+
+def _check_setting(key: str, value: Any) -> None:
+    """Raise MistakeError if a segment cannot have this Zenoh setting."""
+    why = forbidden(key, value)
+    if why is not None:
+        raise MistakeError(f"{key!r} cannot be set here", hint=why, place=["config", key])
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError):
+        hint = "write text, a finite number, true, false, a list or a table"
+        raise MistakeError(f"Zenoh has no such value: {value!r}", hint=hint, place=["config", key]) from None
+
+
+DEFAULT_SEGMENTS = {
+    "system": SegmentSettings(listen=("tcp/127.0.0.1:7447",)),
+    "unit": SegmentSettings(listen=("tcp/127.0.0.1:7448",)),
+}

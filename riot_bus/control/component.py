@@ -12,16 +12,16 @@ from riot_bus.control.environment import (
     reachable,
     write_session_file,
 )
-from riot_bus.control.router_flags import RouterOptions
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_files import settings_of_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.control.environment import Flavour
+    from riot_bus.control.router_flags import RouterOptions
 
-__all__ = ["client_cfg", "component_environment", "segment_endpoints"]
+__all__ = ["client_cfg", "component_environment", "segment_access"]
 
 
 def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "--cfg") -> dict[str, Any]:
@@ -45,6 +45,32 @@ def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "-
     return config
 
 
+def segment_access(
+    segment: str,
+    options: RouterOptions,
+    config: Mapping[str, Any],
+    *,
+    flavour: Flavour = "zenoh",
+    host: str | None = None,
+) -> tuple[list[str], dict[str, Any], list[str]]:
+    """Return where a component connects to a segment, its Zenoh configuration, and hints for what is still missing.
+
+    Args:
+        segment: Name of the segment.
+        options: The router's options, of which `system` and `segments` say what segments there are.
+        config: Settings of the component, which take precedence.
+        flavour: Kind of program whose protocols count.
+        host: The router's machine, for components elsewhere.
+
+    Raises:
+        ConfigError: There is no such segment, or it cannot be reached.
+    """
+    from riot_bus.control.router_options import settings_of
+
+    found = settings_of(options).segment(segment)
+    return reachable(found.listen, flavour=flavour, host=host), *missing_for_clients(found, config)
+
+
 def component_environment(
     segment: str,
     flavour: Flavour,
@@ -61,41 +87,18 @@ def component_environment(
     Args:
         segment: Name of the segment.
         flavour: Kind of program that reads the variables.
-        options: The router's options, of which `system` and `segments` say what segments there are.
+        options: The router's options.
         host: The router's machine, for components elsewhere.
         cfg: `KEY=VALUE`, settings of the component.
-        file: Where to write the configuration.
+        file: File to write for `zenoh`; None for `zenoh-SEGMENT.json5`.
 
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
-    from riot_bus.control.router_options import settings_of
-
-    found = settings_of(options).segment(segment)
-    endpoints = reachable(found.listen, flavour=flavour, host=host)
-    config, hints = missing_for_clients(found, client_cfg(cfg))
-    if flavour == "zenoh":
-        file = file or Path(f"zenoh-{segment}.json5")
-    lines = environment_lines(segment, endpoints, flavour, config=config, file=file)
-    if flavour == "zenoh" and file is not None:
-        write_session_file(file, client_settings(endpoints, config))
+    endpoints, config, hints = segment_access(segment, options, client_cfg(cfg), flavour=flavour, host=host)
+    if flavour != "zenoh":
+        return environment_lines(segment, endpoints, flavour, config=config), hints
+    file = file or Path(f"zenoh-{segment}.json5")
+    lines = environment_lines(segment, endpoints, flavour, file=file)
+    write_session_file(file, client_settings(endpoints, config))
     return lines, hints
-
-
-def segment_endpoints(
-    segment: str, config: dict[str, Any], *, system: Path | None = None
-) -> tuple[list[str], dict[str, Any]]:
-    """Return where a component of this machine connects to a segment, and its Zenoh configuration.
-
-    Args:
-        segment: Name of the segment.
-        config: Settings of the user, which take precedence.
-        system: riot.toml; None for the one in the working folder, if there is one.
-
-    Raises:
-        ConfigError: There is no such segment, or it cannot be reached.
-    """
-    from riot_bus.control.router_options import settings_of
-
-    found = settings_of(RouterOptions(system=system)).segment(segment)
-    return reachable(found.listen), missing_for_clients(found, config)[0]

@@ -190,24 +190,16 @@ def environment(
     return {"ZENOH_CONFIG": str(file.absolute())}
 
 
-def environment_lines(
-    segment: str,
-    endpoints: Sequence[str],
-    flavour: Flavour,
-    *,
-    config: Mapping[str, Any] | None = None,
-    file: Path | None = None,
-) -> list[str]:
+def environment_lines(segment: str, endpoints: Sequence[str], flavour: Flavour, **more: Any) -> list[str]:
     """Return lines for a POSIX shell, to be run by `eval`.
 
     Args:
         segment: Name of the segment, for the comment.
-        endpoints: Where components connect.
+        endpoints: Endpoints, as for `environment`.
         flavour: Kind of program that reads the variables.
-        config: Further keys of the component's Zenoh configuration.
-        file: For `zenoh`: where `session_file` was written.
+        more: Further arguments of `environment`.
     """
-    variables = environment(endpoints, flavour, config=config, file=file)
+    variables = environment(endpoints, flavour, **more)
     reader = "ROS 2 nodes" if flavour == "rmw_zenoh" else "programs that call Config::from_env"
     return [
         f"# segment {segment}, for {reader}",

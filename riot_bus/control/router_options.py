@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.config.arguments import parse_types
 from riot_bus.config.endpoints import split_endpoints
-from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings, router_keys
-from riot_bus.config.setting_checks import SEGMENT_NAME
+from riot_bus.config.router_settings import DEFAULT_SEGMENTS, SEGMENT_NAME, RouterSettings, SegmentSettings, router_keys
 from riot_bus.config.toml_file import MistakeError, explained, read_toml
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.zenoh.config_files import check_certificates, endpoint_files, settings_of_text, with_files

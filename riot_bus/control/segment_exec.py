@@ -9,11 +9,12 @@ import stat
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from riot_bus.config.endpoints import split_endpoints
-from riot_bus.control.component import client_cfg
-from riot_bus.control.environment import client_settings, missing_for_clients, reachable, session_file
+from riot_bus.control.component import client_cfg, segment_access
+from riot_bus.control.environment import client_settings, reachable, session_file
+from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.segment_environment import (
     FILES,
     endpoints_of,
@@ -64,7 +65,12 @@ def environment_in(
     elif exported:
         endpoints = reachable(endpoints_of(name, environ), host=host)
     else:
-        endpoints, config = _of_router(name, config, environ, system=system, host=host, hint=hint)
+        if system is None and environ.get("RIOT_SYSTEM"):
+            system = Path(environ["RIOT_SYSTEM"])
+        options = RouterOptions(system=system, segments=environ.get("RIOT_SEGMENT", "").split())
+        endpoints, config, hints = segment_access(name, options, config, host=host)
+        for each in hints:
+            hint(each)
     folder = session_files_folder(session_file(client_settings(endpoints, config)))
     write_session_files({name: endpoints}, folder, config=config)
     # This is not exported: children that are put into another segment look for it where this one was found.
@@ -114,25 +120,3 @@ def session_files_folder(text: str) -> Path:
     except OSError as error:
         raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
     return folder
-
-
-def _of_router(
-    name: str,
-    config: dict[str, Any],
-    environ: Mapping[str, str],
-    *,
-    system: Path | None,
-    host: str | None,
-    hint: Callable[[str], None],
-) -> tuple[list[str], dict[str, Any]]:
-    from riot_bus.control.router_flags import RouterOptions
-    from riot_bus.control.router_options import settings_of
-
-    if system is None and environ.get("RIOT_SYSTEM"):
-        system = Path(environ["RIOT_SYSTEM"])
-    options = RouterOptions(system=system, segments=environ.get("RIOT_SEGMENT", "").split())
-    found = settings_of(options).segment(name)
-    config, hints = missing_for_clients(found, config)
-    for each in hints:
-        hint(each)
-    return reachable(found.listen, host=host), config

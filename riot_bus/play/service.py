@@ -258,7 +258,7 @@ class PlayService:
         options, clock = self.options, self.programme.cast.clock
         if options.ack is not None:
             key = self.programme.registry.key_expression(options.ack)
-            self._settling = Acknowledged(session, key, timeout=options.settle_timeout)
+            self._settling = Acknowledged(session, [key], timeout=options.settle_timeout)
         elif options.lockstep:
             keys = [self.programme.registry.key_expression(each) for each in options.lockstep]
             self._settling = Quiet(session, keys, window=options.quiet, timeout=options.settle_timeout)

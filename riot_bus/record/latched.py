@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.source import announced
 from riot_bus.router.advanced.worker import Worker
+from riot_bus.zenoh.convert import is_delete
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -27,13 +28,13 @@ class LatchedCaches:
     Args:
         session: Session that sends the queries.
         wanted: Function that returns whether a key is recorded.
-        take: Function called with the key and the samples of one publisher, oldest first.
+        record: Function called with the key and the samples of one publisher, oldest first.
     """
 
     def __init__(
-        self, session: zenoh.Session, *, wanted: Callable[[str], bool], take: Callable[[str, list[Any]], None]
+        self, session: zenoh.Session, *, wanted: Callable[[str], bool], record: Callable[[str, list[Any]], None]
     ) -> None:
-        self._session, self._wanted, self._take = session, wanted, take
+        self._session, self._wanted, self._record = session, wanted, record
         self._closed = False
         self._worker = Worker("riot-latched")
         self._subscriber = session.liveliness().declare_subscriber(_TOKENS, self._token, history=True)
@@ -46,8 +47,7 @@ class LatchedCaches:
         self._worker.close()
 
     def _token(self, sample: zenoh.Sample) -> None:
-        kind: Any = sample.kind
-        if int(kind) == 0:
+        if not is_delete(sample):
             self._worker.do(partial(self._ask, str(sample.key_expr)))
 
     def _ask(self, token: str) -> None:
@@ -64,4 +64,4 @@ class LatchedCaches:
         )
         samples = [reply.ok for reply in replies if reply.ok is not None and str(reply.ok.key_expr) == source.key]
         if samples:
-            self._take(source.key, samples)
+            self._record(source.key, samples)

@@ -338,7 +338,7 @@ class CaptureService:
                 if owner is not None:
                     by_text[owner].put(samples)
 
-            latched = LatchedCaches(session, wanted=lambda key: claims.owner(key) is not None, take=record)
+            latched = LatchedCaches(session, wanted=lambda key: claims.owner(key) is not None, record=record)
             stack.callback(latched.close)
             self._latched: LatchedCaches | None = latched
         else:

@@ -34,7 +34,7 @@ def never():
 
 def test_an_acknowledgement_after_the_message_counts():
     session = Session()
-    settling = Acknowledged(session, "ack", timeout=30.0)
+    settling = Acknowledged(session, ["ack"], timeout=30.0)
     settling.sent()
     threading.Timer(0.01, session.come).start()
     assert settling.wait(never)
@@ -43,7 +43,7 @@ def test_an_acknowledgement_after_the_message_counts():
 
 def test_an_acknowledgement_that_came_before_does_not():
     session = Session()
-    settling = Acknowledged(session, "ack", timeout=0.01)
+    settling = Acknowledged(session, ["ack"], timeout=0.01)
     session.come()
     settling.sent()
     assert not settling.wait(never)
@@ -52,14 +52,14 @@ def test_an_acknowledgement_that_came_before_does_not():
 
 def test_an_acknowledgement_between_sending_and_waiting_counts():
     session = Session()
-    settling = Acknowledged(session, "ack", timeout=0.0)
+    settling = Acknowledged(session, ["ack"], timeout=0.0)
     settling.sent()
     session.come()
     assert settling.wait(never)
 
 
 def test_giving_up_is_not_counted():
-    settling = Acknowledged(Session(), "ack", timeout=30.0)
+    settling = Acknowledged(Session(), ["ack"], timeout=30.0)
     settling.sent()
     assert not settling.wait(lambda: True)
     assert settling.unsettled == 0
