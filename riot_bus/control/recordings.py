@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.control.graph_notes import GraphNotes
 from riot_bus.control.log_paths import claim
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import key_matches
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from riot_bus.graph.model import Graph
     from riot_bus.log.writer import LogWriter
     from riot_bus.router.bus import Bus
     from riot_bus.router.recorder import Recorder
@@ -24,12 +23,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Recordings"]
 
-_GRAPH = "riot_bus.graph"
 _OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the same
 
 
 class Recordings:
-    """The present recording of a bus; not thread-safe except for `note` and `status`.
+    """The present recording of a bus; not thread-safe except for `graph_notes` and `status`.
 
     Args:
         bus: Function that returns the open bus.
@@ -38,6 +36,10 @@ class Recordings:
         name: Name of files for which none was given.
         metadata: Function that returns the metadata of each file.
         profile: MCAP profile.
+
+    Attributes:
+        path: Path of the present file; None if there is none.
+        graph_notes: Notes of the graph in the recording.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Recordings:
     ) -> None:
         self.folder = folder
         self.path: Path | None = None
+        self.graph_notes = GraphNotes(self._write_note)
         self._bus = bus
         self._registry = registry
         self._name = name
@@ -62,16 +65,13 @@ class Recordings:
         self._stem = name
         self._since = 0.0
         self._before = (0, 0)
-        self._noting = threading.Lock()
-        self._graph: Graph | None = None
-        self._noted: Graph | None = None
 
     def begin(self, path: Path) -> Recorder:
         """Open a file, replacing an existing one; the caller hands the recorder to the bus."""
         from riot_bus.router.recorder import Recorder
 
         recorder = Recorder(self._writer(path), topic=self._registry.topic)
-        with self._noting:
+        with self.graph_notes.new_log():
             self._recorder, self._stem = recorder, path.stem
             self._begun(path, (0, 0))
         return recorder
@@ -101,7 +101,7 @@ class Recordings:
         """
         recorder, former = self._present("record/split")
         path = claim(self.folder, text, self._stem)
-        with self._noting:
+        with self.graph_notes.new_log():
             self._begun(path, recorder.switch(self._writer(path)))
         return former, path
 
@@ -125,19 +125,8 @@ class Recordings:
         for session in self._bus().sessions.values():
             self._announcements.watch(session, wait=False)
 
-    def note(self, graph: Graph) -> None:
-        """Write what has changed in the graph since it was last written to the log."""
-        with self._noting:
-            self._graph = graph
-            self._note(graph)
-
-    def _note(self, graph: Graph) -> None:
-        recorder, former = self._recorder, self._noted
-        if recorder is not None and graph != former:
-            from riot_bus.graph.history import record
-
-            if recorder.note(_GRAPH, record(former, graph, time=time.time_ns())):
-                self._noted = graph
+    def _write_note(self, name: str, mapping: Mapping[str, str]) -> bool:
+        return self._recorder is not None and self._recorder.note(name, mapping)
 
     def _wanted(self, key: str) -> bool:
         return self._recorder is not None or any(key_matches(each, key) for each in self._bus().intercepted)
@@ -168,9 +157,7 @@ class Recordings:
         return self._recorder, self.path
 
     def _begun(self, path: Path, before: tuple[int, int]) -> None:
-        self.path, self._since, self._before, self._noted = path, time.monotonic(), before, None
-        if self._graph is not None:
-            self._note(self._graph)
+        self.path, self._since, self._before = path, time.monotonic(), before
 
     def _writer(self, path: Path) -> LogWriter:
         from riot_bus.log.rosbag2 import bag_epilogue

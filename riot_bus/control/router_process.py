@@ -146,7 +146,7 @@ def report_end(service: RouterService, foreground: Foreground) -> None:
     from riot_bus.control.status import count_rows, count_table, interceptor_rows, loss_rows
     from riot_bus.vocabulary.redaction import escape_control_chars
 
-    counts, losses = count_rows(service.counts()), service.losses
+    counts, losses = count_rows(service.bus.counts()), service.bus.losses
     ended = {"counts": counts, "losses": loss_rows(losses), "interceptors": interceptor_rows(service.pipeline)}
     foreground.report("ended", ended, map(escape_control_chars, count_table(counts)))
     foreground.warn_of_errors(service.pipeline)

@@ -33,16 +33,10 @@ if TYPE_CHECKING:
     from riot_bus.graph.model import Graph
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
-    from riot_bus.router.bus import TopicCounts
-    from riot_bus.router.counts import Losses
     from riot_bus.zenoh.network import Network
     from riot_bus.zenoh.scouting import Scouting
 
 __all__ = ["ROUTER_COMMANDS", "RouterService"]
-
-
-def _silent(bypasses: list[Bypass]) -> None:
-    """Do nothing: the list of bypasses is enough."""
 
 
 class RouterService:
@@ -70,7 +64,7 @@ class RouterService:
         registry: TypeRegistry | None = None,
         seed: int = 0,
         folder: Path | None = None,
-        alarm: Callable[[list[Bypass]], None] | None = _silent,
+        alarm: Callable[[list[Bypass]], None] | None = lambda bypasses: None,
         scouting: Scouting | None = THIS_HOST,
         network: Network | None = None,
     ) -> None:
@@ -88,11 +82,11 @@ class RouterService:
         self._stack = ExitStack()
         keys = wanted_keys(settings, self._registry)
         interception = Interception(
-            self._open_bus, keys=keys, interceptors=interceptors, plan=plan, registry=self._registry
+            lambda: self.bus, keys=keys, interceptors=interceptors, plan=plan, registry=self._registry
         )
         record = None if settings.record is None else Path(settings.record)
         recordings = Recordings(
-            self._open_bus,
+            lambda: self.bus,
             registry=self._registry,
             folder=folder or (record.parent if record is not None else Path.cwd()),
             name=settings.name,
@@ -142,9 +136,9 @@ class RouterService:
     def watch(self) -> None:
         """Start to watch the graph and ways around the router; separate from opening, since it takes longer."""
         watches = Watches(
-            self._open_bus(),
+            self.bus,
             registry=self._registry,
-            changed=self._recordings.note,
+            changed=self._recordings.graph_notes.update,
             alarm=self._alarm,
             scouting=self._scouting,
         )
@@ -234,18 +228,20 @@ class RouterService:
 
     @property
     def bus(self) -> Bus:
-        """The bus, while it is open."""
-        return self._open_bus()
+        """The bus; raises EnvironmentFaultError before it is open."""
+        if self._bus is None:
+            raise EnvironmentFaultError("this router is not open", hint="use it in a with statement")
+        return self._bus
 
     @property
     def endpoints(self) -> dict[str, tuple[str, ...]]:
         """Where components of each segment connect, to be shown."""
-        bus = self._open_bus()
+        bus = self.bus
         return {name: status.shown_endpoints(bus.segment(name)) for name in self.settings.segments}
 
     def status(self) -> dict[str, Any]:
         """Return the complete status, as JSON values."""
-        bus = self._open_bus()
+        bus = self.bus
         counts = status.count_rows(bus.counts())  # first: interceptors are told of some messages only then
         return {
             "name": self.settings.name,
@@ -266,15 +262,6 @@ class RouterService:
             "warnings": self.warnings,
         }
 
-    def counts(self) -> dict[str, TopicCounts]:
-        """Return what happened to each topic so far."""
-        return self._open_bus().counts()
-
-    @property
-    def losses(self) -> Losses:
-        """What was lost unintentionally so far."""
-        return self._open_bus().losses
-
     def graph(self) -> Graph:
         """Return who talks to whom; an empty graph before `watch`."""
         from riot_bus.graph.model import Graph
@@ -288,11 +275,6 @@ class RouterService:
         age = self._watches.graph_age if self._watches is not None else None  # before the graph: never too young
         return {"version": GRAPH_VERSION, "age": age, **asdict(self.graph())}
 
-    def _open_bus(self) -> Bus:
-        if self._bus is None:
-            raise EnvironmentFaultError("this router is not open", hint="use it in a with statement")
-        return self._bus
-
     def _metadata(self) -> dict[str, str]:
         segments = (f"{name}={','.join(map(redacted, each.listen))}" for name, each in self.settings.segments.items())
         metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
@@ -301,7 +283,7 @@ class RouterService:
 
 
 def _counts(service: RouterService, request: CommandRequest) -> dict[str, Any]:
-    return {"counts": status.count_rows(service.counts()), "losses": status.loss_rows(service.losses)}
+    return {"counts": status.count_rows(service.bus.counts()), "losses": status.loss_rows(service.bus.losses)}
 
 
 ROUTER_COMMANDS: dict[str, Command] = {

@@ -16,7 +16,7 @@ from riot_bus.log.account import LOST
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
 from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.loss_counts import LossCounts
+from riot_bus.record.losses import LossCounts
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.record.sink import Sink
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
 from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.loss_counts import LossCounts, summed
+from riot_bus.record.losses import LossCounts, summed
 from riot_bus.record.sink import Sink
 from riot_bus.vocabulary.errors import ConfigError
 

@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
 from riot_bus.control.commands import Command, reporting
+from riot_bus.control.graph_notes import GraphNotes
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import registry_of
 from riot_bus.control.server import Control, free_name
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
-from riot_bus.record.gaps import Gaps
 from riot_bus.record.latched import LatchedCaches
+from riot_bus.record.losses import Gaps
 from riot_bus.record.naming import Naming
 from riot_bus.record.ring_sink import RingSink
 from riot_bus.record.rotating_sink import FileResult, RotatingSink
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from riot_bus.control.commands import CommandRequest
-    from riot_bus.graph.model import Graph
     from riot_bus.record.options import CaptureOptions
     from riot_bus.zenoh import api as zenoh
 
@@ -53,7 +53,6 @@ _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
 _LINK_S = 1.0  # a guess: a lost link is reported this late; each look lists all transports
 _ASK_S = 1.0  # routers answer at once; one that does not delays the start by as much
-_GRAPH = "riot_bus.graph"
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
 
@@ -118,9 +117,7 @@ class CaptureService:
         self._subscribers: list[RecordingSubscriber] = []
         self._gaps = Gaps()
         self._paused = options.paused
-        self._graph: Graph | None = None
-        self._noted: Graph | None = None
-        self._noting = threading.Lock()
+        self._graph_notes = GraphNotes(self._write_note)
         self._problems: list[str] = []
         self._linked = True
         self._looked = 0.0
@@ -162,7 +159,7 @@ class CaptureService:
                 from riot_bus.graph.watch import GraphWatch
 
                 network = WatchedNetwork(session, lambda: self._subscribers)
-                watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
+                watch = GraphWatch(network, self._graph_notes.update, senders=network.senders, registry=self.registry)
                 stack.enter_context(watch)
             if options.control:
                 self.name = free_name(session, options.name, "record")
@@ -310,8 +307,8 @@ class CaptureService:
             "warn": self._warn,
         }
         if options.ring_seconds:
-            return RingSink(options, notes=self._graph_notes, **common)
-        return RotatingSink(options, began=self._note_whole, **common)
+            return RingSink(options, notes=self._graph_notes.whole, **common)
+        return RotatingSink(options, began=self._note_whole_graph, **common)
 
     def _listen(self, session: zenoh.Session, stack: ExitStack) -> None:
         sink = self._running()
@@ -425,30 +422,16 @@ class CaptureService:
             found["robot"] = options.robot
         return found | dict(options.notes)
 
-    def _take_graph(self, graph: Graph, _: object) -> None:
-        with self._noting:
-            self._graph = graph
-            self._note_graph()
+    def _write_note(self, name: str, mapping: Mapping[str, str]) -> bool:
+        sink = self._sink
+        if sink is None or self._done.is_set():
+            return False
+        sink.note(name, mapping)
+        return True
 
-    def _note_whole(self) -> None:
-        """Write the whole graph to a new file."""
-        with self._noting:
-            self._noted = None
-            self._note_graph()
-
-    def _note_graph(self) -> None:
-        from riot_bus.graph.history import record
-
-        sink, graph = self._sink, self._graph
-        if sink is not None and graph is not None and graph != self._noted and not self._done.is_set():
-            sink.note(_GRAPH, record(self._noted, graph, time=time.time_ns()))
-            self._noted = graph
-
-    def _graph_notes(self) -> list[tuple[str, Mapping[str, str]]]:
-        from riot_bus.graph.history import record
-
-        graph = self._graph
-        return [] if graph is None else [(_GRAPH, record(None, graph, time=time.time_ns()))]
+    def _note_whole_graph(self) -> None:
+        with self._graph_notes.new_log():
+            pass  # the file has begun already
 
 
 def _await_routes(session: zenoh.Session) -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.log.engine.chunk import Row
-    from riot_bus.record.loss_counts import LossCounts
+    from riot_bus.record.losses import LossCounts
     from riot_bus.record.naming import Naming
     from riot_bus.record.options import CaptureOptions
     from riot_bus.types.registry import TypeRegistry

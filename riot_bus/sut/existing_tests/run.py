@@ -120,13 +120,13 @@ def _run_one(
                 started = segments.placement.started()
             told = service.status()
             plan = told["plan"] or {}
-        counts = service.counts()
+        counts = service.bus.counts()
         behind = sum(segments.carried.get(topic, 0) for topic, each in counts.items() if each.received)
         passage = Passage(
             wanted=service.topics,
             counts=counts,
             crossed=behind if segments.domains else crossings.count(components.found),
-            losses=service.losses,
+            losses=service.bus.losses,
             hits=plan.get("hits_by_injection"),
             problems=plan.get("problems", {}),
             errors={each["name"]: (each["errors"], each["error"]) for each in told["interceptors"] if each["errors"]},

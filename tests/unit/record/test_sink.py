@@ -5,7 +5,7 @@ from pathlib import Path
 
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.loss_counts import LossCounts
+from riot_bus.record.losses import LossCounts
 from riot_bus.record.naming import Naming
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.sink import Sink

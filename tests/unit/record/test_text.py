@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from riot_bus.log.account import Account
-from riot_bus.record.loss_counts import LossCounts, summed
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.record.service import CaptureResult
 from riot_bus.record.text import account_lines, answer_lines, progress_line, result_lines
@@ -56,14 +55,3 @@ def test_a_summary_says_which_files_are_gone_and_what_never_came() -> None:
         "nothing came on x\\x1b/**",
     ]
     assert [each.row().get("deleted", False) for each in files] == [True, True, False]
-
-
-def test_books_balance() -> None:
-    book = LossCounts()
-    book.recorded.add("a", 5)
-    book.lose("disk", "a", 2, written=True)
-    book.lose("missed", "a")
-    book.left_out["paused"].add("b")
-    assert book.account() == Account({"a": 3}, {"disk": {"a": 2}, "missed": {"a": 1}}, {"paused": {"b": 1}})
-    assert summed([book.account(), book.account()]).recorded == {"a": 6}
-    assert summed([book.account(), book.account()]).total() == 6
