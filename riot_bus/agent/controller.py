@@ -17,20 +17,19 @@ from riot_bus.vocabulary.redaction import escape_control_chars
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from riot_bus.agent.options import ControllerOptions
+
 __all__ = ["drive"]
 
 _LOSSES = ("lost", "problems", "unread")
 
 
 def drive(
-    endpoint: str,
     robot: str,
     kind: str,
     arguments: Mapping[str, Any],
+    options: ControllerOptions,
     *,
-    config: Mapping[str, Any],
-    give_up: float,
-    detach: bool,
     say: Callable[[str], None],
     show: Callable[[str], None],
     as_json: bool = False,
@@ -38,13 +37,10 @@ def drive(
     """Run an operation on a robot and follow it to its end.
 
     Args:
-        endpoint: The fleet's router.
         robot: Name of the robot.
         kind: `play` or `record`.
         arguments: Arguments of the operation for the agent.
-        config: Further Zenoh configuration.
-        give_up: Seconds without an answer after which to give up.
-        detach: Whether to return once the operation has begun.
+        options: Options of the controller.
         say: Function that prints a line of the result.
         show: Function that shows a line of progress in place of the previous one.
         as_json: Whether to print the result as lines of JSON.
@@ -61,12 +57,11 @@ def drive(
     def told(status: dict[str, Any] | None, silent: float) -> None:
         show(operation_line(status) if status is not None else silence_line(silent))
 
-    with ended_by_signals(interrupted.set), RemoteOperation(endpoint, robot, config=config) as wheel:
-        wheel.begin(kind, arguments, watched=not detach)
-        if detach:
-            status = wheel.follow(told, give_up=give_up, until=_begun, interrupted=interrupted.is_set)
-        else:
-            status = wheel.follow(told, give_up=give_up, interrupted=interrupted.is_set)
+    remote = RemoteOperation(options.endpoint, robot, config=options.config)
+    with ended_by_signals(interrupted.set), remote as operation:
+        operation.begin(kind, arguments, watched=not options.detach)
+        until = _begun if options.detach else _ended
+        status = operation.follow(told, give_up=options.give_up, until=until, interrupted=interrupted.is_set)
     show("")
     say(json.dumps(status, sort_keys=True) if as_json else operation_line(status))
     _judge(robot, status, interrupted=interrupted.is_set())
@@ -75,6 +70,10 @@ def drive(
 
 def _begun(status: Mapping[str, Any]) -> bool:
     return status["state"] not in ("starting", "stopping")
+
+
+def _ended(status: Mapping[str, Any]) -> bool:
+    return status["state"] in FINAL
 
 
 def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:

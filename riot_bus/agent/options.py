@@ -10,7 +10,7 @@ from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, parse_size
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
-__all__ = ["PERMISSIONS", "AgentOptions"]
+__all__ = ["PERMISSIONS", "AgentOptions", "ControllerOptions"]
 
 PERMISSIONS = ("play", "record")
 """What an agent may be allowed to do."""
@@ -20,6 +20,15 @@ def _zenoh_settings(texts: Sequence[str], where: str) -> dict[str, Any]:
     from riot_bus.control.component import client_cfg  # loads Zenoh's configuration
 
     return client_cfg(texts, where=where)
+
+
+_POLICIES = ("continue", "pause", "stop")
+
+
+def _policy(text: str, where: str) -> str:
+    if text not in _POLICIES:
+        raise ConfigError(f"unknown policy {text!r}", where=where, hint=f"choose one of {', '.join(_POLICIES)}")
+    return text
 
 
 def _permissions(texts: Sequence[str], where: str) -> Sequence[str]:
@@ -108,3 +117,48 @@ class AgentOptions:
     def commanded_with(self) -> Mapping[str, Any]:
         """Zenoh configuration for that router."""
         return self.fleet_config if self.fleet is not None or self.fleet_config else self.config
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerOptions:
+    """Options of a command that starts an operation on a robot and follows it."""
+
+    on_lost_controller: Annotated[
+        str | None,
+        Flag("What the robot does when this command is lost.", metavar="continue|pause|stop", read=_policy),
+    ] = None
+    grace: Annotated[
+        float,
+        Flag("Time without contact after which this command counts as lost.", metavar="SECONDS", least=0.0),
+    ] = 10.0
+    detach: Annotated[bool, Flag("Return once it has begun; it is not watched then.")] = False
+    give_up: Annotated[
+        float,
+        Flag("Give up when nothing was heard of the robot for this long.", metavar="SECONDS", least=0.0),
+    ] = 60.0
+    endpoint: Annotated[str, Flag("The fleet's router.", "-e", "ENDPOINT", "RIOT_FLEET")] = DEFAULT_ENDPOINT
+    config: Annotated[
+        Mapping[str, Any],
+        Flag(
+            "A Zenoh setting of this client, such as a certificate; KEY=@FILE for passwords; repeatable.",
+            "--cfg",
+            "KEY=VALUE",
+            "RIOT_CLIENT_CFG",
+            _zenoh_settings,
+        ),
+    ] = field(default_factory=dict)
+
+    def policy(self, default: str) -> dict[str, Any]:
+        """Return the arguments that tell a robot what to do when its controller is lost.
+
+        Args:
+            default: Policy of the operation if none is chosen.
+
+        Raises:
+            ConfigError: A policy is chosen although no controller stays.
+        """
+        chosen = self.on_lost_controller
+        if self.detach and chosen not in (None, "continue"):
+            hint = "leave one of them out: with --detach there is no controller to be lost"
+            raise ConfigError(f"--detach and --on-lost-controller {chosen} exclude each other", hint=hint)
+        return {"on_lost_controller": "continue" if self.detach else chosen or default, "grace": self.grace}

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
     from riot_bus.config.arguments import Flag
 
-__all__ = ["annotation_of", "declared"]
+__all__ = ["annotation_of", "declared", "options_of"]
 
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
+OptionsT = TypeVar("OptionsT")
 
 
 def declared(kind: type, *only: str, before: str = "form", remote: bool = False) -> Callable[[CommandT], CommandT]:
@@ -46,7 +47,8 @@ def declared(kind: type, *only: str, before: str = "form", remote: bool = False)
                     values[field.name] = flag.read(value, names[0]) if flag.read else value
             command(**values)
 
-        own = [*inspect.signature(command, eval_str=True).parameters.values()][:-1]
+        parameters = inspect.signature(command, eval_str=True).parameters.values()
+        own = [each for each in parameters if each.kind is not inspect.Parameter.VAR_KEYWORD]
         place = next((place for place, each in enumerate(own) if each.name == before), len(own))
         own[place:place] = [_parameter(*each) for each in flags]
         vars(run).update(__signature__=inspect.Signature(own), __annotations__={})
@@ -58,6 +60,11 @@ def declared(kind: type, *only: str, before: str = "form", remote: bool = False)
 def annotation_of(kind: type, name: str) -> Any:
     """Return the annotation by which typer knows an option of a dataclass."""
     return next(_parameter(*each).annotation for each in flags_of(kind) if each[0].name == name)
+
+
+def options_of(kind: type[OptionsT], given: dict[str, Any]) -> OptionsT:
+    """Return the options of a dataclass that are among `given`, and remove them there; the others are left."""
+    return kind(**{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
 
 
 def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:

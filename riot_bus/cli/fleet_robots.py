@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from riot_bus.agent.options import ControllerOptions
 from riot_bus.cli.ctl import Cfg
-from riot_bus.cli.declared import declared
+from riot_bus.cli.declared import declared, options_of
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.play import PlayCommand
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["register"]
 
@@ -27,31 +30,17 @@ FleetEndpoint = Annotated[
     str,
     typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_FLEET", help="The fleet's router."),
 ]
-GiveUp = Annotated[
-    float, typer.Option(metavar="SECONDS", min=0.0, help="Give up when nothing was heard of the robot for this long.")
-]
-Grace = Annotated[
-    float,
-    typer.Option(metavar="SECONDS", min=0.0, help="Time without contact after which this command counts as lost."),
-]
-Detach = Annotated[bool, typer.Option("--detach", help="Return once it has begun; it is not watched then.")]
-
-
-class Lost(StrEnum):
-    """What a robot does when its controller is lost."""
-
-    CONTINUE = "continue"
-    PAUSE = "pause"
-    STOP = "stop"
-
-
-OnLost = Annotated[Lost | None, typer.Option(help="What the robot does when this command is lost.")]
 
 
 def register(fleet: typer.Typer) -> None:
     """Add this module's commands."""
-    for command in (robots, logs, play, record, status, pause, resume, seek, rate, stop):
+    for command in (robots, logs, play, record):
         fleet.command(cls=PlayCommand if command is play else None)(command)
+    for name, help_text in _STEERING.items():
+        fleet.command(name)(_steering(name, help_text))
+        if name == "resume":
+            fleet.command()(seek)
+            fleet.command()(rate)
 
 
 def robots(*, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT) -> None:
@@ -90,6 +79,7 @@ def logs(
 
 
 @declared(PlayOptions, before="on_lost_controller", remote=True)
+@declared(ControllerOptions)
 def play(
     robot: Robot,
     log: Annotated[list[str], typer.Argument(metavar="LOG...", help="Logs in the robot's folder of logs.")],
@@ -97,12 +87,6 @@ def play(
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Injections; the plan is read here and sent along.")
     ] = None,
-    on_lost_controller: OnLost = None,
-    grace: Grace = 10.0,
-    detach: Detach = False,
-    give_up: GiveUp = 60.0,
-    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
-    cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
     **given: Any,
 ) -> None:
@@ -112,12 +96,12 @@ def play(
     --on-lost-controller says otherwise. With --detach it plays to the end, unwatched. Exit code 3: messages
     were lost. 4: no answer, busy, or stopped by another user.
     """
-    arguments = {"logs": log, "inject": None if inject is None else _plan(inject), **given}
-    policy = _policy(on_lost_controller, Lost.STOP, grace=grace, detach=detach)
-    _drive(endpoint, cfg, robot, "play", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
+    own = {"logs": log, "inject": None if inject is None else _plan(inject)}
+    _drive(robot, "play", own, given, form, policy="stop")
 
 
 @declared(CaptureOptions, before="on_lost_controller", remote=True)
+@declared(ControllerOptions)
 def record(
     robot: Robot,
     keys: Annotated[
@@ -130,12 +114,6 @@ def record(
             "--output", "-o", metavar="FILE.mcap", help="File in the robot's folder of logs. [default: named by date]"
         ),
     ] = None,
-    on_lost_controller: OnLost = None,
-    grace: Grace = 10.0,
-    detach: Detach = False,
-    give_up: GiveUp = 60.0,
-    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
-    cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
     **given: Any,
 ) -> None:
@@ -144,30 +122,26 @@ def record(
     When the robot loses this command, it goes on recording, unless --on-lost-controller says otherwise. Exit code 3:
     messages were lost. 4: no answer, busy, or ended by another user.
     """
-    arguments = {"keys": keys or ["**"], "output": output, **given}
-    policy = _policy(on_lost_controller, Lost.CONTINUE, grace=grace, detach=detach)
-    _drive(endpoint, cfg, robot, "record", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
+    _drive(robot, "record", {"keys": keys or ["**"], "output": output}, given, form, policy="continue")
 
 
-def status(
-    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Show what a robot is doing, for whom, and how its last operation ended."""
-    _steer(endpoint, cfg, robot, form, "status")
+_STEERING = {
+    "status": "Show what a robot is doing, for whom, and how its last operation ended.",
+    "pause": "Pause what a robot is doing.",
+    "resume": "Make a robot go on after a pause.",
+    "stop": "Stop what a robot is doing, also for another user.",
+}
+"""Commands that need only the robot's name, with their help."""
 
 
-def pause(
-    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Pause what a robot is doing."""
-    _steer(endpoint, cfg, robot, form, "pause")
+def _steering(command: str, help_text: str) -> Callable[..., None]:
+    def run(
+        robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
+    ) -> None:
+        _steer(endpoint, cfg, robot, form, command)
 
-
-def resume(
-    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Make a robot go on after a pause."""
-    _steer(endpoint, cfg, robot, form, "resume")
+    run.__doc__ = help_text
+    return run
 
 
 def seek(
@@ -194,13 +168,6 @@ def rate(
     _steer(endpoint, cfg, robot, form, "rate", rate=speed)
 
 
-def stop(
-    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Stop what a robot is doing, also for another user."""
-    _steer(endpoint, cfg, robot, form, "stop")
-
-
 def _plan(file: Path) -> str:
     from riot_bus.control.remote import plan_payload
     from riot_bus.vocabulary.errors import ConfigError
@@ -211,37 +178,17 @@ def _plan(file: Path) -> str:
         raise ConfigError(f"not a TOML file: {error}", where=str(file)) from None
 
 
-def _policy(wanted: Lost | None, default: Lost, *, grace: float, detach: bool) -> dict[str, Any]:
-    from riot_bus.vocabulary.errors import ConfigError
-
-    if detach and wanted not in (None, Lost.CONTINUE):
-        hint = "leave one of them out: with --detach there is no controller to be lost"
-        raise ConfigError(f"--detach and --on-lost-controller {wanted} exclude each other", hint=hint)
-    return {"on_lost_controller": str(Lost.CONTINUE if detach else wanted or default), "grace": grace}
-
-
 def _drive(
-    endpoint: str,
-    cfg: list[str] | None,
-    robot: str,
-    kind: str,
-    arguments: dict[str, Any],
-    *,
-    give_up: float,
-    detach: bool,
-    form: OutputFormat,
+    robot: str, kind: str, own: dict[str, Any], given: dict[str, Any], form: OutputFormat, *, policy: str
 ) -> None:
     from riot_bus.agent.controller import drive
-    from riot_bus.control.component import client_cfg
 
+    options = options_of(ControllerOptions, given)
     finished = drive(
-        endpoint,
         robot,
         kind,
-        arguments,
-        config=client_cfg(cfg or ()),
-        give_up=give_up,
-        detach=detach,
+        {**own, **given, **options.policy(policy)},
+        options,
         say=typer.echo,
         show=_show if sys.stderr.isatty() else lambda _: None,
         as_json=form is OutputFormat.JSON,
@@ -257,17 +204,11 @@ def _show(line: str) -> None:
 def _steer(
     endpoint: str, cfg: list[str] | None, robot: str, form: OutputFormat, command: str, **arguments: Any
 ) -> None:
-    from riot_bus.agent.remote_operation import who_am_i
+    from riot_bus.agent.remote_operation import ask_robot, who_am_i
     from riot_bus.agent.text import status_lines
+    from riot_bus.control.component import client_cfg
 
     if command != "status":
         arguments["who"] = who_am_i()
-    answer = _ask(endpoint, cfg, robot, command, **arguments)
+    answer = ask_robot(endpoint, robot, command, config=client_cfg(cfg or ()), **arguments)
     typer.echo(json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join(status_lines(answer)))
-
-
-def _ask(endpoint: str, cfg: list[str] | None, robot: str, command: str, **arguments: Any) -> dict[str, Any]:
-    from riot_bus.agent.remote_operation import ask_robot
-    from riot_bus.control.component import client_cfg
-
-    return ask_robot(endpoint, robot, command, config=client_cfg(cfg or ()), **arguments)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from riot_bus.agent.names import agent_token, check_robot, controller_key, default_robot, progress_key
-from riot_bus.agent.options import AgentOptions
+from riot_bus.agent.options import AgentOptions, ControllerOptions, _policy
 from riot_bus.vocabulary.errors import ConfigError
 
 
@@ -42,6 +42,16 @@ def test_an_agent_of_two_routers(tmp_path: Path) -> None:
 def test_what_cannot_work(tmp_path: Path, more: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         options(tmp_path, **more).check()
+
+
+def test_policies_of_a_controller() -> None:
+    assert ControllerOptions().policy("stop") == {"on_lost_controller": "stop", "grace": 10.0}
+    assert ControllerOptions(on_lost_controller="pause", grace=1.0).policy("stop")["on_lost_controller"] == "pause"
+    assert ControllerOptions(detach=True).policy("stop")["on_lost_controller"] == "continue"
+    with pytest.raises(ConfigError, match="--detach and --on-lost-controller stop exclude each other"):
+        ControllerOptions(detach=True, on_lost_controller="stop").policy("stop")
+    with pytest.raises(ConfigError, match="--on-lost-controller: unknown policy 'fly'"):
+        _policy("fly", "--on-lost-controller")
 
 
 def test_keys() -> None:
