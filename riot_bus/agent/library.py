@@ -8,9 +8,9 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.fleet.catalogue import Catalogue
+from riot_bus.fleet.entry import ENDING
 from riot_bus.fleet.index import index
 from riot_bus.fleet.query import parse_query
-from riot_bus.fleet.stores import ENDING
 from riot_bus.log.limits import tight_limits
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean

@@ -1,4 +1,4 @@
-"""Entries of the catalogue: what is known about one log."""
+"""What is known about one log: in the store that holds it, and in the catalogue."""
 
 from __future__ import annotations
 
@@ -6,13 +6,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["LATEST", "LogEntry", "NamedBy", "TopicEntry"]
+__all__ = ["ENDING", "LATEST", "LogEntry", "NamedBy", "StoredLog", "TopicEntry"]
 
 NamedBy = Literal["log", "option", "folder"]
 """Where the name of a log's robot comes from."""
 
 LATEST = (1 << 63) - 1
 """Latest time and largest number that a catalogue holds; larger ones are stored as this one."""
+
+
+ENDING = ".mcap"
+"""Suffix of the names of logs."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredLog:
+    """A log in a store.
+
+    Attributes:
+        place: Absolute path, or URL.
+        size: Size in bytes.
+        stamp: Value that changes when the file does.
+        folder: Name of the folder directly below the root that holds it; of the root itself if it is not in any.
+    """
+
+    place: str
+    size: int
+    stamp: str
+    folder: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.fleet.catalogue import Catalogue
-    from riot_bus.fleet.entry import NamedBy
-    from riot_bus.fleet.stores import Store, StoredLog
+    from riot_bus.fleet.entry import NamedBy, StoredLog
+    from riot_bus.fleet.stores import Store
     from riot_bus.log.info import LogInfo
     from riot_bus.log.limits import LogLimits
 

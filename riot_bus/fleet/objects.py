@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
 
-from riot_bus.fleet.stores import ENDING, StoredLog
+from riot_bus.fleet.entry import ENDING, StoredLog
 from riot_bus.log.account import LOST
 from riot_bus.log.engine.scan import MAGIC, parse
 from riot_bus.log.layout import RUN

@@ -5,37 +5,17 @@ from __future__ import annotations
 import os
 import stat
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus.fleet.entry import ENDING, StoredLog
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
-__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "copied", "open_store"]
-
-ENDING = ".mcap"
-"""Suffix of the names of logs."""
-
-
-@dataclass(frozen=True, slots=True)
-class StoredLog:
-    """A log in a store.
-
-    Attributes:
-        place: Absolute path, or URL.
-        size: Size in bytes.
-        stamp: Value that changes when the file does.
-        folder: Name of the folder directly below the root that holds it; of the root itself if it is not in any.
-    """
-
-    place: str
-    size: int
-    stamp: str
-    folder: str
+__all__ = ["FolderStore", "Store", "copied", "open_store"]
 
 
 class Store(Protocol):

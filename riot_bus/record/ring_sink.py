@@ -17,8 +17,8 @@ from riot_bus.log.engine.ring import Ring
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
 from riot_bus.log.writer import LostMessagesError
 from riot_bus.record.losses import LossCounts
+from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.record.rotating_sink import FileResult
-from riot_bus.record.sink import Sink
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 __all__ = ["RingSink"]
 
 
-class RingSink(Sink):
+class RingSink(RecordingSink):
     """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded.
 
     Args:
         options: Limits of the ring and of its chunks.
         notes: Function that returns further records for the beginning of each file.
-        more: Further arguments of `Sink`.
+        more: Further arguments of `RecordingSink`.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ from riot_bus.log.account import LOST, Account
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
 from riot_bus.log.writer import LostMessagesError
 from riot_bus.record.losses import LossCounts, summed
-from riot_bus.record.sink import Sink
+from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -60,13 +60,13 @@ class _OpenFile:
         self.noted_at = 0.0
 
 
-class RotatingSink(Sink):
+class RotatingSink(RecordingSink):
     """Sink that writes to files.
 
     Args:
         options: Limits of files and chunks.
         began: Function called, without the lock, when another file has begun.
-        more: Further arguments of `Sink`.
+        more: Further arguments of `RecordingSink`.
     """
 
     def __init__(self, options: CaptureOptions, *, began: Callable[[], None], **more: Any) -> None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.log.layout import Constants
     from riot_bus.log.writer import ChannelWriter
     from riot_bus.record.losses import Gaps
-    from riot_bus.record.sink import Sink
+    from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
 
@@ -110,7 +110,7 @@ class RecordingSubscriber:
         session: zenoh.Session,
         expression: str,
         *,
-        sink: Sink,
+        sink: RecordingSink,
         gaps: Gaps,
         owner: Callable[[str], str | None],
         rules: Callable[[str], KeyRules | None],

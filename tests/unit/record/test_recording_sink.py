@@ -8,12 +8,12 @@ from riot_bus.log.writer import LostMessagesError
 from riot_bus.record.losses import LossCounts
 from riot_bus.record.naming import Naming
 from riot_bus.record.options import CaptureOptions
-from riot_bus.record.sink import Sink
+from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 
 
-class FileSink(Sink):
+class FileSink(RecordingSink):
     """The least that is needed of a sink."""
 
     def __init__(self, path: Path) -> None:
