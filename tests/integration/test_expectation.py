@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from riot_bus.control.terminal import Foreground
 from riot_bus.log.comparison.compare import Wishes
 from riot_bus.log.reader import read_log
 from riot_bus.play.options import PlayOptions
@@ -133,7 +134,7 @@ def test_what_is_expected_has_to_be_something_else_than_what_is_played(router: s
         (Expectation(log=tmp_path / "none.mcap", wishes=Wishes()), "cannot read"),
     ):
         with pytest.raises(ConfigError, match=problem):
-            play_expecting(options, expectation, say=print, warn=print)
+            play_expecting(options, expectation, Foreground(print, print))
     code, _, err = riot("play", str(log), "-e", router, "--answers=x.mcap")
     assert (code, "--answers cannot be used without --expect" in err) == (2, True)
 
@@ -141,4 +142,4 @@ def test_what_is_expected_has_to_be_something_else_than_what_is_played(router: s
 def test_without_a_router(log: Path) -> None:
     options = PlayOptions(logs=[log], endpoint="tcp/127.0.0.1:1", topics=["question"])
     with pytest.raises(EnvironmentFaultError):
-        play_expecting(options, Expectation(log=log, wishes=Wishes()), say=print, warn=print)
+        play_expecting(options, Expectation(log=log, wishes=Wishes()), Foreground(print, print))
