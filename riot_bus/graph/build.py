@@ -20,12 +20,6 @@ __all__ = ["build"]
 _ONLY = "only component"
 _BRIDGE = "bridge"
 _UNTOLD = Announcement("", None, "", "", "", "", "")
-_DECLARED_ROLES: dict[str, Role] = {
-    "publisher": "publishes",
-    "subscriber": "subscribes",
-    "queryable": "serves",
-    "querier": "calls",
-}
 
 
 def build(seen: Observations) -> Graph:
@@ -76,11 +70,6 @@ class _Builder:
             if token.role is not None:
                 for segment in self.segments_of.get(token.zid, [""]):
                     self.add(Edge(token.key, token.role, segment, token.zid, token.node, (token.source,)))
-        for each in self.seen.declared:
-            if each.kind in _DECLARED_ROLES:
-                role = _DECLARED_ROLES[each.kind]
-                if not self.known(each.key, role, each.segment, each.zid):
-                    self.add(Edge(each.key, role, each.segment, each.zid, evidence=("declaration",)))
 
     def known(self, key: str, role: Role, segment: str, zid: str | None = None) -> list[Edge]:
         found = (self.edges[identity] for identity in sorted(self.index.get((key, role, segment), ())))
@@ -150,7 +139,7 @@ class _Builder:
                 self.unknown.append(Unknown(key, "", text))
 
     def silent(self) -> None:
-        speaking = {token.zid for token in self.seen.tokens} | {each.zid for each in self.seen.declared}
+        speaking = {token.zid for token in self.seen.tokens}
         text = "announces nothing: what it publishes and subscribes to shows only by traffic and matching"
         self.unknown += [Unknown(z, s, text) for s, z in self.seen.sessions if z not in speaking]
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     from riot_bus.types.capabilities import Role
 
 __all__ = ["CALL_ROLES", "ConnectedComponent", "Edge", "Graph", "GraphChange", "Topic", "Unknown"]
+
+Part = Literal["component", "topic", "edge", "unknown"]
 
 CALL_ROLES: tuple[Role, ...] = ("serves", "calls")
 """Roles of components for services and actions; all other roles are for topics."""
@@ -118,7 +120,7 @@ class Unknown:
 class GraphChange:
     """One difference between two graphs."""
 
-    what: Literal["component", "topic", "edge", "unknown"]
+    what: Part
     kind: Literal["appeared", "vanished", "changed"]
     subject: str
 
@@ -159,38 +161,32 @@ class Graph:
         Args:
             other: The earlier graph.
         """
-        changes = [
-            *_compare("component", _components(other), _components(self)),
-            *_compare("topic", {each.key: each for each in other.topics}, {each.key: each for each in self.topics}),
-            *_compare("edge", {_subject(each): each for each in other.edges}, {_subject(e): e for e in self.edges}),
-            *_compare("unknown", {_text(each): each for each in other.unknown}, {_text(e): e for e in self.unknown}),
-        ]
+        changes = []
+        for what, before, after in zip(_SUBJECTS, other._by_subject(), self._by_subject(), strict=True):
+            changes += [GraphChange(what, "appeared", subject) for subject in after.keys() - before.keys()]
+            changes += [GraphChange(what, "vanished", subject) for subject in before.keys() - after.keys()]
+            both = before.keys() & after.keys()
+            changes += [GraphChange(what, "changed", one) for one in both if before[one] != after[one]]
         return tuple(sorted(changes))
 
+    def _by_subject(self) -> Iterator[dict[str, object]]:
+        """Yield the parts of each kind in the order of `_SUBJECTS`, by what changes call them."""
+        for parts, subject in zip(
+            (self.components, self.topics, self.edges, self.unknown), _SUBJECTS.values(), strict=True
+        ):
+            yield {subject(each): each for each in parts}
 
-def _components(graph: Graph) -> dict[str, ConnectedComponent]:
-    return {f"{each.zid} in {each.segment or 'no segment'}": each for each in graph.components}
 
-
-def _subject(edge: Edge) -> str:
-    who = edge.zid or "somebody"
+def _edge_subject(edge: Edge) -> str:
     node = f" ({edge.node})" if edge.node else ""
-    return f"{who}{node} in {edge.segment or 'an unknown segment'} {edge.role} {edge.topic}"
+    where = edge.segment or "an unknown segment"
+    return f"{edge.zid or 'an unknown component'}{node} in {where} {edge.role} {edge.topic}"
 
 
-def _text(unknown: Unknown) -> str:
-    return ": ".join(filter(None, (unknown.about, unknown.segment, unknown.text)))
-
-
-def _compare(
-    what: Literal["component", "topic", "edge", "unknown"],
-    before: Mapping[str, Hashable],
-    after: Mapping[str, Hashable],
-) -> Iterable[GraphChange]:
-    for subject in before.keys() | after.keys():
-        if subject not in before:
-            yield GraphChange(what, "appeared", subject)
-        elif subject not in after:
-            yield GraphChange(what, "vanished", subject)
-        elif before[subject] != after[subject]:
-            yield GraphChange(what, "changed", subject)
+_SUBJECTS: dict[Part, Callable[[Any], str]] = {
+    "component": lambda component: f"{component.zid} in {component.segment or 'no segment'}",
+    "topic": lambda topic: str(topic.key),
+    "edge": _edge_subject,
+    "unknown": lambda unknown: ": ".join(filter(None, (unknown.about, unknown.segment, unknown.text))),
+}
+"""What a change calls the changed part, for each kind of part."""

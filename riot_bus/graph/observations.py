@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from riot_bus.graph.declarations import Declared
     from riot_bus.graph.processes import SocketOwner
     from riot_bus.types.bridging import BridgedLink
     from riot_bus.types.capabilities import Announcement
@@ -39,7 +38,6 @@ class Observations:
         rates: Recent messages per second, by key and source segment.
         senders: Ids that stamped these messages, by key and source segment.
         matching: Segments and keys for which there is a receiver.
-        declared: Snapshot of declarations, if one was requested.
         bridged: Links of a bridge in the router's own process.
         intercepted: Whether messages on a key go through the pipeline, so that matching is known by segment.
         calls_intercepted: Whether requests and replies of a service go through the pipeline.
@@ -58,7 +56,6 @@ class Observations:
     rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
     senders: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
     matching: Collection[tuple[str, str]] = ()
-    declared: Collection[Declared] = ()
     bridged: Collection[BridgedLink] = ()
     intercepted: Callable[[str], bool] = _nothing
     calls_intercepted: Callable[[str], bool] = _nothing

@@ -15,7 +15,6 @@ from riot_bus.zenoh.session_config import is_control
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from riot_bus.graph.declarations import Declared
     from riot_bus.graph.processes import SocketOwner
     from riot_bus.types.bridging import BridgedLink
     from riot_bus.types.registry import TypeRegistry
@@ -86,7 +85,6 @@ class Observer:
         processes: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.declared: list[Declared] = []
         self._bus = bus
         self._sources = {
             segment: SegmentSource(session, registry, changed) for segment, session in bus.sessions.items()
@@ -114,13 +112,9 @@ class Observer:
         for source in self._sources.values():
             source.stop()
 
-    def ours(self) -> set[str]:
-        """Return the ids of the bus's own sessions, which are not components."""
-        return {*self._bus.ids, *self._bus.ids_ever}
-
     def observe(self) -> Observations:
         """Return what all sources report now."""
-        ours = self.ours()
+        ours = {*self._bus.ids, *self._bus.ids_ever}
         modes = {
             (segment, zid): mode
             for segment, source in self._sources.items()
@@ -130,11 +124,9 @@ class Observer:
         ends = {(s, z): found for s, each in self._sources.items() for z, found in each.addresses().items()}
         addresses = {who: found for who, found in ends.items() if who in modes}
         tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
-        self.declared = [each for each in self.declared if (each.segment, each.zid) in modes]
         self._measure(self._busiest(self._bus.flows()))
         keys = {key for (key, _), count in self._flows.items() if count > _FEW}
         keys |= {token.key for token in tokens if token.role == "publishes"}
-        keys |= {each.key for each in self.declared if each.kind == "publisher"}
         skipped = self._watch(keys, _MOST_WATCHED) + self._watch({key for key, _ in self._flows} - keys, _MOST_SELDOM)
         return Observations(
             segments=tuple(self._sources),
@@ -147,7 +139,6 @@ class Observer:
             rates=self._rates,
             senders=self._senders(),
             matching={(segment, key) for segment, each in self._sources.items() for key in each.matching()},
-            declared=self.declared,
             bridged=self._bus.bridged,
             intercepted=_any_of(self._bus.intercepted),
             calls_intercepted=_any_of(self._bus.services),

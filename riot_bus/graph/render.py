@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.graph.folding import folded, names
@@ -11,11 +11,11 @@ from riot_bus.graph.model import CALL_ROLES
 from riot_bus.vocabulary.redaction import escape_control_chars as _plain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
-    from riot_bus.graph.model import ConnectedComponent, Edge, Graph, GraphChange
+    from riot_bus.graph.model import Edge, Graph
 
-__all__ = ["VERSION", "changes_json", "dot", "graph_json", "mermaid", "render", "text"]
+__all__ = ["VERSION", "dot", "graph_json", "mermaid", "render", "text"]
 
 VERSION = 1
 """Version of the JSON format."""
@@ -46,32 +46,14 @@ def graph_json(graph: Graph, *, indent: int | None = None) -> str:
     return json.dumps({"version": VERSION, **asdict(graph)}, indent=indent, sort_keys=True)
 
 
-def changes_json(graph: Graph, changes: Sequence[GraphChange], *, time: int) -> str:
-    """Return one change of a graph, and the graph after it, as one line of JSON for a log.
-
-    Args:
-        graph: The new graph.
-        changes: Differences from the graph before.
-        time: Time in nanoseconds since the Unix epoch.
-    """
-    record = {"version": VERSION, "time": time, "changes": [asdict(each) for each in changes], "graph": asdict(graph)}
-    return json.dumps(record, sort_keys=True)
-
-
 def text(graph: Graph) -> str:
     """Return the graph in columns; an action is one topic."""
     about, graph = names(graph.topics), folded(graph)
-    components = [
-        (
-            _plain(c.segment) or "-",
-            _plain(c.label),
-            c.mode or "-",
-            _plain(c.zid)[:8],
-            str(c.pid or "-"),
-            _ends(c),
-        )
-        for c in graph.components
-    ]
+    components = []
+    for one in graph.components:
+        ends, pid = _plain(", ".join(one.addresses)) or "-", str(one.pid or "-")
+        row = (_plain(one.segment) or "-", _plain(one.label), one.mode or "-", _plain(one.zid)[:8], pid, ends)
+        components.append(row)
     topics, called = {topic.key: topic for topic in graph.topics}, names(graph.topics)
     edges = []
     for edge in graph.edges:
@@ -79,13 +61,9 @@ def text(graph: Graph) -> str:
         name = called.get(edge.topic, edge.topic)
         count = f"{edge.messages} ({edge.rate:.1f}/s)" if edge.messages else ""
         cut = "yes" if topic is not None and topic.intercepted else ""
-        who = (
-            _plain(_who(graph, edge)),
-            edge.role,
-            _plain(name),
-            _plain(topic.type_name if topic else ""),
-        )
-        edges.append((_plain(edge.segment) or "-", *who, cut, count, ", ".join(edge.evidence)))
+        who, type_name = _plain(_who(graph, edge)), _plain(topic.type_name if topic else "")
+        facts = (edge.role, _plain(name), type_name, cut, count, ", ".join(edge.evidence))
+        edges.append((_plain(edge.segment) or "-", who, *facts))
     unknown = [(_plain(about.get(each.about, each.about)) or "-", _plain(each.text)) for each in graph.unknown]
     blocks = [
         _columns(("SEGMENT", "COMPONENT", "MODE", "ID", "PID", "ADDRESS"), components),
@@ -100,20 +78,7 @@ def mermaid(graph: Graph) -> str:
 
     Services and actions are hexagons; what is intercepted has a thick border.
     """
-    drawing = _Drawing(graph)
-    lines = ["flowchart LR"]
-    for number, (segment, nodes) in enumerate(drawing.segments()):
-        if segment:
-            lines.append(f'  subgraph s{number}["{_html(segment)}"]')
-        lines += [f'    {node}["{_html(label)}"]' for node, label in nodes]
-        if segment:
-            lines.append("  end")
-    for node, label, asked, cut in drawing.topics():
-        lines.append(f'  {node}{{{{"{_html(label)}"}}}}' if asked else f'  {node}(["{_html(label)}"])')
-        if cut:
-            lines.append(f"  style {node} stroke-width:4px")
-    lines += [f"  {source} --> {target}" for source, target in drawing.arrows()]
-    return "\n".join(lines) + "\n"
+    return _drawn(graph, _MERMAID)
 
 
 def dot(graph: Graph) -> str:
@@ -121,56 +86,50 @@ def dot(graph: Graph) -> str:
 
     Services and actions are hexagons; what is intercepted has a thick border.
     """
-    drawing = _Drawing(graph)
-    lines = ["digraph riot {", "  rankdir=LR;"]
-    for number, (segment, nodes) in enumerate(drawing.segments()):
-        if segment:
-            lines.append(f"  subgraph cluster_{number} {{ label={_quoted(segment)};")
-        lines += [f"    {node} [shape=box, label={_quoted(label)}];" for node, label in nodes]
-        if segment:
-            lines.append("  }")
-    for node, label, asked, cut in drawing.topics():
-        border = ", penwidth=3" if cut else ""
-        lines.append(f"  {node} [shape={'hexagon' if asked else 'ellipse'}, label={_quoted(label)}{border}];")
-    lines += [f"  {source} -> {target};" for source, target in drawing.arrows()]
-    return "\n".join([*lines, "}"]) + "\n"
+    return _drawn(graph, _DOT)
 
 
-class _Drawing:
-    """Nodes under made-up ids, so that no name is ever read as syntax."""
+@dataclass(frozen=True, slots=True)
+class _Language:
+    """Lines of a language for drawings; `label` turns an untrusted name into one that is no syntax."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph = folded(graph)
-        self._topic = {topic.key: f"t{number}" for number, topic in enumerate(graph.topics)}
-        self._node: dict[tuple[str, str], str] = {}
-        self._labels: dict[tuple[str, str], str] = {}
-        for component in graph.components:
-            self._add((component.segment, component.zid), component.label)
-        for edge in graph.edges:
-            self._add((edge.segment, edge.zid), _who(graph, edge))
+    label: Callable[[str], str]
+    begin: str
+    segment: str
+    segment_end: str
+    component: str
+    topic: str
+    call: str
+    thick: str
+    arrow: str
+    end: str
 
-    def _add(self, who: tuple[str, str], label: str) -> None:
-        if who not in self._node:
-            self._node[who] = f"c{len(self._node)}"
-            self._labels[who] = label
 
-    def segments(self) -> list[tuple[str, list[tuple[str, str]]]]:
-        names = sorted({segment for segment, _ in self._node})
-        return [(n, [(self._node[w], self._labels[w]) for w in self._node if w[0] == n]) for n in names]
-
-    def topics(self) -> list[tuple[str, str, bool, bool]]:
-        """Return id, label, whether it is a service or action, and whether it is intercepted."""
-        called = names(self.graph.topics)
-        asked = {edge.topic for edge in self.graph.edges if edge.role in CALL_ROLES}
-        return [(self._topic[t.key], called[t.key], t.key in asked, t.intercepted) for t in self.graph.topics]
-
-    def arrows(self) -> list[tuple[str, str]]:
-        arrows: dict[tuple[str, str], None] = {}
-        for edge in self.graph.edges:
-            topic, node = self._topic.get(edge.topic), self._node[edge.segment, edge.zid]
-            if topic is not None:
-                arrows[(node, topic) if edge.role in _OUTWARDS else (topic, node)] = None
-        return list(arrows)
+def _drawn(graph: Graph, language: _Language) -> str:
+    """Return a drawing, in which nodes have made-up ids, so that no name is ever read as syntax."""
+    graph, label = folded(graph), language.label
+    components: dict[tuple[str, str], str] = {(each.segment, each.zid): each.label for each in graph.components}
+    for edge in graph.edges:
+        components.setdefault((edge.segment, edge.zid), _who(graph, edge))
+    nodes = {who: f"c{number}" for number, who in enumerate(components)}
+    topics = {topic.key: f"t{number}" for number, topic in enumerate(graph.topics)}
+    lines = [language.begin]
+    for number, segment in enumerate(sorted({segment for segment, _ in components})):
+        inside = [language.component.format(nodes[who], label(components[who])) for who in nodes if who[0] == segment]
+        outline = (language.segment.format(number, label(segment)), language.segment_end)
+        lines += [outline[0], *inside, outline[1]] if segment else inside
+    called, asked = names(graph.topics), {edge.topic for edge in graph.edges if edge.role in CALL_ROLES}
+    for topic in graph.topics:
+        thick = language.thick.format(topics[topic.key]) if topic.intercepted else ""
+        shape = language.call if topic.key in asked else language.topic
+        lines.append(shape.format(topics[topic.key], label(called[topic.key]), thick))
+    arrows: dict[tuple[str, str], None] = {}
+    for edge in graph.edges:
+        if edge.topic in topics:
+            ends = nodes[edge.segment, edge.zid], topics[edge.topic]
+            arrows[ends if edge.role in _OUTWARDS else ends[::-1]] = None
+    lines += [language.arrow.format(*ends) for ends in arrows]
+    return "\n".join([*lines, language.end]).rstrip("\n") + "\n"
 
 
 def _who(graph: Graph, edge: Edge) -> str:
@@ -179,10 +138,6 @@ def _who(graph: Graph, edge: Edge) -> str:
         return f"unknown {what} in segment {edge.segment}" if edge.segment else f"unknown {what}"
     component = graph.component(edge.zid, edge.segment)
     return edge.node or (component.label if component is not None else edge.zid[:8])
-
-
-def _ends(component: ConnectedComponent) -> str:
-    return _plain(", ".join(component.addresses)) or "-"
 
 
 def _columns(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
@@ -201,3 +156,29 @@ def _html(name: str) -> str:
 def _quoted(name: str) -> str:
     escaped = _plain(name).replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'
+
+
+_MERMAID = _Language(
+    label=_html,
+    begin="flowchart LR",
+    segment='  subgraph s{}["{}"]',
+    segment_end="  end",
+    component='    {}["{}"]',
+    topic='  {}(["{}"]){}',
+    call='  {}{{{{"{}"}}}}{}',
+    thick="\n  style {} stroke-width:4px",
+    arrow="  {} --> {}",
+    end="",
+)
+_DOT = _Language(
+    label=_quoted,
+    begin="digraph riot {\n  rankdir=LR;",
+    segment="  subgraph cluster_{} {{ label={};",
+    segment_end="  }",
+    component="    {} [shape=box, label={}];",
+    topic="  {} [shape=ellipse, label={}{}];",
+    call="  {} [shape=hexagon, label={}{}];",
+    thick=", penwidth=3",
+    arrow="  {} -> {};",
+    end="}",
+)

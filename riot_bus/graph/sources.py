@@ -42,6 +42,7 @@ class AdminView:
         name: `metadata.name` of its configuration.
         locators: Locators that it listens on.
         sessions: Ids and modes of the sessions that it is connected to.
+        links: Id of the session at the other end of each link, by the locators of both ends, the other one first.
     """
 
     zid: str
@@ -49,6 +50,7 @@ class AdminView:
     name: str = ""
     locators: tuple[str, ...] = ()
     sessions: dict[str, str] = field(default_factory=dict)
+    links: dict[tuple[str, str], str] = field(default_factory=dict)
 
     @classmethod
     def parse(cls, key: str, payload: bytes) -> AdminView | None:
@@ -63,14 +65,19 @@ class AdminView:
             found = json.loads(payload)
             if len(chunks) != 3 or found["zid"] != chunks[1]:
                 return None
-            metadata = found.get("metadata")
+            metadata, sessions = found.get("metadata"), found.get("sessions", ())
             name = metadata.get("name") if isinstance(metadata, dict) else None
             return cls(
                 zid=chunks[1],
                 mode=chunks[2],
                 name=name if isinstance(name, str) else "",
                 locators=tuple(str(each) for each in found.get("locators", ())),
-                sessions={str(each["peer"]): str(each["whatami"]) for each in found.get("sessions", ())},
+                sessions={str(each["peer"]): str(each["whatami"]) for each in sessions},
+                links={
+                    (str(link["dst"]), str(link["src"])): str(each["peer"])
+                    for each in sessions
+                    for link in each.get("links", ())
+                },
             )
         except (ValueError, TypeError, KeyError, AttributeError):
             return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import threading
@@ -11,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.graph.processes import connections, endpoint_of
+from riot_bus.graph.sources import admin_views
 from riot_bus.graph.tokens import expressions, parse_token
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import release
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["Started", "Survey", "started_at", "survey"]
 
 _MOST_TOKENS = 50_000  # anyone may declare tokens: at 300 bytes each, both sets take 30 MB
-_ANSWER_S = 1.0  # as in graph.sources: one hung session must not block a look
 
 Link = tuple[tuple[str, int], tuple[str, int]]
 
@@ -73,13 +72,13 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
         config: Further Zenoh configuration.
 
     Raises:
-        EnvironmentFaultError: Nobody answers at the endpoint.
+        EnvironmentFaultError: No router answers at the endpoint.
     """
     lock = threading.Lock()
     tokens: set[str] = set()
     skipped: set[str] = set()
 
-    def take(sample: zenoh.Sample) -> None:
+    def note(sample: zenoh.Sample) -> None:
         from riot_bus.zenoh import api as zenoh
 
         key = str(sample.key_expr)
@@ -94,13 +93,19 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
 
     with open_client(endpoint, config=config) as client:
         liveliness = client.session.liveliness()
-        listeners = [liveliness.declare_subscriber(each, take, history=True) for each in expressions(registry)]
+        listeners = [liveliness.declare_subscriber(each, note, history=True) for each in expressions(registry)]
         threading.Event().wait(seconds)
         with lock:
             seen = sorted(tokens)
-        links, modes = _links(client.session)
-        modes.pop(client.zid, None)
+        views = admin_views(client.session).values()
         release(*listeners)
+    modes = {zid: mode for view in views for zid, mode in view.sessions.items() if zid != client.zid}
+    links = {
+        (near, far): zid
+        for view in views
+        for ends, zid in view.links.items()
+        if (near := endpoint_of(ends[0])) is not None and (far := endpoint_of(ends[1])) is not None
+    }
     found = {each for token in seen if (each := parse_token(token, registry)) is not None}
     offered = {}
     for key in {each.key for each in found if each.role == "publishes"}:
@@ -122,31 +127,6 @@ def started_at(endpoint: str) -> list[Started]:
     pids = {each.pid for each in connections() if each.far[1] == place[1] and each.far[0] in hosts}
     found = (_started(pid) for pid in sorted(pids - {0, os.getpid()}))
     return [each for each in found if each is not None]
-
-
-def _links(session: zenoh.Session) -> tuple[dict[Link, str], dict[str, str]]:
-    """Return who is at the far end of the links of all routers, and the modes of these sessions by id.
-
-    `graph.sources` says why this query is safe.
-    """
-    from riot_bus.zenoh import api as zenoh
-
-    found: dict[Link, str] = {}
-    modes: dict[str, str] = {}
-    replies = session.get(
-        "@/*/*", timeout=_ANSWER_S, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
-    )
-    for reply in replies:
-        if reply.ok is None:
-            continue
-        with suppress(ValueError, TypeError, KeyError, AttributeError):  # whatever runs in the network may answer
-            for each in json.loads(reply.ok.payload.to_bytes())["sessions"]:
-                modes[str(each["peer"])] = str(each["whatami"])
-                for link in each["links"]:
-                    near, far = endpoint_of(link["dst"]), endpoint_of(link["src"])
-                    if near is not None and far is not None:
-                        found[near, far] = str(each["peer"])
-    return found, modes
 
 
 def _processes(links: Mapping[Link, str]) -> dict[str, Started]:

@@ -9,11 +9,9 @@ import time
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.graph.build import build
-from riot_bus.graph.declarations import declarations
 from riot_bus.graph.model import Graph
 from riot_bus.graph.observe import Observer
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -34,7 +32,7 @@ class GraphWatch:
     """The present graph of a bus; a context manager.
 
     Events of Zenoh (sessions, links, announcements) are processed at once; whatever has no events (traffic, who would
-    receive) is polled once per period. Read-only; only `read_declarations` asks a router something that could hang it.
+    receive) is polled once per period. Read-only: it asks routers nothing that could hang them (see `graph.sources`).
 
     Args:
         bus: The bus, open.
@@ -56,19 +54,17 @@ class GraphWatch:
         period: float = 1.0,
         processes: bool = True,
     ) -> None:
-        self._bus = bus
         self._callback = callback
         self._period = period
+        self._wake = threading.Event()
         self._observer = Observer(
-            bus, self._event, senders=senders, registry=registry or TypeRegistry(), processes=processes
+            bus, self._wake.set, senders=senders, registry=registry or TypeRegistry(), processes=processes
         )
         self._graph, self._looked = Graph(), -math.inf
         self._new = threading.Condition()
-        self._wake = threading.Event()
         self._updating = threading.RLock()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self._last_change = time.monotonic()
 
     def start(self) -> Self:
         """Read the present state, then follow the changes."""
@@ -127,31 +123,6 @@ class GraphWatch:
         """
         with self._new:
             return self._new.wait_for(lambda: condition(self._graph), timeout)
-
-    def read_declarations(self, *, rest_s: float = 1.0) -> Graph:
-        """Add what plain components have declared. DANGEROUS: see `declarations.declarations`.
-
-        The graph keeps this snapshot, minus the components that leave, until the next call.
-
-        Args:
-            rest_s: Seconds that must have passed without an arrival, a departure or an announcement.
-
-        Raises:
-            EnvironmentFaultError: The bus is not at rest, or a router hangs now.
-        """
-        if time.monotonic() - self._last_change < rest_s:
-            raise EnvironmentFaultError(
-                f"components came, left or announced something within the last {rest_s:g} s",
-                where="graph",
-                hint="reading declarations now could hang the router for ever; wait until all have started",
-            )
-        with self._updating:
-            self._observer.declared = declarations(self._bus.sessions, ours=self._observer.ours())
-            return self.refresh()
-
-    def _event(self) -> None:
-        self._last_change = time.monotonic()
-        self._wake.set()
 
     def _run(self) -> None:
         rest = _LEAST_S  # at least: a system that starts announces a thousand things at once

@@ -7,14 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.graph.declarations import Declared, declarations
 from riot_bus.graph.model import Graph, GraphChange
-from riot_bus.graph.render import changes_json, dot, graph_json, mermaid, text
+from riot_bus.graph.render import dot, graph_json, mermaid, text
 from riot_bus.graph.watch import GraphWatch
 from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus.zenoh.session import wait_until
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -146,11 +143,11 @@ def test_only_a_few_of_the_keys_that_come_seldom_are_watched(bus: Bus) -> None:
 
 
 def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus) -> None:
-    seen: list[str] = []
+    seen: list[GraphChange] = []
     arrived = threading.Event()
 
     def callback(graph: Graph, changes: tuple[GraphChange, ...]) -> None:
-        seen.append(changes_json(graph, changes, time=1))
+        seen.extend(changes)
         arrived.set()
         raise RuntimeError("on purpose")
 
@@ -159,35 +156,9 @@ def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus)
             assert arrived.wait(10)
             assert watch.wait(lambda graph: graph.component(client.zid) is not None, WAIT_S)
         assert watch.wait(lambda graph: not graph.components, WAIT_S)
-    kinds = [(each["what"], each["kind"]) for line in seen for each in json.loads(line)["changes"]]
+    kinds = [(each.what, each.kind) for each in seen]
     assert ("component", "appeared") in kinds
     assert ("component", "vanished") in kinds
-
-
-def test_declarations_are_read_on_demand_and_only_at_rest(bus: Bus) -> None:
-    with (
-        GraphWatch(Watched(bus), period=0.05) as watch,
-        ZenohProcess("client", bus.endpoint("outside")) as source,
-        ZenohProcess("client", bus.endpoint("inside")) as sink,
-    ):
-        source.do("publish", "cut/x")
-        sink.do("subscribe", "cut/*")
-        assert watch.wait(lambda graph: len(graph.components) == 2, WAIT_S)
-        with pytest.raises(EnvironmentFaultError, match="within the last 60 s"):
-            watch.read_declarations(rest_s=60)
-
-        def complete() -> bool:
-            found = declarations(bus.sessions, ours=bus.ids)
-            return {
-                Declared("outside", source.zid, "publisher", "cut/x"),
-                Declared("inside", sink.zid, "subscriber", "cut/*"),
-            } <= set(found)
-
-        assert wait_until(complete, 60)
-        graph = watch.read_declarations(rest_s=0)
-        assert ("cut/x", "publishes", "outside", source.zid, "") in edges(graph)
-        assert ("cut/x", "subscribes", "inside", sink.zid, "") in edges(graph)
-        assert ("cut/*", "subscribes", "inside", sink.zid, "") in edges(graph)
 
 
 def test_the_router_lives_while_components_declare_and_the_graph_is_watched(bus: Bus) -> None:

@@ -5,7 +5,6 @@ from typing import Any, get_args
 import pytest
 
 from riot_bus.graph.build import build
-from riot_bus.graph.declarations import Declared
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph, GraphChange, Topic, Unknown
 from riot_bus.graph.observations import Observations
 from riot_bus.graph.observe import Observer
@@ -108,9 +107,9 @@ def test_sources_of_traffic(members: list[str], senders: list[str], expected: tu
 
 
 def test_two_declared_publishers_leave_the_source_open() -> None:
-    declared = [Declared("out", zid, "publisher", "k") for zid in (A, B)]
+    tokens = [Announcement(zid, "publishes", "k", "", "", "", "advanced token") for zid in (A, B)]
     sessions = {("out", zid): "client" for zid in (A, B)}
-    graph = build(Observations(TWO, sessions, declared=declared, flows={("k", "out"): 5}))
+    graph = build(Observations(TWO, sessions, tokens=tokens, flows={("k", "out"): 5}))
     assert [(each.zid, each.messages) for each in edge(graph, "publishes")] == [("", 5), (A, 0), (B, 0)]
     assert "2 components declare it" in texts(graph)
 
@@ -151,8 +150,11 @@ def test_changes_are_named_sorted_and_blind_to_counts() -> None:
 
 
 def test_admin_answers_are_read_with_suspicion() -> None:
-    good = b'{"zid":"aa","metadata":{"name":"x"},"locators":["tcp/a:1"],"sessions":[{"peer":"bb","whatami":"peer"}]}'
-    assert AdminView.parse("@/aa/peer", good) == AdminView("aa", "peer", "x", ("tcp/a:1",), {"bb": "peer"})
+    link = b'{"src":"tcp/a:1","dst":"tcp/b:2"}'
+    peer = b'{"peer":"bb","whatami":"peer","links":[' + link + b"]}"
+    good = b'{"zid":"aa","metadata":{"name":"x"},"locators":["tcp/a:1"],"sessions":[' + peer + b"]}"
+    links = {("tcp/b:2", "tcp/a:1"): "bb"}
+    assert AdminView.parse("@/aa/peer", good) == AdminView("aa", "peer", "x", ("tcp/a:1",), {"bb": "peer"}, links)
     assert AdminView.parse("@/bb/peer", good) is None
     for bad in (b"", b"[]", b"null", b'{"zid":"aa","sessions":[1]}', b"\xff", b'{"zid":"aa","locators":null}'):
         assert AdminView.parse("@/aa/peer", bad) is None
