@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, islice, product
 
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.numbers import between, simplest
@@ -28,6 +28,7 @@ MOST_DIGITS = 4
 """Maximum number of digits of a coefficient; longer ones are chance."""
 
 _MULTIPLES = range(1, 9)
+_MOST_CHOICES = 16  # all of four variables with edges on both sides
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +122,11 @@ def linear_features(edges: Sequence[Flip]) -> list[Feature]:
     found: dict[Feature, None] = {}
     for size in range(2, 5):
         for names in combinations(best, size):
-            for edges_chosen in _choices([best[name] for name in names]):
+            for edges_chosen in islice(product(*(best[name] for name in names)), _MOST_CHOICES):
                 feature = _linear({edge.name: edge for edge in edges_chosen})
                 if feature is not None:
                     found[feature] = None
     return list(found)
-
-
-def _choices(sides: Sequence[Sequence[Flip]]) -> list[list[Flip]]:
-    chosen: list[list[Flip]] = [[]]
-    for options in sides:
-        chosen = [[*before, edge] for before in chosen for edge in options]
-    return chosen[:16]
 
 
 def _linear(edges: Mapping[str, Flip]) -> Feature | None:
@@ -142,8 +136,8 @@ def _linear(edges: Mapping[str, Flip]) -> Feature | None:
     for name, edge in edges.items():
         near, far = (abs(distance) for distance in edge.distances)
         most, least = abs(furthest.distances[1]) / near, abs(furthest.distances[0]) / far
-        bounds[name] = (1.0, 1.0, 1) if edge is furthest else (least, most, 1)
-        bounds[name] = (*bounds[name][:2], 1 if edge.distances[1] > 0 else -1)
+        least, most = (1.0, 1.0) if edge is furthest else (least, most)
+        bounds[name] = (least, most, 1 if edge.distances[1] > 0 else -1)
     for multiple in _MULTIPLES:
         weights: dict[str, int | float] = {}
         for name, (least, most, sign) in bounds.items():

@@ -71,12 +71,12 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     "hypot": Kind(2, 6.5, _call("hypot")),
     "maxabs": Kind(2, 6.0, _of_sizes("max")),
     "minabs": Kind(2, 6.5, _of_sizes("min")),
-    **{f"wrap{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=False)) for bits in (8, 16, 32, 64)},
-    **{f"wrapsub{bits}": Kind(2, 7.0, _wrapped("sub", bits, signed=False)) for bits in (8, 16, 32, 64)},
-    **{f"wrapmul{bits}": Kind(2, 7.0, _wrapped("mul", bits, signed=False)) for bits in (8, 16, 32, 64)},
-    **{f"signed{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=True)) for bits in (8, 16, 32, 64)},
-    **{f"signedsub{bits}": Kind(2, 7.0, _wrapped("sub", bits, signed=True)) for bits in (8, 16, 32, 64)},
-    **{f"signedmul{bits}": Kind(2, 7.0, _wrapped("mul", bits, signed=True)) for bits in (8, 16, 32, 64)},
+    **{
+        f"{way}{name}{bits}": Kind(2, 7.0, _wrapped(operator, bits, signed=way == "signed"))
+        for way in ("wrap", "signed")
+        for name, operator in (("", "add"), ("sub", "sub"), ("mul", "mul"))
+        for bits in (8, 16, 32, 64)
+    },
     **{f"cast{bits}": Kind(1, 4.0, _call("signed", bits)) for bits in (8, 16, 32)},
     "mul3": Kind(3, 6.0, lambda args, _: Applied("mul", (Applied("mul", (args[0], args[1])), args[2]))),
     "mulsub": Kind(3, 7.0, lambda args, _: Applied("sub", (Applied("mul", (args[0], args[1])), args[2]))),

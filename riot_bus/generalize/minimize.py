@@ -86,11 +86,6 @@ class Minimal:
         doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]
         return sum(doubts + [noise.triggers(*of, prior=_UNNEEDED) for of in counts[1:] if sum(of)])
 
-    @property
-    def needs_messages(self) -> bool:
-        """Whether the failure depends on messages at all (False: it happens with an empty log)."""
-        return bool(self.kept)
-
 
 def minimize(
     n: int,

@@ -8,7 +8,7 @@ import sys
 from decimal import Decimal
 from functools import lru_cache
 
-__all__ = ["between", "number_bits", "number_text", "simplest", "step"]
+__all__ = ["between", "logarithmic", "number_bits", "number_text", "simplest", "step"]
 
 Number = int | float
 
@@ -70,14 +70,15 @@ def between(low: Number, high: Number) -> Number | None:
             return None
         if high - low < 8 or (low > 0 and high < 2 * low) or (high < 0 and low > 2 * high):
             return (low + high) // 2
-        middle = (_log(low) + _log(high)) / 2
+        middle = (logarithmic(low) + logarithmic(high)) / 2
         value = round(math.copysign(2 ** abs(middle) - 1, middle))
         return min(max(value, low + 1), high - 1)
     first, last = _bits_of(float(low)), _bits_of(float(high))
     return None if last - first < 2 else _float_of((first + last) // 2)
 
 
-def _log(value: Number) -> float:
+def logarithmic(value: Number) -> float:
+    """Return the place of a number on a logarithmic scale that is 0 at 0 and symmetric."""
     return math.copysign(math.log2(1 + abs(value)), value)
 
 
@@ -115,8 +116,8 @@ def _simplest(low: Number, high: Number, integer: bool) -> Number:  # noqa: FBT0
         last = math.floor(math.log2(high))
         options.extend(2**last - lower if integer else float(2**last - lower) for lower in (0, 1) if last >= 0)
     inside = [option for option in options if low <= option <= high]
-    middle = (_log(low) + _log(top)) / 2
-    return min(inside, key=lambda option: (round(number_bits(option), 6), abs(_log(option) - middle)))
+    middle = (logarithmic(low) + logarithmic(top)) / 2
+    return min(inside, key=lambda option: (round(number_bits(option), 6), abs(logarithmic(option) - middle)))
 
 
 def simplest(low: Number, high: Number) -> Number:

@@ -6,6 +6,7 @@ import math
 import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.features import Array, Feature
 from riot_bus.generalize.literals import compare
 from riot_bus.generalize.margins import WRAPS
-from riot_bus.generalize.numbers import between, number_bits, step
+from riot_bus.generalize.numbers import between, logarithmic, number_bits, step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, changed, columns_of, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
@@ -75,8 +76,8 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
     The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold), and
     samples may lie within an interval that was found where another literal holds. A limit that terms share stays one.
     """
-    columns = columns_of(table.variables, table.assignments)
-    failed = np.array(table.failed, dtype=bool)
+    columns = table.columns
+    failed = table.outcomes
     found = _between(learnt, columns, failed, _surely)
     return replace(found, terms=_without_idle([list(term) for term in found.terms], columns))
 
@@ -86,8 +87,8 @@ def narrowed(table: Table, learnt: Learnt) -> Learnt | None:
 
     This costs a fraction of learning the rule again, and most trials of a nearly right rule do not contradict it.
     """
-    columns = columns_of(table.variables, table.assignments)
-    failed = np.array(table.failed, dtype=bool)
+    columns = table.columns
+    failed = table.outcomes
     found = _between(learnt, columns, failed, _maybe)
     return found if (found.rule.predict(columns) == failed).all() else None
 
@@ -125,20 +126,22 @@ def _all(term: Sequence[Candidate], columns: Mapping[str, Array], holds: _Holds)
     return np.asarray(np.all([every, *(holds(one, columns) for one in term)], axis=0))
 
 
-def _surely(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
-    """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it."""
+def _surely(candidate: Candidate, columns: Mapping[str, Array], *, outer: bool = False) -> Array:
+    """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it.
+
+    Args:
+        candidate: The literal.
+        columns: One array per variable.
+        outer: Whether to take the outer end of the interval instead.
+    """
     values = candidate.feature.values(columns)
     if candidate.operator not in ("<", ">") or values is None:
         return concrete(candidate).holds(columns)
-    return compare(values, f"{candidate.operator}=", candidate.inside)
+    limit = (candidate.operator, candidate.outside) if outer else (f"{candidate.operator}=", candidate.inside)
+    return compare(values, *limit)
 
 
-def _maybe(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
-    """Return where a literal holds with its threshold at the outer end of its interval."""
-    values = candidate.feature.values(columns)
-    if candidate.operator not in ("<", ">") or values is None:
-        return concrete(candidate).holds(columns)
-    return compare(values, candidate.operator, candidate.outside)
+_maybe = partial(_surely, outer=True)
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
@@ -228,8 +231,8 @@ def probe_threshold(
             return exact[0]
     if not reached:
         return None
-    goal = _scale(middle)
-    return min(reached, key=lambda pair: abs(_scale(pair[0]) - goal))[1]
+    goal = logarithmic(middle)
+    return min(reached, key=lambda pair: abs(logarithmic(pair[0]) - goal))[1]
 
 
 def _around(candidate: Candidate, low: Number, high: Number) -> list[Number]:
@@ -242,10 +245,6 @@ def _around(candidate: Candidate, low: Number, high: Number) -> list[Number]:
     direction = 1 if literal.operator in (">", "<=") else -1
     sides = [step(value, direction), value]
     return [side for side in sides if low < side < high]
-
-
-def _scale(value: Number) -> float:
-    return math.copysign(math.log2(1 + abs(value)), value)
 
 
 def without(learnt: Learnt, place: tuple[int, int]) -> Rule:
@@ -298,7 +297,7 @@ def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.
     """
     candidate = learnt.terms[place[0]][place[1]]
     values = table.values(candidate.feature)
-    usable = without(learnt, place).predict(columns_of(table.variables, table.assignments))
+    usable = without(learnt, place).predict(table.columns)
     rows = np.flatnonzero(usable).tolist()
     edge = [row for row in rows if values[row] in (candidate.inside, candidate.outside)]
     others = [row for row in rows if row not in edge]
@@ -335,10 +334,8 @@ def _changes(feature: Feature, known: list[Number], target: Number) -> Sequence[
     if isinstance(feature.constant, tuple) or kind in ("add", "sub"):
         weights = feature.constant if isinstance(feature.constant, tuple) else (1, -1 if kind == "sub" else 1)
         missing = target - sum(weight * value for weight, value in zip(weights, known, strict=True))
-        return [
-            [*known[:place], value + _ratio(missing, weight), *known[place + 1 :]]
-            for place, (value, weight) in enumerate(zip(known, weights, strict=True))
-        ]
+        moves = [value + _ratio(missing, weight) for value, weight in zip(known, weights, strict=True)]
+        return [_at(known, place, value) for place, value in enumerate(moves)]
     wrap = WRAPS.match(kind)
     if wrap is not None:
         plain = Feature(wrap[2] or "add", feature.args)
@@ -349,12 +346,9 @@ def _changes(feature: Feature, known: list[Number], target: Number) -> Sequence[
         changes = [_at(known, place, _ratio(target, known[one] * known[other])) for place, one, other in sides]
         return changes + [_at([1, 1, 1], place, target) for place in range(3)]
     if kind == "mulsub":
-        z = known[2]
-        return [
-            (_ratio(target + z, known[1]), known[1], z),
-            (x, _ratio(target + z, x), z),
-            (x, known[1], x * known[1] - target),
-        ]
+        _, middle, z = known
+        values = (_ratio(target + z, middle), _ratio(target + z, x), x * middle - target)
+        return [_at(known, place, value) for place, value in enumerate(values)]
     if kind == "div":
         return [(target * y, y), (x, _ratio(x, target)), *((target * small, small) for small in (1, -1, 2, 10))]
     if kind == "hypot":

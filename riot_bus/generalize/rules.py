@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
@@ -207,12 +207,12 @@ def _one_thread() -> AbstractContextManager[object]:
 
 def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
     """Return the simplest rule for the trials so far, the literals it was chosen from, and where these hold."""
-    failed = np.array(table.failed, dtype=bool)
+    failed = table.outcomes
     candidates, masks = table.candidates()
     best = learn(candidates, masks, failed)
     widened = [widen(table, best)]
     if _doubtful(best):
-        columns = columns_of(table.variables, table.assignments)
+        columns = table.columns
         literals = {candidate: None for term in best.terms for candidate in term}
         # A second limit may be no flip among all samples, but is among those for which one literal of the rule holds.
         for literal in list(literals)[:CONDITIONS]:
@@ -229,8 +229,8 @@ def consistent(table: Table, learnt: Learnt) -> Learnt | None:
 
     Seldom cases cost less than the literals that they need; each counts several times here.
     """
-    failed = np.array(table.failed, dtype=bool)
-    columns = columns_of(table.variables, table.assignments)
+    failed = table.outcomes
+    columns = table.columns
     again = np.flatnonzero(learnt.rule.predict(columns) != failed).repeat(_REPEATED)
     if not len(again):
         return learnt
@@ -359,6 +359,10 @@ class _Search:
                 self.table.failed[rows.index(n)] = self.samples[n].failed
         return bool(changed)
 
+    def _said(self, assignments: Iterable[Assignment]) -> Array:
+        """Return for each assignment whether the present rule predicts the failure."""
+        return self.rule.predict(columns_of(self.variables, list(assignments)))
+
     def _guesses(self, questions: Sequence[tuple[Assignment, str]]) -> list[float]:
         """Return how likely questions are to fail, by the rule and by how often it has been right before."""
         if not self._asked:
@@ -366,8 +370,7 @@ class _Search:
         if not self.rule.terms:
             return [0.5] * len(questions)
         doubt = min(0.5, max(DOUBT, (self.wrong_guesses + 1) / (self.guesses + 2)))
-        said = self.rule.predict(columns_of(self.variables, [one for one, _ in questions])).tolist()
-        chances = [1 - doubt if fails else doubt for fails in said]
+        chances = [1 - doubt if fails else doubt for fails in self._said(one for one, _ in questions)]
         return [chance if phase in GUESSED else 0.5 for chance, (_, phase) in zip(chances, questions, strict=True)]
 
     def _known(self, question: Assignment) -> bool:
@@ -423,7 +426,7 @@ class _Search:
         before: object = None
         settled = False
         while True:
-            failed = np.array(self.table.failed, dtype=bool)
+            failed = self.table.outcomes
             kept = narrowed(self.table, self.best) if settled and self.spent < self.budget else None
             if kept is not None:
                 best, (candidates, masks) = kept, self.table.candidates()
@@ -493,11 +496,7 @@ class _Search:
         base = self.anchors[1]
         edges = self._edges(base)
         farther = farther_base(edges, base, {variable.name: variable.type for variable in self.variables})
-        features = [*linear_features(edges), *linear_features(self._edges(farther) if farther else ())]
-        found = [feature for feature in dict.fromkeys(features) if feature not in self.table.features]
-        for feature in found:
-            self.table.include(feature)
-        return bool(found)
+        return self.table.include([*linear_features(edges), *linear_features(self._edges(farther) if farther else ())])
 
     def _edges(self, base: Assignment) -> list[Flip]:
         """Return where the outcome flips if one number leaves a case, as narrow as trials allow; none if it fails."""
@@ -529,8 +528,7 @@ class _Search:
             return False
         self.cast = True
         found = casts_of({variable.name: variable.type for variable in self.variables})
-        for feature in found:
-            self.table.include(feature)
+        self.table.include(found)
         return bool(found)
 
     def _committee(
@@ -580,10 +578,10 @@ class _Search:
 
     def _mirrored(self, best: Learnt) -> list[Assignment]:
         """Return for each threshold of one number, once, a failing trial with the sign changed: it tells x from |x|."""
-        columns = columns_of(self.variables, self.table.assignments)
+        columns = self.table.columns
         found: list[Assignment] = []
         for term, rule in zip(best.terms, best.rule.terms, strict=True):
-            rows = np.flatnonzero(np.array(self.table.failed, dtype=bool) & Rule((rule,)).predict(columns)).tolist()
+            rows = np.flatnonzero(self.table.outcomes & Rule((rule,)).predict(columns)).tolist()
             for candidate in term:
                 (name, *_), key = candidate.feature.args, (candidate.feature, candidate.operator)
                 if candidate.feature.kind != "raw" or candidate.operator not in ("<", ">") or key in self.mirrored:
@@ -598,7 +596,7 @@ class _Search:
 
     def _members(self, best: Learnt) -> list[Assignment]:
         """Return trials with numbers around each set or small limit of an integer, once, where it alone decides."""
-        columns = columns_of(self.variables, self.table.assignments)
+        columns = self.table.columns
         whole = {one.name for one in self.variables if "[" not in one.type and integer_range(one.type) is not None}
         found: list[Assignment] = []
         for term in best.rule.terms:
@@ -660,7 +658,7 @@ class _Search:
         pool = [one for one in (*near, *drawn) if not self._known(one)]
         if not pool or count < 1:
             return self._validate_known(count, context)
-        inside = self.rule.predict(columns_of(self.variables, pool))
+        inside = self._said(pool)
         self.share = float(inside.mean())
         sides: tuple[dict[object, Assignment], dict[object, Assignment]] = ({}, {})
         for index in self.random.sample(range(len(pool)), len(pool)):
@@ -683,19 +681,17 @@ class _Search:
             if any(not same_scalar(others[each.name], each.failing) for each in context):
                 cases[assignment_key({**one, **others})] = {**one, **others}
         if cases:
-            self.share = float(self.rule.predict(columns_of(self.variables, list(cases.values()))).mean())
+            self.share = float(self._said(cases.values()).mean())
         return self.ask(list(cases.values()), "context")
 
     def mistakes(self, checked: Sequence[Sample]) -> int:
         """Return how many samples the present rule gets wrong."""
-        if not checked:
-            return 0
-        predicted = self.rule.predict(columns_of(self.variables, [sample.assignment for sample in checked]))
-        return int((predicted != np.array([sample.failed for sample in checked])).sum())
+        said = self._said(sample.assignment for sample in checked)
+        return sum(bool(one) != sample.failed for one, sample in zip(said, checked, strict=True))
 
     def result(self, checked: Sequence[Sample]) -> LearnedRule:
         """Return the rule with what the last validation said about it."""
-        predicted = self.rule.predict(columns_of(self.variables, [sample.assignment for sample in checked]))
+        predicted = self._said(sample.assignment for sample in checked)
         failed = [sample.failed for sample in checked]
         told = scores(predicted.tolist(), failed, self.share)
         wrong = [sample for sample, said in zip(checked, predicted, strict=True) if bool(said) != sample.failed]
@@ -727,7 +723,7 @@ class _Search:
 
     def _rivals(self) -> list[tuple[float, Rule, Assignment]]:
         """Return all alternatives, each with its length in bits and a case that decides."""
-        failed = np.array(self.table.failed, dtype=bool)
+        failed = self.table.outcomes
         candidates, masks = self.table.candidates()
         pool = [*self._pool(), *self._surfaces(candidates)]
         if not pool or not self.best.terms:
@@ -738,8 +734,8 @@ class _Search:
         for feature in sorted({candidate.feature for term in self.best.terms for candidate in term}):
             keep = [index for index, candidate in enumerate(candidates) if candidate.feature != feature]
             rival = widen(self.table, learn([candidates[index] for index in keep], masks[keep], failed))
-            known = columns_of(self.variables, self.table.assignments)
-            if rival.bits > self.best.bits + ALTERNATIVE_BITS or (rival.rule.predict(known) != failed).any():
+            wrong = rival.rule.predict(self.table.columns) != failed
+            if rival.bits > self.best.bits + ALTERNATIVE_BITS or wrong.any():
                 continue
             differ = np.flatnonzero(rival.rule.predict(columns) != said)
             if len(differ):

@@ -13,6 +13,7 @@ import numpy as np
 
 from riot_bus.generalize.arrays import Column, columns_of_array, drawn_elements, known_elements, with_column
 from riot_bus.generalize.features import Array
+from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.texts import varied
 from riot_bus.vocabulary.elements import Elements, Setting
@@ -34,14 +35,7 @@ __all__ = [
 
 Assignment = Mapping[str, Setting]
 
-TYPES = (
-    "bool",
-    *(f"{sign}int{size}" for sign in ("", "u") for size in (8, 16, 32, 64)),
-    "float32",
-    "float64",
-    "string",
-    "bytes",
-)
+TYPES = ("bool", *INTEGERS, *FLOATS, "string", "bytes")
 """The types a variable may have."""
 
 _OBSERVED = 200
@@ -163,11 +157,7 @@ def changed(
 
 def integer_range(type_: str) -> tuple[int, int] | None:
     """Return the smallest and largest value of an integer type, None for other types."""
-    if type_.startswith("uint"):
-        return 0, 2 ** int(type_[4:]) - 1
-    if type_.startswith("int"):
-        return -(2 ** (int(type_[3:]) - 1)), 2 ** (int(type_[3:]) - 1) - 1
-    return None
+    return INTEGERS.get(type_)
 
 
 def fit(value: Setting, type_: str) -> Any:

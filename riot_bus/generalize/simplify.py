@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from riot_bus.generalize.minimize import BUDGET, Minimal, minimize
+from riot_bus.generalize.minimize import BUDGET, minimize
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
@@ -62,8 +62,18 @@ def simplify(
     told = better or (lambda _: None)
     spent, known = 0, noise or Noise.after()
     if len(sizes) > 1:
-        needed = _needed(now, ask, known, budget, parallelism, progress, told)
-        if needed is None:
+        last = now
+        try:  # ladders that cannot take their lowest rung are like needed messages
+            needed = minimize(
+                len(sizes),
+                lambda questions: ask([_at(last, kept) for kept in questions]),
+                noise=noise,
+                budget=budget,
+                parallelism=parallelism,
+                progress=progress,
+                better=lambda part: told(_at(last, part.kept)),
+            )
+        except InconclusiveError:  # it does not fail any more
             return Simplified(now, 0, known)
         now, spent, known = _at(now, needed.kept), needed.trials, needed.noise
     trials: Trials[Levels] = Trials(
@@ -85,30 +95,6 @@ def simplify(
 def _at(last: Levels, kept: Sequence[int]) -> Levels:
     """Return the lowest rungs, but for ladders that stay at their last one."""
     return tuple(level if place in kept else 0 for place, level in enumerate(last))
-
-
-def _needed(
-    last: Levels,
-    ask: Ask[Levels],
-    noise: Noise,
-    budget: int,
-    parallelism: int,
-    progress: Progress | None,
-    told: Callable[[Levels], None],
-) -> Minimal | None:
-    """Return the ladders that cannot take their lowest rung; None if it does not fail any more."""
-    try:
-        return minimize(
-            len(last),
-            lambda questions: ask([_at(last, kept) for kept in questions]),
-            noise=noise,
-            budget=budget,
-            parallelism=parallelism,
-            progress=progress,
-            better=lambda part: told(_at(last, part.kept)),
-        )
-    except InconclusiveError:
-        return None
 
 
 def _fails(levels: Levels, prior: float, trials: Trials[Levels]) -> bool:

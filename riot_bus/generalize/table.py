@@ -81,6 +81,16 @@ class Table:
         self.failed: list[bool] = []
         self._values: list[list[Scalar] | None] = [[] for _ in self.features]
 
+    @property
+    def columns(self) -> dict[str, Array]:
+        """The samples as one array per variable that rules see."""
+        return columns_of(self.variables, self.assignments)
+
+    @property
+    def outcomes(self) -> Array:
+        """Whether each sample failed; shape (samples,)."""
+        return np.array(self.failed, dtype=bool)
+
     def add(self, assignments: Sequence[Assignment], failed: Sequence[bool]) -> None:
         """Append samples with their outcomes."""
         if not assignments:
@@ -97,12 +107,15 @@ class Table:
             else:
                 known.extend(values.tolist())
 
-    def include(self, feature: Feature) -> None:
-        """Add a feature, for all samples."""
-        if feature not in self.features:
-            values = feature.values(columns_of(self.variables, self.assignments))
+    def include(self, features: Sequence[Feature]) -> bool:
+        """Add features, for all samples; return whether any is new."""
+        new = [feature for feature in dict.fromkeys(features) if feature not in self.features]
+        columns = self.columns if new else {}
+        for feature in new:
+            values = feature.values(columns)
             self.features.append(feature)
             self._values.append(None if values is None else values.tolist())
+        return bool(new)
 
     def values(self, feature: Feature) -> list[Scalar]:
         """Return the values of one feature for all samples."""
@@ -114,7 +127,7 @@ class Table:
         Returns:
             k candidates and a boolean array (k, samples).
         """
-        failed = np.array(self.failed, dtype=bool)
+        failed = self.outcomes
         found: list[Candidate] = []
         masks: list[Array] = []
         if not self.assignments:
@@ -142,7 +155,7 @@ class Table:
 
         A second limit of a rule may not show as a flip among all samples.
         """
-        failed = np.array(self.failed, dtype=bool)
+        failed = self.outcomes
         found: list[Candidate] = []
         masks: list[Array] = [np.zeros((0, len(failed)), dtype=bool)]
         for feature, values in zip(self.features, self._values, strict=True):

@@ -18,7 +18,7 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.numbers import between, step
 from riot_bus.generalize.refine import inversions, without
-from riot_bus.generalize.sampling import Assignment, Sampler, changed, columns_of, row_of
+from riot_bus.generalize.sampling import Assignment, Sampler, changed, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.elements import Setting
@@ -104,7 +104,7 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
         for column, candidate in enumerate(term):
             limits.setdefault(candidate, []).append((row, column))
     places = [place for each in limits.values() for place in each]
-    columns = columns_of(table.variables, table.assignments)
+    columns = table.columns
     decided = {place: np.flatnonzero(without(learnt, place).predict(columns)).tolist() for place in places}
     found: list[Assignment] = []
     for _ in range(count if places else 0):

@@ -5,12 +5,13 @@ All derive from one root; each class has an exit code of the command line (`riot
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
 __all__ = [
     "ConfigError",
@@ -22,6 +23,7 @@ __all__ = [
     "PayloadError",
     "RiotError",
     "did_you_mean",
+    "needs_extra",
 ]
 
 
@@ -56,6 +58,23 @@ class MissingExtraError(ConfigError):
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(f"the Python package {package!r} is not installed", hint=f"pip install 'riot-bus[{extra}]'")
+
+
+@contextmanager
+def needs_extra(package: str, extra: str) -> Iterator[None]:
+    """Say what to install if an import in this context fails.
+
+    Args:
+        package: Name of the package, as pip knows it.
+        extra: Extra of riot-bus that installs it.
+
+    Raises:
+        MissingExtraError: An import failed.
+    """
+    try:
+        yield
+    except ImportError:
+        raise MissingExtraError(package, extra) from None
 
 
 class PayloadError(RiotError, ValueError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import sys
 from pathlib import Path
@@ -51,9 +52,10 @@ def test_arguments_are_set_by_name() -> None:
 
 
 def test_without_scikit_learn_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sklearn.utils.validation", None)
+    monkeypatch.setitem(sys.modules, "sklearn.base", None)
+    monkeypatch.delitem(sys.modules, "riot_bus.generalize.estimator")
     with pytest.raises(MissingExtraError, match="analysis"):
-        RuleClassifier().fit([[1]], [0])
+        importlib.import_module("riot_bus.generalize.estimator")
 
 
 def test_the_example_of_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,7 +67,6 @@ def test_the_example_of_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore:Estimator RuleClassifier does not inherit")  # it is imported without scikit-learn
 def test_scikit_learn_finds_nothing_wrong() -> None:
     from sklearn.utils.estimator_checks import check_estimator
 

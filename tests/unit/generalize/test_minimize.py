@@ -41,7 +41,6 @@ def test_finds_exactly_the_needed_messages(items: tuple[int, ...]) -> None:
     result = minimize(100, ask)
     assert result.kept == items
     assert result.one_minimal
-    assert result.needs_messages
     assert result.trials == len(ask.asked)
 
 
@@ -88,7 +87,6 @@ def test_a_log_that_does_not_fail_is_inconclusive() -> None:
 def test_a_failure_without_messages_is_told() -> None:
     result = minimize(10, Recorder(lambda kept: True))
     assert result.kept == ()
-    assert not result.needs_messages
     assert result.trials <= 5
 
 
