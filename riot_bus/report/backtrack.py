@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
 
-__all__ = ["dot", "lines", "said_of"]
+__all__ = ["dot", "lines", "nodes_of", "said_of"]
 
 _FOUND = 3  # pairs of fields, one in a line of the tree; the others are counted
 _REASONS = 3  # all stand in one line, the most frequent first
@@ -40,9 +40,7 @@ def lines(record: BacktrackRecord) -> Iterator[str]:
 
 
 def _tree(tree: dict[str, Any], record: BacktrackRecord, steps: dict[tuple[str, str], StepRecord]) -> Iterator[str]:
-    waiting: list[tuple[dict[str, Any], str, int]] = [(tree, "", 0)]
-    while waiting:
-        node, parent, depth = waiting.pop()
+    for node, parent, depth in nodes_of([tree]):
         topic = node["topic"]
         indent = "   " * (depth - 1) + "└─ " if depth else ""
         step = steps.get((topic, parent))
@@ -54,7 +52,22 @@ def _tree(tree: dict[str, Any], record: BacktrackRecord, steps: dict[tuple[str, 
         alone = steps.get(("", topic))
         if alone is not None and not node["again"]:
             yield from (f"{'   ' * depth}   of all other topics: {text}" for text in said_of(alone, record))
-        waiting += [(hop, topic, depth + 1) for hop in reversed(node["hops"])]
+
+
+def nodes_of(trees: Sequence[Any]) -> Iterator[tuple[dict[str, Any], str, int]]:
+    """Yield each topic of backtrack trees before those that lead to it, with its parent's name and its depth.
+
+    Args:
+        trees: Roots of the trees, as in a record: what is not an object is left out.
+    """
+    ahead: list[tuple[Any, str, int]] = [(tree, "", 0) for tree in reversed(trees)]
+    while ahead:
+        node, parent, depth = ahead.pop()
+        if isinstance(node, dict):
+            yield node, parent, depth
+            hops = node.get("hops")
+            below = reversed(hops if isinstance(hops, list) else [])
+            ahead += [(hop, str(node.get("topic", "?")), depth + 1) for hop in below]
 
 
 def _marks(node: dict[str, Any], record: BacktrackRecord, step: StepRecord | None) -> str:
@@ -157,7 +170,7 @@ def _notes(record: BacktrackRecord) -> Iterator[str]:
     for loop in record.loops:
         yield f"loop: {', '.join(map(clean, loop))}"
     for topic in record.unwritten:
-        yield f"nobody is known to write {clean(topic)}"
+        yield f"no component is known to write {clean(topic)}"
     for topic in record.missing:
         yield f"not recorded: {clean(topic)}"
     if record.unseen:
@@ -185,14 +198,14 @@ def dot(record: BacktrackRecord) -> str:
 
     Steps with evidence are solid, others dotted, inferred ones dashed; labels give components and strength.
     """
-    topics = list(
-        dict.fromkeys([*_roots(record), *(end for step in record.steps for end in (step.source, step.target) if end)])
-    )
+    roots = [tree["topic"] for tree in record.trees]
+    ends = [end for step in record.steps for end in (step.source, step.target) if end]
+    topics = list(dict.fromkeys([*roots, *ends]))
     number = {topic: f"t{place}" for place, topic in enumerate(topics)}
     out = ["digraph riot {", "  rankdir=LR;"]
     for topic in topics:
         shape = "box" if topic in record.externals else "ellipse"
-        marks = ", style=dashed" if topic in record.missing else ", penwidth=3" if topic in _roots(record) else ""
+        marks = ", style=dashed" if topic in record.missing else ", penwidth=3" if topic in roots else ""
         out.append(f"  {number[topic]} [shape={shape}, label={_quoted(topic)}{marks}];")
     for step in (one for one in record.steps if one.source):
         best = next((one for one in step.evidence if one.found), None)
@@ -202,10 +215,6 @@ def dot(record: BacktrackRecord) -> str:
         style = "dashed" if step.inferred else "solid" if best is not None else "dotted"
         out.append(f"  {number[step.source]} -> {number[step.target]} [style={style}, label={_quoted(label)}];")
     return "\n".join([*out, "}"]) + "\n"
-
-
-def _roots(record: BacktrackRecord) -> list[str]:
-    return [tree["topic"] for tree in record.trees]
 
 
 def _quoted(text: str) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import io
-import warnings
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.report.format import clean, share
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.report.svg import own_style
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean, needs_extra
 
 if TYPE_CHECKING:
     from riot_bus.findings.backtrack import BacktrackRecord, StepRecord
@@ -36,10 +36,8 @@ def check_picture(path: Path) -> None:
     if path.suffix.lower() not in _FORMATS:
         hint = did_you_mean(path.suffix, _FORMATS)
         raise ConfigError(f"unknown kind of picture {path.suffix!r}", where=f"--picture {path}", hint=hint)
-    try:
+    with needs_extra("matplotlib", "report"):
         import matplotlib  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("matplotlib", "report") from None
 
 
 def draw_picture(record: BacktrackRecord, path: Path) -> None:
@@ -49,16 +47,12 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
         record: Record of what was found.
         path: File to write, of a kind that `check_picture` accepts.
     """
-    import matplotlib
     from matplotlib.figure import Figure
 
     places = _places(record)
     columns = 1 + max((x for x, _ in places.values()), default=0)
     rows = 1 + max((y for _, y in places.values()), default=0.0)
-    with warnings.catch_warnings(), matplotlib.rc_context():
-        warnings.simplefilter("ignore")  # names of topics may use letters that the font lacks
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "riot_bus", "text.parse_math": False})
+    with own_style({}):
         figure = Figure(figsize=(_COLUMN * columns, max(_ROW * rows + 0.6, 1.8)))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
@@ -82,10 +76,10 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
 def _places(record: BacktrackRecord) -> dict[str, tuple[float, float]]:
     """Return the position of each topic: external ones on the left, others by their steps to the targets."""
     depth: dict[str, int] = {}
-    waiting: list[tuple[dict[str, Any], int]] = [(tree, 0) for tree in record.trees]
-    for node, far in waiting:  # grows: near ones first
+    ahead: list[tuple[dict[str, Any], int]] = [(tree, 0) for tree in record.trees]
+    for node, far in ahead:  # grows: near ones first
         depth.setdefault(node["topic"], far)
-        waiting += [(hop, far + 1) for hop in node["hops"]]
+        ahead += [(hop, far + 1) for hop in node["hops"]]
     outside = {topic for topic, far in depth.items() if topic in record.externals and far}
     inner = 1 + max((far for topic, far in depth.items() if topic not in outside), default=0)
     columns: dict[int, list[str]] = {}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.known import KnownFinding
 
-__all__ = ["CampaignView", "Standing", "is_output_folder", "level_of", "load_campaign", "view_of_one"]
+__all__ = ["CampaignView", "Standing", "as_campaign", "is_output_folder", "level_of", "load_campaign"]
 
 Standing = Literal["", "new", "known", "came back"]
 """Status of a finding in a baseline: empty without a baseline; `came back` if it was fixed and fails again."""
@@ -167,8 +167,10 @@ def load_campaign(
     return CampaignView(folder, campaign, tuple(findings), broken, unit, fingerprint, problem)
 
 
-def view_of_one(view: FindingView) -> CampaignView:
-    """Return a campaign view of a single finding."""
+def as_campaign(view: FindingView | CampaignView) -> CampaignView:
+    """Return a campaign view; that of a single finding has found nothing else."""
+    if isinstance(view, CampaignView):
+        return view
     return CampaignView(view.directory, None, (view,), unit=view.finding.unit, alone=True)
 
 

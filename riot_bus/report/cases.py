@@ -141,11 +141,10 @@ def _finding_case(view: CampaignView, one: FindingView) -> ReportedCase:
         why = "found with other code or another riot.toml, and not seen by this campaign"
         lines = [why, one.command("reproduce")]
         return ReportedCase(name, "skipped", "earlier", why, lines, seconds=seconds, finding=one)
-    verdict = "".join(part.text for part in one.verdict())
     place, unit = find_place(one), unit_place(finding)
     about = [f"at {place}", f"unit {finding.unit} of {unit}", *finding.details[:1], TextReport().render(one)]
     if view.standing(one) == "known":
-        lines = [verdict, *about]
+        lines = [one.verdict_text, *about]
         return ReportedCase(name, "skipped", "known", view.told(one), lines, seconds=seconds, finding=one)
     lines = [*([view.told(one)] if view.entry(one) else []), *about]
-    return ReportedCase(name, "failure", finding.monitor, verdict, lines, seconds=seconds, finding=one)
+    return ReportedCase(name, "failure", finding.monitor, one.verdict_text, lines, seconds=seconds, finding=one)

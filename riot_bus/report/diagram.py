@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.findings.records import Artefact
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, plural, seconds
 
@@ -36,9 +35,7 @@ class DiagramBox:
 def links(view: FindingView) -> list[DiagramBox]:
     """Return the boxes from the nominal log to the activation."""
     finding = view.finding
-    done: dict[str, tuple[str, str]] = {
-        "test": (plural(finding.messages, "message"), f"{finding.modified} modified"),
-    }
+    done: dict[str, tuple[str, str]] = {"test": (plural(finding.messages, "message"), f"{finding.modified} modified")}
     if view.minimal:
         what, proven = ("needed", "") if view.minimal.one_minimal else ("kept", ", not proven")
         kept = plural(len(view.minimal.kept), "message")
@@ -61,34 +58,17 @@ def links(view: FindingView) -> list[DiagramBox]:
         missed = "not reached" if view.activation.runs else "not tested"
         done["activate"] = (again if view.activation.found else missed, runs)
     done |= {step.name: (_short(clean(record.summary)), "") for step, record in view.further}
-    start = DiagramBox(
-        "nominal log",
-        (
-            _short(f"of {clean(finding.system)}"),
-            "from outside" if finding.whole_system else _short(f"into {clean(finding.unit)}"),
-        ),
-        "",
-        "done",
-    )
+    into = "from outside" if finding.whole_system else _short(f"into {clean(finding.unit)}")
+    start = DiagramBox("nominal log", (_short(f"of {clean(finding.system)}"), into), "", "done")
     return [start] + [
         DiagramBox(
             clean(step.title),
             done.get(step.name, (f"riot {step.name}", "")),
-            _effort(record),
-            _state(view, step.name, record),
+            f"{plural(record.trials, 'trial')}, {seconds(record.seconds)}" if record else "",
+            "done" if record else "next" if view.next_step == step.name else "open",
         )
         for step, record in view.steps
     ]
-
-
-def _effort(record: Artefact | None) -> str:
-    return f"{plural(record.trials, 'trial')}, {seconds(record.seconds)}" if record else ""
-
-
-def _state(view: FindingView, step: str, record: Artefact | None) -> State:
-    if record:
-        return "done"
-    return "next" if view.next_step == step else "open"
 
 
 def _leaf(name: str) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.comparison.text import facts, moves, spans, value_text
 from riot_bus.report.formats import write_file
-from riot_bus.report.templating import page_environment
+from riot_bus.report.templating import rendered
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,22 +27,19 @@ def write_diff_page(found: LogDifference, path: Path) -> Path:
         MissingExtraError: jinja2 is not installed.
         ConfigError: It cannot be written there.
     """
-    page = (
-        page_environment()
-        .get_template("diff.html.j2")
-        .render(
-            found=found,
-            headline=found.headline(),
-            facts=facts,
-            spans=spans,
-            moves=moves,
-            text=value_text,
-            bars=_bars,
-            width=_WIDTH,
-            height=_HEIGHT,
-            most_topics=_MOST_TOPICS,
-            most_fields=_MOST_FIELDS,
-        )
+    page = rendered(
+        "diff.html.j2",
+        found=found,
+        headline=found.headline(),
+        facts=facts,
+        spans=spans,
+        moves=moves,
+        text=value_text,
+        bars=_bars,
+        width=_WIDTH,
+        height=_HEIGHT,
+        most_topics=_MOST_TOPICS,
+        most_fields=_MOST_FIELDS,
     )
     return write_file(page, path)
 

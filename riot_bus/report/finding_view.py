@@ -24,7 +24,7 @@ from riot_bus.report.format import clean, plural
 from riot_bus.statistics.rates import chance_of_difference
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 
-__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load"]
+__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load", "tail_of"]
 
 Severity = Literal["unit only", "permeable", "activated", "whole system"]
 
@@ -173,6 +173,17 @@ class FindingView:
             parts.append(TextPart(f" on a log of {plural(self.finding.messages, 'message')}"))
         return (*parts, *self._outside(), TextPart("."))
 
+    @property
+    def verdict_text(self) -> str:
+        """The verdict as plain text."""
+        return "".join(part.text for part in self.verdict())
+
+    def facts(self) -> dict[str, str]:
+        """Return what programs are told of the finding, by name; may contain untrusted text."""
+        found = {"signature": self.finding.signature, "severity": self.finding.severity, "reach": self.severity}
+        found |= {"rule": self.rule.text if self.rule else "", "reproduce": self.command("reproduce")}
+        return {name: text for name, text in found.items() if text}
+
     def _in_system(self) -> tuple[TextPart, ...]:
         finding, rate = self.finding, self.finding.rate
         topics = tuple(dict.fromkeys(str(each.get("topic")) for each in finding.injections))
@@ -221,6 +232,18 @@ def _listed(names: tuple[str, ...]) -> list[TextPart]:
     if len(names) > _NAMED:
         parts.append(TextPart(f" and {len(names) - _NAMED} more"))
     return parts or [TextPart("no field")]
+
+
+def tail_of(path: Path, most: int) -> str:
+    """Return the end of a file that a failing trial has left, as text.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+    """
+    with path.open("rb") as stream:
+        stream.seek(max(0, path.stat().st_size - most))
+        return stream.read().decode(errors="replace")
 
 
 def load(directory: Path) -> FindingView:

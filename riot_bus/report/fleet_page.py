@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from riot_bus.report.formats import write_file
-from riot_bus.report.templating import page_environment
+from riot_bus.report.templating import rendered
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,18 +27,9 @@ def write_fleet_page(scan: FleetScan, path: Path) -> Path:
     Raises:
         MissingExtraError: jinja2 is not installed.
     """
-    page = (
-        page_environment()
-        .get_template("fleet.html.j2")
-        .render(
-            scan=scan,
-            paths={log.place: _path(log.profile) for log in scan.logs},
-            width=_WIDTH,
-            height=_HEIGHT,
-            met=_place(0.0),
-            within=_place(scan.within),
-        )
-    )
+    paths = {log.place: _path(log.profile) for log in scan.logs}
+    levels = {"met": _place(0.0), "within": _place(scan.within)}
+    page = rendered("fleet.html.j2", scan=scan, paths=paths, width=_WIDTH, height=_HEIGHT, **levels)
     return write_file(page, path)
 
 

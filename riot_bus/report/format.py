@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 __all__ = ["clean", "number", "plural", "seconds", "share", "share_interval", "value"]
 
-_KEPT = "\n\t"
-_HIDDEN = {"Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp"}
+_SPACES = "".join(chr(code) for code in range(0x3001) if unicodedata.category(chr(code)) == "Zs")
+"""Spaces of all widths, which move nothing; U+3000 is the last one."""
 _EXACT = 2.0**53  # not all larger integers have a float of their own
 
 
@@ -29,15 +30,7 @@ def clean(text: str, *, limit: int = 200, lines: bool = False) -> str:
         head = (limit * 2) // 3
         tail = max(limit - head - 5, 0)
         text = f"{text[:head]} ... {text[len(text) - tail :]}"
-    return "".join(_visible(character, lines=lines) for character in text)
-
-
-def _visible(character: str, *, lines: bool) -> str:
-    if lines and character in _KEPT:
-        return character
-    if unicodedata.category(character) in _HIDDEN:
-        return character.encode("unicode_escape", "backslashreplace").decode("ascii")
-    return character
+    return escape_control_chars(text, keep=_SPACES + ("\n\t" if lines else ""))
 
 
 def value(what: Any) -> str:

@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
-from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
+from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -108,7 +108,7 @@ def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView
         return made.render(view)
     if not isinstance(made, CampaignFormat):
         raise ConfigError("this format reports one finding, not a campaign", hint="name the folder of a finding")
-    return made.render_campaign(view if isinstance(view, CampaignView) else view_of_one(view))
+    return made.render_campaign(as_campaign(view))
 
 
 def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) -> CampaignView:
@@ -128,7 +128,7 @@ def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) 
     known = KnownFindings.load(path)
     if known.missing:
         raise ConfigError("there is no such baseline", where=str(path), hint="riot ci accept writes one")
-    return replace(view if isinstance(view, CampaignView) else view_of_one(view), known=known.entries)
+    return replace(as_campaign(view), known=known.entries)
 
 
 def append_summary(made: object, view: FindingView | CampaignView) -> None:
@@ -139,7 +139,7 @@ def append_summary(made: object, view: FindingView | CampaignView) -> None:
     """
     if not isinstance(made, SummaryFormat) or not (path := os.environ.get(made.summary_variable)):
         return
-    text = made.render_summary(view if isinstance(view, CampaignView) else view_of_one(view))
+    text = made.render_summary(as_campaign(view))
     try:
         with open(path, "a", encoding="utf-8") as stream:
             stream.write(text)

@@ -67,7 +67,7 @@ def _commands(view: CampaignView) -> Iterator[str]:
 
 def _message(one: FindingView, *, told: str) -> str:
     finding, rate = one.finding, one.finding.rate
-    lines = ["".join(part.text for part in one.verdict()), *([told] if told else []), *finding.details[:1]]
+    lines = [one.verdict_text, *([told] if told else []), *finding.details[:1]]
     if rate:
         often = share_interval(rate.low, rate.high)
         lines.append(f"{rate.count} of {counted(rate.total, 'fresh trial')} failed again, 95 %: {often}")

@@ -22,7 +22,7 @@ class JsonReport:
             "version": 1,
             "folder": str(view.directory),
             "severity": view.severity,
-            "verdict": "".join(part.text for part in view.verdict()),
+            "verdict": view.verdict_text,
             "next": view.next_step,
             "steps": {step.name: record and record.model_dump(mode="python") for step, record in view.steps},
             "unusable": dict(view.broken),

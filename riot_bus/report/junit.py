@@ -75,18 +75,11 @@ def _properties(view: CampaignView, findings: Iterable[FindingView], *, of_it: b
         yield "riot.covered", f"{campaign.covered} of {campaign.coverable}"
         yield "riot.unconfirmed", str(len(campaign.unconfirmed))
     for one in findings:
-        finding, rate = one.finding, one.finding.rate
-        facts = {
-            "signature": finding.signature,
-            "place": str(find_place(one)),
-            "severity": finding.severity,
-            "reach": one.severity,
-            "rate": f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})" if rate else "",
-            "rule": one.rule.text if one.rule else "",
-            "reproduce": one.command("reproduce"),
-        }
+        facts = one.facts() | {"place": str(find_place(one))}
+        if rate := one.finding.rate:
+            facts["rate"] = f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})"
         name = clean(one.directory.name, limit=100)
-        yield from ((f"{name}.{key}", clean(told, limit=LONGEST_LINE)) for key, told in facts.items() if told)
+        yield from ((f"{name}.{key}", clean(told, limit=LONGEST_LINE)) for key, told in facts.items())
 
 
 def _counts(cases: Iterable[ElementTree.Element]) -> dict[str, str]:

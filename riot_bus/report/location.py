@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.config.toml_file import line_of
 from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
-from riot_bus.report.finding_view import EVIDENCE
+from riot_bus.report.finding_view import EVIDENCE, tail_of
 from riot_bus.report.format import clean
 
 if TYPE_CHECKING:
@@ -137,8 +137,4 @@ def _is_own(file: str, path: Path, root: Path) -> bool:
 def _evidence(directory: Path, name: str) -> str:
     """Return the end of a file that a failing trial has left; empty if there is none of that name."""
     files = {path.name: path for path in (directory / EVIDENCE).glob("*.txt") if path.is_file()}
-    if name not in files:
-        return ""
-    with files[name].open("rb") as stream:
-        stream.seek(max(0, files[name].stat().st_size - _LARGEST))
-        return stream.read().decode(errors="replace")
+    return tail_of(files[name], _LARGEST) if name in files else ""

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from riot_bus.findings.permeability import EdgeRecord
-from riot_bus.findings.records import FieldRecord, FieldsRecord, PointRecord
+from riot_bus.findings.records import FieldRecord, FieldsRecord
 from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
+from riot_bus.report.backtrack import nodes_of
 from riot_bus.report.diagram import links
-from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load
+from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load, tail_of
 from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
 from riot_bus.report.statements import not_tried, other_fields, statements
-from riot_bus.report.templating import page_environment
+from riot_bus.report.templating import rendered
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.order import order_of
 
@@ -70,7 +72,7 @@ class HtmlReport:
         Raises:
             MissingExtraError: jinja2 or matplotlib is not installed.
         """
-        return page_environment().get_template("report.html.j2").render(_context(view, self._open_questions))
+        return rendered("report.html.j2", **_context(view, self._open_questions))
 
 
 def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
@@ -78,9 +80,10 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
 
     plot = rule_plot(view.rule) if view.rule else None
     activation, nominal = view.activation, view.permeability.nominal if view.permeability else {}
-    maps = (
-        region_plots(activation.points, activation.region, nominal=nominal) if activation and activation.region else []
-    )
+    region = activation and activation.region
+    maps = region_plots(activation.points, region, nominal=nominal) if activation and region else []
+    points = activation.points if activation else ()
+    met = [one for one in points if one.distance is not None and one.distance <= 0]
     return {
         "view": view,
         "finding": view.finding,
@@ -97,7 +100,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
         "nominal": nominal,
         "parameters": activation is not None and any(name.startswith(_PARAMETER) for name in activation.found or ()),
-        "met": sum(map(_met, activation.points)) if activation else 0,
+        "met": sum(one.phase == "search" and not one.failed for one in met),
         "statements": statements(view),
         "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
@@ -109,16 +112,8 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
 
 def _evidence(directory: Path) -> list[tuple[str, str]]:
     """Return the name of each file that a failing trial has left, with the end of its text if it is a `.txt`."""
-    found = []
-    for path in sorted((directory / EVIDENCE).glob("*"))[:_ROWS]:
-        if path.is_file():
-            text = ""
-            if path.suffix == ".txt":
-                with path.open("rb") as stream:
-                    stream.seek(max(0, path.stat().st_size - _TAIL))
-                    text = stream.read().decode(errors="replace")
-            found.append((f"{EVIDENCE}/{path.name}", text))
-    return found
+    paths = [path for path in sorted((directory / EVIDENCE).glob("*"))[:_ROWS] if path.is_file()]
+    return [(f"{EVIDENCE}/{one.name}", tail_of(one, _TAIL) if one.suffix == ".txt" else "") for one in paths]
 
 
 def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:
@@ -135,11 +130,6 @@ def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:
 def _orders(name: str, topic: str) -> bool:
     order = order_of(name)
     return order is not None and topic in (order.first, order.second)
-
-
-def _met(point: PointRecord) -> bool:
-    """Return whether the rule was met in a run of the search, and the system did not fail."""
-    return point.phase == "search" and not point.failed and point.distance is not None and point.distance <= 0
 
 
 def _no_field(fields: FieldsRecord | None) -> str:
@@ -162,9 +152,8 @@ def _follows(node: dict[str, Any]) -> str:
 
 def _trees(view: FindingView) -> list[dict[str, Any]]:
     """Return per internal field the external ones that reach it, and those that do not."""
-    edges: Iterable[EdgeRecord] = view.permeability.edges if view.permeability else ()
     grouped: dict[str, list[EdgeRecord]] = {}
-    for edge in edges:
+    for edge in view.permeability.edges if view.permeability else ():
         grouped.setdefault(edge.internal, []).append(edge)
     return [
         {
@@ -179,16 +168,9 @@ def _trees(view: FindingView) -> list[dict[str, Any]]:
 def _paths(view: FindingView) -> list[str]:
     """Return the paths on the bus from the unit's topics outwards, as indented lines."""
     lines: list[str] = []
-    roots = view.permeability.tree if view.permeability else []
-    waiting: list[tuple[Any, int]] = [(node, 0) for node in reversed(roots)]
-    while waiting and len(lines) < _PATHS:
-        node, depth = waiting.pop()
-        if not isinstance(node, dict):
-            continue
+    for node, _, depth in islice(nodes_of(view.permeability.tree if view.permeability else []), _PATHS):
         marks = [word for word in ("external", "loop", "cut") if node.get(word)]
         via = f" by {node['component']}" if node.get("component") else ""
         told = f"{node.get('topic', '?')}{via}{' (' + ', '.join(marks) + ')' if marks else ''}{_follows(node)}"
         lines.append("   " * min(depth, 20) + ("└─ " if depth else "") + words.clean(told))
-        hops = node.get("hops")
-        waiting += [(hop, depth + 1) for hop in reversed(hops if isinstance(hops, list) else [])]
     return lines

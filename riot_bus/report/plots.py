@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import io
 import math
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.findings.records import PointRecord, RegionRecord, RuleRecord
 from riot_bus.report.format import clean, number
-from riot_bus.report.svg import embed
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.report.svg import embed, own_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,9 +30,6 @@ _MARKS: dict[Kind, dict[str, Any]] = {
     "failed": {"marker": "x", "s": 20, "c": _FAIL, "linewidths": 1.3},
 }
 _STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "riot_bus",
-    "text.parse_math": False,
     "font.size": 9.5,
     "axes.unicode_minus": False,
     "text.color": _INK,
@@ -207,16 +202,9 @@ def draw(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    try:
-        import matplotlib
+    with own_style(_STYLE):
         from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "report") from None
-    with warnings.catch_warnings(), matplotlib.rc_context():
-        # Names of fields may use letters that the measuring font lacks; the browser has its own.
-        warnings.simplefilter("ignore")
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
+
         figure = Figure(figsize=(5.0, 4.0), layout="constrained")
         figure.patch.set_visible(False)
         axes = figure.add_subplot()

@@ -85,30 +85,16 @@ def _rule(name: str, told: str) -> dict[str, Any]:
 def _result(one: FindingView, rules: list[str]) -> dict[str, Any]:
     finding, digest = one.finding, fingerprint_of(one.finding)
     place = find_place(one)
-    verdict = "".join(part.text for part in one.verdict())
+    file = {"uri": quote(place.path), "uriBaseId": _ROOT}
     detail = f" {finding.details[0]}" if finding.details else ""
-    known = {
-        "signature": finding.signature,
-        "severity": finding.severity,
-        "reach": one.severity,
-        "rule": one.rule.text if one.rule else "",
-        "reproduce": one.command("reproduce"),
-    }
-    properties: dict[str, Any] = {key: clean(text, limit=_LONGEST) for key, text in known.items() if text}
+    properties: dict[str, Any] = {key: clean(text, limit=_LONGEST) for key, text in one.facts().items()}
     properties |= {"rate": _rate(finding.rate), "nominal": _rate(finding.nominal)}
     return {
         "ruleId": _rule_id(finding),
         "ruleIndex": rules.index(_rule_id(finding)),
         "level": level_of(finding),
-        "message": _message(f"{verdict}{detail}"),
-        "locations": [
-            {
-                "physicalLocation": {
-                    "artifactLocation": {"uri": quote(place.path), "uriBaseId": _ROOT},
-                    "region": {"startLine": place.line},
-                }
-            }
-        ],
+        "message": _message(f"{one.verdict_text}{detail}"),
+        "locations": [{"physicalLocation": {"artifactLocation": file, "region": {"startLine": place.line}}}],
         # GitHub matches results by the second only, else by a hash of the line, which several findings may share.
         "partialFingerprints": {"riotSignature/v1": digest, "primaryLocationLineHash": f"{digest[:16]}:1"},
         "properties": properties,

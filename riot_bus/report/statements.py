@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, Value
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, ProportionRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
@@ -13,6 +13,7 @@ from riot_bus.vocabulary.order import order_of
 
 __all__ = ["Statement", "not_tried", "other_fields", "statements"]
 
+_MOST = 20  # statements of one kind: about a screen
 _PARTS = {
     "other keys": ("key", "missing key", "no value"),
     "other orders of neighbours": ("order",),
@@ -35,10 +36,10 @@ def statements(view: FindingView) -> list[Statement]:
     return [_failure(view), *_minimal(view), *_fields(view), *_rule(view), *_outside(view)]
 
 
-def _minimal(view: FindingView) -> list[Statement]:
+def _minimal(view: FindingView) -> Iterator[Statement]:
     minimal = view.minimal
     if minimal is None:
-        return []
+        return
     (failed, total), without = minimal.failed, minimal.without
     left_out = sum(trials for _, trials in without)
     evidence = f"{failed} of {plural(total, 'trial')} of them failed" if total else "no trial of them alone is known"
@@ -58,27 +59,18 @@ def _minimal(view: FindingView) -> list[Statement]:
     what = f"suffice{'s' * one} for the failure" if failed else f"{'was' if one else 'were'} kept"
     if not failed:
         confidence = "not known whether they suffice"
-    found = [Statement(f"{plural(len(minimal.kept), 'message')} of {minimal.before} {what}", evidence, confidence)]
+    yield Statement(f"{plural(len(minimal.kept), 'message')} of {minimal.before} {what}", evidence, confidence)
     if minimal.absent:
         passed, trials = minimal.absent.passed
-        found.append(
-            Statement(
-                f"it fails since messages are missing ({_names(dict.fromkeys(minimal.absent.topics))})",
-                f"with {_numbers(minimal.absent.numbers)} of the nominal log, {passed} of {plural(trials, 'trial')} "
-                "passed",
-                "none of them can be left out",
-            )
-        )
+        claim = f"it fails since messages are missing ({_names(dict.fromkeys(minimal.absent.topics))})"
+        with_them = f"with {_numbers(minimal.absent.numbers)} of the nominal log"
+        evidence = f"{with_them}, {passed} of {plural(trials, 'trial')} passed"
+        yield Statement(claim, evidence, "none of them can be left out")
     if minimal.missing:
         hits, trials = minimal.missing_failed
-        found.append(
-            Statement(
-                f"a part of the log fails likewise with nothing modified ({_names(minimal.missing)})",
-                f"{hits} of {plural(trials, 'trial')} failed",
-                "another cause, and a finding of its own: the messages kept fail only when modified",
-            )
-        )
-    return found
+        claim = f"a part of the log fails likewise with nothing modified ({_names(minimal.missing)})"
+        sure = "another cause, and a finding of its own: the messages kept fail only when modified"
+        yield Statement(claim, f"{hits} of {plural(trials, 'trial')} failed", sure)
 
 
 def _failure(view: FindingView) -> Statement:
@@ -93,11 +85,11 @@ def _failure(view: FindingView) -> Statement:
     return Statement(f"{clean(finding.component)} {view.failure}", evidence, confidence)
 
 
-def _fields(view: FindingView) -> list[Statement]:
-    if view.fields is None:
-        return []
-    found = []
-    for one in view.fields.fields[:20]:
+def _fields(view: FindingView) -> Iterator[Statement]:
+    fields = view.fields
+    if fields is None:
+        return
+    for one in fields.fields[:_MOST]:
         proof = one.certificate
         low, _ = exact_interval(proof.confirmed_failing, proof.repeats)
         clear, _ = exact_interval(proof.confirmed_passing, proof.passing_total)
@@ -106,35 +98,28 @@ def _fields(view: FindingView) -> list[Statement]:
             f"two trials that differ in it alone; {proof.confirmed_failing} of {proof.repeats} failed, "
             f"{proof.confirmed_passing} of {proof.passing_total} passed"
         )
-        found.append(
-            Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
-        )
-    found += [
-        Statement(f"{clean(name)} may be relevant", "fresh trials of its certificate did not confirm it", "unconfirmed")
-        for name in view.fields.unconfirmed[:20]
-    ]
-    for needed in view.fields.structure[:20]:
+        yield Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
+    for name in fields.unconfirmed[:_MOST]:
+        evidence = "fresh trials of its certificate did not confirm it"
+        yield Statement(f"{clean(name)} may be relevant", evidence, "unconfirmed")
+    for needed in fields.structure[:_MOST]:
         (failed, trials), (passed, others) = needed.failed, needed.passed
-        found.append(
-            Statement(
-                f"the failure needs that {clean(str(needed))}",
-                f"two logs that differ in this alone; {failed} of {trials} failed, {passed} of {others} passed",
-                f"95 %: passes at least {share(exact_interval(passed, others)[0])} of the time otherwise",
-            )
+        yield Statement(
+            f"the failure needs that {clean(str(needed))}",
+            f"two logs that differ in this alone; {failed} of {trials} failed, {passed} of {others} passed",
+            f"95 %: passes at least {share(exact_interval(passed, others)[0])} of the time otherwise",
         )
-    unmoved = {words: sum(_unmoved(view.fields, kind) for kind in kinds) for words, kinds in _PARTS.items()}
-    failed, trials = view.fields.structure_failed
+    unmoved = {words: sum(_unmoved(fields, kind) for kind in kinds) for words, kinds in _PARTS.items()}
+    failed, trials = fields.structure_failed
     if trials and any(unmoved.values()):
         asked = ", ".join(f"{words} ({count} asked)" for words, count in unmoved.items() if count)
-        found.append(
-            Statement(
-                f"it fails likewise with {asked}",
-                f"all of a kind changed at once: {failed} of {plural(trials, 'trial')} failed",
-                f"95 %: fails at least {share(exact_interval(failed, trials)[0])} of the time",
-            )
+        yield Statement(
+            f"it fails likewise with {asked}",
+            f"all of a kind changed at once: {failed} of {plural(trials, 'trial')} failed",
+            f"95 %: fails at least {share(exact_interval(failed, trials)[0])} of the time",
         )
-    rest = other_fields(view.fields)
-    return found if rest is None else [*found, rest]
+    if rest := other_fields(fields):
+        yield rest
 
 
 def _unmoved(fields: FieldsRecord, kind: str) -> int:
@@ -195,113 +180,77 @@ def _proportion(what: ProportionRecord, kind: str = "fresh trial") -> tuple[str,
     return f"{what.count} of {plural(what.total, kind)}", f"95 %: {share_interval(what.low, what.high)}"
 
 
-def _but(rule: RuleRecord) -> str:
-    """Return which trials the share of right predictions leaves out for a failure that occurs only sometimes."""
-    failed, held = rule.held
-    return (
-        f" (of {plural(held, 'trial')} in which it holds, {failed} failed: passing ones are left out)" if held else ""
-    )
-
-
-def _rule(view: FindingView) -> list[Statement]:
-    if view.rule is None:
-        return []
-    return [
-        *(Statement(clean(line), "by the definition of its type", "") for line in view.rule.legend),
-        Statement("failures that the rule predicts occur (precision)", *_proportion(view.rule.precision)),
-        Statement("failures that occur are predicted by the rule (recall)", *_proportion(view.rule.recall)),
-        *(
-            Statement(told, *_proportion(rate, kind))
-            for told, rate, kind in (
-                ("with nominal messages first, the rule is right", view.rule.in_context, "fresh trial"),
-                (
-                    f"in the campaign, the rule was right{_but(view.rule)}",
-                    view.rule.in_campaign,
-                    "earlier trial",
-                ),
-            )
-            if rate is not None and rate.total
-        ),
-        *(
-            Statement(
-                f"the rule may as well be: {clean(one.text)}",
-                "it explains all trials that the rule was learnt from, too",
-                f"would be decided by {_values(one.decided_by)}",
-            )
-            for one in view.rule.alternatives
-        ),
-    ]
+def _rule(view: FindingView) -> Iterator[Statement]:
+    rule = view.rule
+    if rule is None:
+        return
+    for line in rule.legend:
+        yield Statement(clean(line), "by the definition of its type", "")
+    yield Statement("failures that the rule predicts occur (precision)", *_proportion(rule.precision))
+    yield Statement("failures that occur are predicted by the rule (recall)", *_proportion(rule.recall))
+    if rule.in_context and rule.in_context.total:
+        yield Statement("with nominal messages first, the rule is right", *_proportion(rule.in_context))
+    if rule.in_campaign and rule.in_campaign.total:
+        failed, held = rule.held  # what the share leaves out for a failure that occurs only sometimes
+        trials = f"of {plural(held, 'trial')} in which it holds, {failed} failed: passing ones are left out"
+        claim = f"in the campaign, the rule was right{f' ({trials})' if held else ''}"
+        yield Statement(claim, *_proportion(rule.in_campaign, "earlier trial"))
+    for one in rule.alternatives:
+        evidence = "it explains all trials that the rule was learnt from, too"
+        decided = f"would be decided by {_values(one.decided_by)}"
+        yield Statement(f"the rule may as well be: {clean(one.text)}", evidence, decided)
 
 
 def _values(values: Mapping[str, Value]) -> str:
     return clean(", ".join(f"{name} = {value}" for name, value in values.items()))
 
 
-def _outside(view: FindingView) -> list[Statement]:
-    found: list[Statement] = []
-    if view.permeability:
-        reaching = [edge for edge in view.permeability.edges if edge.permeable]
-        found += [
-            Statement(
-                f"{clean(edge.external)} reaches {clean(edge.internal)}",
-                f"{plural(view.permeability.runs, 'run')} of the whole system with random inputs; "
-                f"explains {share(edge.strength)} of the variance {edge.design}",
-                f"p = {number(edge.p_value)}; strength 95 %: {share_interval(edge.low, edge.high)}",
-            )
-            for edge in reaching[:20]
-        ]
-        if view.permeability.edges and not reaching:
-            found.append(
-                Statement(
-                    "no external field that was tested reaches a relevant one",
-                    f"{plural(view.permeability.runs, 'run')} of the whole system with random inputs",
-                    "absence of evidence: a weak or rare effect can be missed",
-                )
-            )
-    activation = view.activation
-    if activation and activation.found:
+def _outside(view: FindingView) -> Iterator[Statement]:
+    if (found := view.permeability) is not None:
+        reaching, runs = [edge for edge in found.edges if edge.permeable], plural(found.runs, "run")
+        evidence = f"{runs} of the whole system with random inputs"
+        for edge in reaching[:_MOST]:
+            claim = f"{clean(edge.external)} reaches {clean(edge.internal)}"
+            explained = f"explains {share(edge.strength)} of the variance {edge.design}"
+            sure = f"p = {number(edge.p_value)}; strength 95 %: {share_interval(edge.low, edge.high)}"
+            yield Statement(claim, f"{evidence}; {explained}", sure)
+        if found.edges and not reaching:
+            claim = "no external field that was tested reaches a relevant one"
+            yield Statement(claim, evidence, "absence of evidence: a weak or rare effect can be missed")
+    if view.activation is not None:
+        yield from _activation(view.activation, confirmed=view.activated)
+
+
+def _activation(activation: ActivationRecord, *, confirmed: bool) -> Iterator[Statement]:
+    failed, of_nominal = activation.controls_failed, plural(activation.controls, "run")
+    if activation.found:
         replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
         if activation.controls:
-            nominal = plural(activation.controls, "run")
-            replays += f"; {activation.controls_failed} of {nominal} with nominal inputs failed so"
-        if view.activated:
+            replays += f"; {failed} of {of_nominal} with nominal inputs failed so"
+        if confirmed:
             low, high = exact_interval(activation.replays_failed, activation.replays)
             sure = f"95 %: {share_interval(low, high)} of replays fail"
-            found.append(Statement("external inputs alone make the whole system fail", replays, sure))
+            yield Statement("external inputs alone make the whole system fail", replays, sure)
         else:
             claim = "one run of the whole system failed with the external inputs that were found"
-            found.append(Statement(claim, replays, "not confirmed by replays"))
-    elif activation and activation.runs:
+            yield Statement(claim, replays, "not confirmed by replays")
+    elif activation.runs:
         searched = f"{plural(activation.runs, 'run')} of the whole system"
         if activation.chance:
-            nominal = (
-                f"{activation.controls_failed} of {plural(activation.controls, 'run')} with nominal inputs failed so"
-            )
+            nominal = f"{failed} of {of_nominal} with nominal inputs failed so"
             searched += (
                 f"; it failed at {plural(activation.chance, 'point')}, but not for certain more often: {nominal}"
             )
-        found.append(
-            Statement(
-                "no external inputs were found that make the whole system fail",
-                searched,
-                "a search that ended, not a proof",
-            )
-        )
-    if activation:
-        found += [
-            Statement(
-                f"the whole system can also fail otherwise: {clean(signature)}",
-                f"{count} of {plural(len(activation.points), 'run')} with other inputs",
-                "not looked into",
-            )
-            for signature, count in activation.others.items()
-        ]
-    region = activation.region if activation else None
+        claim = "no external inputs were found that make the whole system fail"
+        yield Statement(claim, searched, "a search that ended, not a proof")
+    for signature, count in activation.others.items():
+        evidence = f"{count} of {plural(len(activation.points), 'run')} with other inputs"
+        yield Statement(f"the whole system can also fail otherwise: {clean(signature)}", evidence, "not looked into")
+    region = activation.region
     if region and region.inside and region.inside.total:
         seen = f"{region.inside.count} of {plural(region.inside.total, 'run')} inside failed"
         drawn = "it was drawn by these runs, so they do not test it"
-        found.append(Statement("the whole system failed inside the crash region", seen, drawn))
-    return found
+        yield Statement("the whole system failed inside the crash region", seen, drawn)
 
 
 def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[str]:

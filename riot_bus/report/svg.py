@@ -6,9 +6,15 @@ Style attributes become presentation attributes, which a content security policy
 from __future__ import annotations
 
 import re
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
 from xml.etree import ElementTree
 
-__all__ = ["COLOURS", "embed"]
+from riot_bus.vocabulary.errors import needs_extra
+
+__all__ = ["COLOURS", "embed", "own_style"]
 
 COLOURS = {
     "#0a0a01": "var(--ink)",
@@ -41,6 +47,26 @@ _PROPERTIES = {
     "stroke-width",
     "text-anchor",
 }
+
+
+@contextmanager
+def own_style(settings: Mapping[Any, Any]) -> Iterator[None]:
+    """Draw with Matplotlib's defaults and some settings, whatever the user's own; texts stay texts, and are untrusted.
+
+    Args:
+        settings: Settings of Matplotlib by name.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    with needs_extra("matplotlib", "report"):
+        import matplotlib
+    with warnings.catch_warnings(), matplotlib.rc_context():
+        warnings.simplefilter("ignore")  # names may use letters that the measuring font lacks; the reader has its own
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "riot_bus", "text.parse_math": False})
+        matplotlib.rcParams.update(settings)
+        yield
 
 
 def embed(source: str, *, ident: str, label: str) -> str:

@@ -11,28 +11,35 @@ from urllib.parse import quote
 
 import riot_bus
 from riot_bus.report import format as words
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.vocabulary.errors import needs_extra
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["page_environment"]
+__all__ = ["page_environment", "rendered"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST = 20_000  # letters: more than a page's longest excerpt of a file (6000 bytes of evidence)
 
 
-def page_environment() -> Environment:
-    """Return the environment for templates: one style, untrusted texts escaped and cut, no network.
+def rendered(template: str, **context: Any) -> str:
+    """Return a page.
+
+    Args:
+        template: Name of its template.
+        context: Values that the template names.
 
     Raises:
         MissingExtraError: jinja2 is not installed.
     """
-    try:
+    return page_environment().get_template(template).render(context)
+
+
+def page_environment() -> Environment:
+    """Return the environment for templates: one style, untrusted texts escaped and cut, no network."""
+    with needs_extra("jinja2", "report"):
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
         from markupsafe import Markup
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -64,11 +71,8 @@ def _finalize(what: Any) -> Any:
     """Keep what is printed visible and bounded, whichever record it comes from."""
     from markupsafe import Markup
 
-    return (
-        words.clean(what, limit=_LONGEST, lines=True)
-        if isinstance(what, str) and not isinstance(what, Markup)
-        else what
-    )
+    untrusted = isinstance(what, str) and not isinstance(what, Markup)
+    return words.clean(what, limit=_LONGEST, lines=True) if untrusted else what
 
 
 def _link(name: str) -> str | None:

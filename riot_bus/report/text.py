@@ -37,8 +37,7 @@ class TextReport:
 
 def _lines(view: FindingView) -> list[str]:
     head = f"{clean(view.finding.id, limit=40)}  [{view.severity}]  "
-    verdict = head + "".join(part.text for part in view.verdict())
-    return [verdict, *(f"  {label:<10}{text}" for label, text in _facts(view))]
+    return [head + view.verdict_text, *(f"  {label:<10}{text}" for label, text in _facts(view))]
 
 
 def _facts(view: FindingView) -> list[tuple[str, str]]:

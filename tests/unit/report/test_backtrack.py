@@ -36,7 +36,7 @@ def test_text_says_what_each_step_rests_on():
         "  no way leads from: /joy",
         "",
         "loop: /map, /unit",
-        "nobody is known to write /odom",
+        "no component is known to write /odom",
         "not recorded: /lost",
         "not looked at, as there were too many: /map:z",
         "28% of the time was looked at",

@@ -8,7 +8,7 @@ import pytest
 
 from riot_bus.findings.known import KnownFinding
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.report.campaign_view import CampaignView, is_output_folder, level_of, load_campaign, view_of_one
+from riot_bus.report.campaign_view import CampaignView, as_campaign, is_output_folder, level_of, load_campaign
 from riot_bus.testing.reports import campaign_at, view_at
 
 ONE = "planner-crash-1f3a"
@@ -84,7 +84,7 @@ def test_a_finding_of_other_code_is_no_finding_of_this_campaign(tmp_path: Path) 
 
 
 def test_one_finding_alone_is_neither_finished_nor_not(tmp_path: Path) -> None:
-    view = view_of_one(view_at("until rules", tmp_path))
+    view = as_campaign(view_at("until rules", tmp_path))
     assert (view.finished, view.verdict, len(view.current), view.doubts) == (True, "1 finding of planner", 1, [])
     assert view.unit == "planner"
 

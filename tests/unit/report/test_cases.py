@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.report.campaign_view import CampaignView, view_of_one
+from riot_bus.report.campaign_view import CampaignView, as_campaign
 from riot_bus.report.cases import ReportedCase, as_text, cases_of, suites_of
 from riot_bus.testing.reports import campaign_at, view_at
 
@@ -19,7 +19,7 @@ def test_the_campaign_comes_before_its_findings(name: str, tmp_path: Path) -> No
 
 
 def test_a_finding_alone_is_its_only_case(tmp_path: Path) -> None:
-    view = view_of_one(view_at("until activate", tmp_path))
+    view = as_campaign(view_at("until activate", tmp_path))
     (case,) = cases_of(view, "planner")
     assert (case.result, case.finding) == ("failure", view.findings[0])
     assert case.seconds is not None

@@ -8,7 +8,7 @@ import pytest
 
 from riot_bus.findings.known import title_of
 from riot_bus.findings.records import FindingRecord
-from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
+from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.finding_view import load
 from riot_bus.report.github import GithubReport
 from riot_bus.report.markdown import MarkdownReport
@@ -75,7 +75,7 @@ def test_no_text_ends_a_command_or_begins_one(tmp_path: Path) -> None:
     signature = "100 %, a:b,c=d\n::error::x\r##[error]y\u2028::stop-commands::z%0A"
     changes = {"signature": signature, "details": (signature,), "component": signature}
     view.finding.model_copy(update=changes).save(tmp_path)
-    found = commands(view_of_one(load(tmp_path)))
+    found = commands(as_campaign(load(tmp_path)))
     assert len(found) == 2
     (_, properties, message), _ = found
     assert set(properties) == {"file", "line", "title"}

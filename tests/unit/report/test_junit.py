@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.findings.known import title_of
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
-from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
+from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.junit import JunitReport
 from riot_bus.testing.reports import CAMPAIGNS, campaign_at, view_at
 from tests.unit.report.test_campaign_view import several
@@ -171,7 +171,7 @@ def test_findings_of_other_code_are_no_failures(tmp_path: Path) -> None:
 
 
 def test_one_finding_alone_has_one_case(tmp_path: Path) -> None:
-    assert cases(view_of_one(view_at("until rules", tmp_path))) == {SIGNATURE: "failure"}
+    assert cases(as_campaign(view_at("until rules", tmp_path))) == {SIGNATURE: "failure"}
 
 
 def test_whatever_xml_cannot_hold_is_written_as_an_escape(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_whatever_xml_cannot_hold_is_written_as_an_escape(tmp_path: Path) -> Non
 def load_campaign_of(finding: Path) -> CampaignView:
     from riot_bus.report.finding_view import load
 
-    return view_of_one(load(finding))
+    return as_campaign(load(finding))
 
 
 def test_known_findings_are_skipped_and_those_that_come_back_are_not(tmp_path: Path) -> None:
