@@ -129,16 +129,12 @@ def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Var
     faster = _is_faster(pieces, topic, response)
     for number, rows in zip(response.pieces, response.times, strict=True):
         piece = pieces[number]
-        count = len(HALF_A_STEP) + faster
-        if name not in piece.values:
-            parts.append(np.zeros((count, len(rows))))
-            continue
-        values = np.asarray(piece.values[name], dtype=np.float64)
+        values = np.asarray(piece.values.get(name, ()), dtype=np.float64)
         good = np.isfinite(values)
-        times, values = piece.times[topic][good], values[good]
-        if not len(times):
-            parts.append(np.zeros((count, len(rows))))
+        if not good.any():
+            parts.append(np.zeros((len(HALF_A_STEP) + faster, len(rows))))
             continue
+        times, values = piece.times[topic][good], values[good]
         seen = True
         place: Ints = np.searchsorted(times, rows, side="right") - 1
         ages.append((rows - times[np.maximum(place, 0)])[place >= 0])

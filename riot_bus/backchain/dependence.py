@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from riot_bus.backchain.alignment import HALF_A_STEP, Response, Variants
-from riot_bus.backchain.fir import Floats, Ints, fit_terms
+from riot_bus.backchain.fir import Floats, Ints, fit_terms, memory_of
 from riot_bus.backchain.strength import Share, estimate
 
 __all__ = ["Dependence", "Follows", "dependences"]
@@ -41,6 +41,7 @@ _GROWTH = 1.25
 _MOST_LAGS = 400
 """Lags in messages: the first ones singly, then the mean over stretches that grow by a quarter, up to the horizon."""
 
+_LONGEST_MEMORY = 0.999  # below 1, at which the changes of a constant part would be 0
 _SMOOTH = 0.3
 """Above this autocorrelation, the changes of a candidate say more than its lags."""
 
@@ -274,7 +275,7 @@ class _Test:
     def columns(self, name: str, *, changes: bool = True) -> Floats:
         """Return a candidate's variants, and its changes if it moves slowly, at all lags (columns x samples)."""
         rows = list(np.concatenate(self.candidates[name].parts, axis=1))
-        memory = _memory([part[0] for part in self.candidates[name].parts])
+        memory = memory_of([part[0] for part in self.candidates[name].parts], low=0.0, high=_LONGEST_MEMORY)
         if changes and memory > _SMOOTH:
             change = rows[0] - memory * np.concatenate([rows[0][:1], rows[0][:-1]])
             change[self.bounds[:-1]] = 0.0
@@ -387,9 +388,3 @@ def _stretches(longest: int) -> list[tuple[int, int]]:
         found.append((first, last))
         first = last
     return found
-
-
-def _memory(pieces: Sequence[Floats]) -> float:
-    products = sum(float(one[:-1] @ one[1:]) for one in pieces)
-    squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
-    return float(np.clip(products / squares, 0.0, 0.999)) if squares > 0 else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.vocabulary.errors import needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,11 +22,9 @@ def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int
     Raises:
         MissingExtraError: scipy is not installed.
     """
-    try:
+    with needs_extra("scipy", "analysis"):
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
-    except ImportError:
-        raise MissingExtraError("scipy", "analysis") from None
     rows, columns = ([pair[end] for pair in arrows] for end in (0, 1))
     matrix = coo_array(([1.0] * len(arrows), (rows, columns)), shape=(count, count))
     labels: list[int] = connected_components(matrix, directed=True, connection="strong")[1].tolist()
@@ -43,8 +41,6 @@ def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
     Raises:
         MissingExtraError: scipy is not installed.
     """
-    try:
+    with needs_extra("scipy", "analysis"):
         from scipy.special import stdtrit
-    except ImportError:
-        raise MissingExtraError("scipy", "analysis") from None
     return float(stdtrit(freedom, (1 + confidence) / 2))

@@ -17,7 +17,18 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.injection import Signal
 
-__all__ = ["Floats", "Grid", "Ints", "LagColumns", "RunColumns", "fit_terms", "lag_grid", "standardise"]
+__all__ = [
+    "Floats",
+    "Grid",
+    "Ints",
+    "LagColumns",
+    "RunColumns",
+    "fit_terms",
+    "fitted",
+    "lag_grid",
+    "memory_of",
+    "standardise",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -189,6 +200,27 @@ def standardise(values: Floats) -> Floats:
         result = np.clip(result / deviation, -_CLIP, _CLIP)
     centred: Floats = result - result.mean()
     return centred
+
+
+def fitted(response: Floats, design: Floats) -> Floats:
+    """Return the least-squares fit of a response by all columns of a design (samples x columns); 0 without columns."""
+    if not design.shape[1]:
+        return np.zeros_like(response)
+    found: Floats = design @ np.linalg.lstsq(design, response, rcond=None)[0]
+    return found
+
+
+def memory_of(pieces: Sequence[Floats], *, low: float, high: float) -> float:
+    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits.
+
+    Args:
+        pieces: The series of each run, with mean 0.
+        low: Least result.
+        high: Largest result; below 1.
+    """
+    products = sum(float(one[:-1] @ one[1:]) for one in pieces)
+    squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
+    return float(np.clip(products / squares, low, high)) if squares > 0 else 0.0
 
 
 def fit_terms(response: Floats, design: Floats, *, most: int) -> list[int]:

@@ -1,8 +1,8 @@
-"""Which external topics can reach an internal one: backtrack and trace trees (RIOT II-C, after Hiller et al.)."""
+"""Which external topics can reach an internal one: backtrack trees (RIOT II-C, after Hiller et al.)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.backchain.extras import strong_components
@@ -57,25 +57,8 @@ class Hop:
 
     def as_json(self) -> dict[str, Any]:
         """Return the tree as nested dicts and lists."""
-        return {
-            "topic": self.topic,
-            "component": self.component,
-            "external": self.external,
-            "loop": self.loop,
-            "cut": self.cut,
-            "again": self.again,
-            "hops": [hop.as_json() for hop in self.hops],
-        }
-
-    def text(self) -> str:
-        """Return the tree as indented lines."""
-        return "\n".join(self._lines(0))
-
-    def _lines(self, depth: int) -> list[str]:
-        marks = [word for word in ("external", "loop", "cut", "again") if getattr(self, word)]
-        via = f" via {self.component}" if self.component is not None else ""
-        line = "  " * depth + self.topic + via + (f" [{', '.join(marks)}]" if marks else "")
-        return [line] + [text for hop in self.hops for text in hop._lines(depth + 1)]
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        return own | {"hops": [hop.as_json() for hop in self.hops]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,18 +107,10 @@ class TopicGraph:
             once: Whether each topic is followed only once, at its place nearest to the root, and marked `again`
                 elsewhere.
         """
-        useful = frozenset().union(*(self.reached(one) for one in externals)) if externals else frozenset()
+        useful = frozenset[str]().union(*map(self.reached, externals))
         if once:
             return self._tree_once(topic, frozenset(externals), useful)
-        return self._tree(topic, frozenset(externals), useful, most=most, forward=False)
-
-    def trace_tree(self, topic: str, targets: Collection[str], *, most: int = 10_000) -> Hop:
-        """Return the tree of all paths from an external topic to the targets (see `backtrack_tree`).
-
-        Only the external topic is marked `external`.
-        """
-        useful = frozenset().union(*(self.reaching(one) for one in targets)) if targets else frozenset()
-        return self._tree(topic, frozenset({topic}), useful, most=most, forward=True)
+        return self._tree(topic, frozenset(externals), useful, most=most)
 
     def _next(self, topic: str, *, forward: bool) -> list[tuple[str, str]]:
         found = []
@@ -186,7 +161,7 @@ class TopicGraph:
 
         return grow(root, None, frozenset())
 
-    def _tree(self, root: str, externals: frozenset[str], useful: frozenset[str], *, most: int, forward: bool) -> Hop:
+    def _tree(self, root: str, externals: frozenset[str], useful: frozenset[str], *, most: int) -> Hop:
         neighbours: dict[str, list[tuple[str, str]]] = {}
         used = 0
 
@@ -201,7 +176,7 @@ class TopicGraph:
             if used >= most:
                 return Hop(topic, component, external, cut=True)
             if topic not in neighbours:
-                neighbours[topic] = [one for one in self._next(topic, forward=forward) if one[1] in useful]
+                neighbours[topic] = [one for one in self._next(topic, forward=False) if one[1] in useful]
             hops: list[Hop] = []
             for name, other in neighbours[topic]:
                 if used >= most:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import ConfigError, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -70,22 +71,22 @@ class Simplex:
         self._history = history
         self._rng = rng
         self._steps: Generator[Floats, float, None] | None = None
-        self._waiting = False
+        self._pending = False
         self._next: Floats | None = None
 
     def ask(self) -> Floats | None:
         """Return the next vertex, or None while one is pending."""
-        if self._waiting or not self._history.vectors:
+        if self._pending or not self._history.vectors:
             return None
         if self._steps is None or self._next is None:
             self._steps = self._descend()
             self._next = next(self._steps)
-        self._waiting = True
+        self._pending = True
         return self._next
 
     def tell(self, vector: Floats, value: float) -> None:
         """Take the value of the pending vertex."""
-        self._waiting = False
+        self._pending = False
         if self._steps is not None:
             try:
                 self._next = self._steps.send(value)
@@ -155,10 +156,8 @@ class Forest:
         """Return the candidate with the largest expected improvement; None with fewer than five points."""
         if len(self._history.values) < 5:
             return None
-        try:
+        with needs_extra("scikit-learn", "analysis"):
             from sklearn.ensemble import ExtraTreesRegressor
-        except ImportError:
-            raise MissingExtraError("scikit-learn", "analysis") from None
         kept = self._history.ranked()[:_FIT_LIMIT]
         vectors = np.asarray([self._history.vectors[at] for at in kept])
         values = np.log1p(np.maximum(np.asarray([self._history.values[at] for at in kept]), 0.0))
@@ -231,10 +230,8 @@ class Evolution:
             self._engine = self._begin()
 
     def _begin(self) -> CMA:
-        try:
+        with needs_extra("cmaes", "analysis"):
             from cmaes import CMA
-        except ImportError:
-            raise MissingExtraError("cmaes", "analysis") from None
         size = len(self._nominal)
         mean = self._rng.random(size) if self._restarts % 2 else self._nominal
         return CMA(
@@ -271,6 +268,6 @@ def proposers(
         if size >= getattr(method, "least_size", 1)
     ]
     if not found:
-        text = f"no search method is left for {size} field{'s' if size > 1 else ''}"
+        text = f"no search method is left for {counted(size, 'field')}"
         raise ConfigError(text, where="--search", hint="name one that needs fewer, such as simplex")
     return found

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample, fit_box
-from riot_bus.statistics.rates import exact_interval
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping, Sequence
@@ -36,10 +35,6 @@ class Region:
         names: The fields.
         box: Their ranges.
         samples: The start and all tested points, in order.
-        inside_share: Share of the samples inside the box that failed.
-        inside_low: Lower end of its 95 % interval (Clopper-Pearson). Samples crowd at the edges, so this is cautious.
-        inside_high: Upper end of that interval.
-        outside_share: Share of the samples outside the box that failed.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
         ends: Sides of the box with a failure at the end of the field's range, beyond which nothing was tried.
     """
@@ -47,10 +42,6 @@ class Region:
     names: tuple[str, ...]
     box: Box
     samples: tuple[RegionSample, ...]
-    inside_share: float
-    inside_low: float
-    inside_high: float
-    outside_share: float
     good: bool
     ends: frozenset[int]
 
@@ -181,33 +172,27 @@ def _ray(start: float, end: float, width: float, nominal: float) -> Generator[fl
     return (inside + outside) / 2
 
 
-def _along_axis(mapper: _Mapper, side: int, place: Place) -> Generator[float, bool | None, float]:
-    axis = side // 2
-    return _ray(place[axis], mapper.limits[side], mapper.widths[axis], mapper.axes[axis].nominal)
-
-
 def _shoot(mapper: _Mapper, origins: Sequence[tuple[int, Place]]) -> list[float]:
     """Return where the zone ends from each failing place towards the given side of a box."""
-    rays = [_along_axis(mapper, side, place) for side, place in origins]
+    rays = [
+        _ray(place[side // 2], mapper.limits[side], mapper.widths[side // 2], mapper.axes[side // 2].nominal)
+        for side, place in origins
+    ]
     edges = [place[side // 2] for side, place in origins]
-    waiting: dict[int, float] = {}
+    asked: dict[int, float] = {}
 
     def advance(at: int, *, answer: bool | None) -> None:
         try:
-            waiting[at] = rays[at].send(answer)
+            asked[at] = rays[at].send(answer)
         except StopIteration as stop:
-            waiting.pop(at, None)
+            asked.pop(at, None)
             edges[at] = stop.value
 
     for at in range(len(rays)):
         advance(at, answer=None)
-    while waiting:
-        now = dict(waiting)
-        places = []
-        for at, value in now.items():
-            side, place = origins[at]
-            places.append(_with(place, side // 2, value))
-        for at, answer in zip(now, mapper.asked(places), strict=True):
+    while asked:
+        places = [_with(origins[at][1], origins[at][0] // 2, value) for at, value in asked.items()]
+        for at, answer in zip(list(asked), mapper.asked(places), strict=True):
             advance(at, answer=answer)
     return edges
 
@@ -266,9 +251,7 @@ def _along(range_: tuple[float, float], width: float, rng: np.random.Generator) 
 
 
 def _report(mapper: _Mapper, box: Box) -> Region:
-    inside = [failed for place, failed in mapper.samples if box.contains(place)]
-    outside = [failed for place, failed in mapper.samples if not box.contains(place)]
-    low, high = exact_interval(sum(inside), len(inside))
+    inside = any(box.contains(place) for place, _ in mapper.samples)
     clear = [one for one in mapper.samples if box.clearance(one.place, mapper.widths) > 0.5]
     right = [[failed for place, failed in clear if box.contains(place) is side] for side in (True, False)]
     failing = [place for place, failed in mapper.samples if failed]
@@ -282,10 +265,6 @@ def _report(mapper: _Mapper, box: Box) -> Region:
         tuple(axis.name for axis in mapper.axes),
         box,
         samples=tuple(mapper.samples),
-        inside_share=sum(inside) / len(inside) if inside else 0.0,
-        inside_low=low,
-        inside_high=high,
-        outside_share=sum(outside) / len(outside) if outside else 0.0,
-        good=bool(inside) and sum(right[0]) >= FIT * len(right[0]) and sum(right[1]) <= (1 - FIT) * len(right[1]),
+        good=inside and sum(right[0]) >= FIT * len(right[0]) and sum(right[1]) <= (1 - FIT) * len(right[1]),
         ends=frozenset(ends),
     )

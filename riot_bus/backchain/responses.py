@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from riot_bus.backchain.fir import Floats, fit_terms
+from riot_bus.backchain.fir import Floats, fit_terms, fitted, memory_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,6 +22,7 @@ CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 _TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
 _LEAST_SPREAD = 0.25  # of the mean size: quiet samples weigh at most four times as much
 _TRIMS = 6  # a guess: each fit without outliers shows which samples really are
+_MEMORY = 0.99  # largest size of an autocorrelation: with 1, innovations of a drift would be noise alone
 _OUTLIER = 6.0  # times the median size: four standard deviations of normal noise
 
 
@@ -32,7 +33,7 @@ def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
         pieces: The standardised series of each run.
         level: Residual of the level whose size is the spread; the series itself when None.
     """
-    memory = _memory(pieces)
+    memory = memory_of(pieces, low=-_MEMORY, high=_MEMORY)
     rest = _cut(np.concatenate(pieces) if level is None else level, pieces)
     parts = []
     for one, left in zip(pieces, rest, strict=True):
@@ -64,7 +65,7 @@ def residuals(
         size = float(np.abs(level).mean())
         spread = np.maximum(size + explained[2], _LEAST_SPREAD * size) if size > 0 else spread
     even = _cut(left[:, 0] / spread, pieces)
-    memory = _memory(even)
+    memory = memory_of(even, low=-_MEMORY, high=_MEMORY)
     parts = []
     for one, weight in zip(even, _cut(spread, pieces), strict=True):
         innovation = np.concatenate([one[:1], one[1:] - memory * one[:-1]])
@@ -90,8 +91,7 @@ def _robust(response: Floats, design: Floats, most: int) -> Floats:
     good = np.ones(len(response), dtype=bool)
     left = response
     for _ in range(_TRIMS):
-        fitted = chosen @ np.linalg.lstsq(chosen[good], response[good], rcond=None)[0]
-        left = response - fitted
+        left = response - chosen @ np.linalg.lstsq(chosen[good], response[good], rcond=None)[0]
         limit = _OUTLIER * float(np.median(np.abs(left))) + 1e-12
         good = np.abs(left) <= limit
         if good.sum() <= 2 * chosen.shape[1]:
@@ -102,17 +102,7 @@ def _robust(response: Floats, design: Floats, most: int) -> Floats:
 
 
 def _explained(response: Floats, design: Floats, most: int) -> Floats:
-    terms = fit_terms(response, design, most=most)
-    if not terms:
-        return np.zeros_like(response)
-    fitted: Floats = design[:, terms] @ np.linalg.lstsq(design[:, terms], response, rcond=None)[0]
-    return fitted
-
-
-def _memory(pieces: Sequence[Floats]) -> float:
-    products = sum(float(one[:-1] @ one[1:]) for one in pieces)
-    squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
-    return float(np.clip(products / squares, -0.99, 0.99)) if squares > 0 else 0.0
+    return fitted(response, design[:, fit_terms(response, design, most=most)])
 
 
 def _cut(stacked: Floats, pieces: Sequence[Floats]) -> list[Floats]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.backchain.extras import student_reach
-from riot_bus.backchain.fir import Floats, Ints, fit_terms
+from riot_bus.backchain.fir import Floats, Ints, fit_terms, fitted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,10 +59,9 @@ def estimate(
     shares = []
     for name in asked:
         others = [term for term in terms if term[0] != name]
-        rest = response - _fit(response, _matrix(designs, others, len(response)))
-        column = _best(rest, designs[name])
-        own = [term for term in terms if term[0] == name] or [(name, column)]
         without = _matrix(designs, others, len(response))
+        column = _best(response - fitted(response, without), designs[name])
+        own = [term for term in terms if term[0] == name] or [(name, column)]
         both = np.hstack([without, _matrix(designs, own, len(response))])
         share = _share(response, without, both)
         low, high = _jackknife(response, without, both, groups)
@@ -81,19 +80,12 @@ def _best(response: Floats, design: Floats) -> int:
     return int(np.where(norms > 1e-9, np.abs(design.T @ response) / np.maximum(norms, 1e-9), 0.0).argmax())
 
 
-def _fit(response: Floats, design: Floats) -> Floats:
-    if not design.shape[1]:
-        return np.zeros_like(response)
-    fitted: Floats = design @ np.linalg.lstsq(design, response, rcond=None)[0]
-    return fitted
-
-
 def _share(response: Floats, without: Floats, both: Floats) -> float:
     total = float(response @ response)
     samples = len(response)
     if total <= 0 or samples <= both.shape[1] + 1:
         return 0.0
-    small, large = (float(((response - _fit(response, design)) ** 2).sum()) for design in (both, without))
+    small, large = (float(((response - fitted(response, design)) ** 2).sum()) for design in (both, without))
     noise = small / (samples - both.shape[1])
     return float(np.clip((large - small - noise * (both.shape[1] - without.shape[1])) / total, 0.0, 1.0))
 

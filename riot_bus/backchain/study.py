@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.backchain.activation import Evaluation
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,10 +36,8 @@ class Study:
     """
 
     def __init__(self, url: str, name: str) -> None:
-        try:
+        with needs_extra("optuna", "study"):
             import optuna
-        except ImportError:
-            raise MissingExtraError("optuna", "study") from None
         self._optuna: Any = optuna
         self._me = uuid.uuid4().hex
         self._seen: set[int] = set()
@@ -64,7 +62,7 @@ class Study:
         for point, found in zip(points, evaluations, strict=True):
             told = found.distance is not None and math.isfinite(found.distance)
             trial = self._optuna.trial.create_trial(
-                params={name: self._as_param(known[name], value) for name, value in point.items()},
+                params={name: round(value) if known[name].integer else value for name, value in point.items()},
                 distributions={name: self._distribution(known[name]) for name in point},
                 value=found.distance if told else None,
                 state=self._optuna.trial.TrialState.COMPLETE if told else self._optuna.trial.TrialState.FAIL,
@@ -97,10 +95,6 @@ class Study:
         if field.integer:
             return self._optuna.distributions.IntDistribution(math.ceil(field.low), math.floor(field.high))
         return self._optuna.distributions.FloatDistribution(field.low, field.high)
-
-    @staticmethod
-    def _as_param(field: SearchField, value: float) -> float | int:
-        return round(value) if field.integer else value
 
 
 @contextmanager

@@ -9,6 +9,14 @@ from riot_bus.backchain.alignment import Piece
 STEP = 0.1
 
 
+def text_of(hop, depth=0):
+    """Return a tree of topics as indented lines."""
+    marks = [word for word in ("external", "loop", "cut", "again") if getattr(hop, word)]
+    via = f" via {hop.component}" if hop.component is not None else ""
+    line = "  " * depth + hop.topic + via + (f" [{', '.join(marks)}]" if marks else "")
+    return "\n".join([line, *(text_of(one, depth + 1) for one in hop.hops)])
+
+
 def red(rng, count, keep=0.8):
     """Return noise with memory, of variance about 1."""
     kicks = rng.normal(size=count) * np.sqrt(1 - keep**2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from riot_bus.backchain.backtrack import INFERRED, backtrack
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
-from tests.unit.backchain.recordings import late, pieces, red
+from tests.unit.backchain.recordings import late, pieces, red, text_of
 
 
 def chain(rng, count):
@@ -55,7 +55,7 @@ def test_a_known_graph_is_followed_back_and_externals_are_ranked():
     assert result.missing == ["lost"]
     assert result.unreachable == []  # who knows who writes what is lost
     assert result.loops == [("odom", "out")]
-    text = result.trees[0].text()
+    text = text_of(result.trees[0])
     assert "goal via mapper [external]" in text
     assert "log" not in text.replace("logger", "")
 
@@ -121,7 +121,7 @@ def test_a_target_that_follows_nothing_is_not_external_itself():
     )
     assert result.externals == {}
     assert result.ranking == []
-    assert result.trees[0].text() == "out"
+    assert text_of(result.trees[0]) == "out"
     assert [one.rows for one in edge(result, "", "out").evidence] == [1200]
 
 
