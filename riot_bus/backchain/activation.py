@@ -186,7 +186,7 @@ def _nearest(history: Sequence[tuple[Mapping[str, float], Evaluation]]) -> float
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _Proposal:
     """A new point, its vector, and the methods that wait for its answer (each under its own vector)."""
 
     point: Mapping[str, float]
@@ -227,11 +227,11 @@ class _Turns:
             constant.learn(point, evaluation.distance)
 
     def promise(self, point: Mapping[str, float]) -> None:
-        """Have a point tried next."""
+        """Queue a point to be tried next."""
         if point not in self._promised:
             self._promised.append(point)
 
-    def batch(self, size: int) -> list[_Wanted]:
+    def batch(self, size: int) -> list[_Proposal]:
         """Return up to `size` new points, all of one search; none when the spaces of all are exhausted.
 
         Constant fields have the first turns, until each was changed alone.
@@ -241,7 +241,7 @@ class _Turns:
         if self._promised:
             some, self._promised = self._promised[:size], self._promised[size:]
             self._asked = constant
-            return [_Wanted(point, constant.encoding.encode(point)) for point in some]
+            return [_Proposal(point, constant.encoding.encode(point)) for point in some]
         if self._families and (found := constant.lines(size)):
             return found
         for number, family in enumerate(self._families):
@@ -253,13 +253,13 @@ class _Turns:
             self._searches,
             key=lambda each: (each.runs >= _FIRST, each.nearest if self._turn % 2 else 0.0, each.runs),
         )
-        return next((found for each in order if (found := self._of(each, size))), [])
+        for each in order:
+            if found := each.batch(size):
+                self._asked = each
+                return found
+        return []
 
-    def _of(self, search: _Search, size: int) -> list[_Wanted]:
-        self._asked = search
-        return search.batch(size)
-
-    def tell(self, wanted: _Wanted, distance: float | None) -> None:
+    def tell(self, wanted: _Proposal, distance: float | None) -> None:
         """Take the distance of one point of the latest batch."""
         self._asked.tell(wanted, distance)
 
@@ -311,18 +311,18 @@ class _Search:
         """Return the vectors of all points, the best first."""
         return [self._history.vectors[at] for at in self._history.ranked()]
 
-    def lines(self, size: int) -> list[_Wanted]:
+    def lines(self, size: int) -> list[_Proposal]:
         """Return up to `size` new points along single fields; none when these have been followed to their ends."""
-        made: dict[tuple[float, ...], _Wanted] = {}
+        made: dict[tuple[float, ...], _Proposal] = {}
         while self._lines is not None and len(made) < size and (vector := self._lines.ask()) is not None:
-            self._take(vector, self._lines, made)
+            self._propose(vector, self._lines, made)
         return list(made.values())
 
-    def batch(self, size: int) -> list[_Wanted]:
+    def batch(self, size: int) -> list[_Proposal]:
         """Return up to `size` new points; none when the space is exhausted."""
-        made: dict[tuple[float, ...], _Wanted] = {}
+        made: dict[tuple[float, ...], _Proposal] = {}
         for probe in self._probes:
-            self._take(probe, None, made)
+            self._propose(probe, None, made)
             if len(made) == size:
                 break
         if made:
@@ -335,15 +335,15 @@ class _Search:
         while len(made) < size and idle < _REPEATS:
             owner = self._next(self._methods)
             vector = owner.ask()
-            if vector is None or not self._take(vector, owner, made):
+            if vector is None or not self._propose(vector, owner, made):
                 idle += 1
         for _ in range(_REPEATS * size):
             if len(made) == size:
                 break
-            self._take(self._rng.random(self.encoding.size), None, made)
+            self._propose(self._rng.random(self.encoding.size), None, made)
         return list(made.values())
 
-    def tell(self, wanted: _Wanted, distance: float | None) -> None:
+    def tell(self, wanted: _Proposal, distance: float | None) -> None:
         """Take the distance of one point."""
         if distance is not None and not math.isfinite(distance):
             distance = None
@@ -365,7 +365,7 @@ class _Search:
 
     def learn(self, point: Mapping[str, float], distance: float | None) -> None:
         """Take the distance of a point that another search evaluated."""
-        self.tell(_Wanted(point, self.encoding.encode(point)), distance)
+        self.tell(_Proposal(point, self.encoding.encode(point)), distance)
 
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return the next method; until constant fields have reduced the distance, every other turn combines them."""
@@ -380,7 +380,7 @@ class _Search:
         # Worse than anything seen, and on a slope back to the nominal point, so that plateaus have a way out.
         return self._largest * (2.0 + float(np.linalg.norm(vector - self.encoding.nominal)))
 
-    def _take(self, vector: Floats, owner: Proposer | None, made: dict[tuple[float, ...], _Wanted]) -> bool:
+    def _propose(self, vector: Floats, owner: Proposer | None, made: dict[tuple[float, ...], _Proposal]) -> bool:
         """Add a vector to the batch, or tell its owner the result if it is known; return whether it was new."""
         point = self.encoding.decode(vector)
         key = self._key(point)
@@ -389,7 +389,7 @@ class _Search:
                 owner.tell(vector, self._worth(vector, self._known[key]))
             return False
         new = key not in made
-        wanted = made.setdefault(key, _Wanted(point, vector))
+        wanted = made.setdefault(key, _Proposal(point, vector))
         if owner is not None:
             wanted.askers.append((owner, vector))
         return new

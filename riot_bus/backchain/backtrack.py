@@ -142,34 +142,34 @@ def backtrack(
         seed: Seed of the shifts.
         progress: Called after each field whose sources were tested.
     """
-    look = _Look(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
-    walk = _Walk(look, graph, externals, progress)
+    tests = _PairTests(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+    traversal = _Traversal(tests, graph, externals, progress)
     result = Backtracked(dict.fromkeys(targets, ""), alpha=alpha)
     for name in targets:
         found = response_of(pieces, name)
         result.targets[name] = found if isinstance(found, str) else ""
-    walk.follow(targets)
-    graph = walk.graph
-    result.externals = dict(externals) or walk.ends
+    traversal.follow(targets)
+    graph = traversal.graph
+    result.externals = dict(externals) or traversal.ends
     roots = list(dict.fromkeys(map(topic_of, targets)))
-    ends = {*result.externals, *walk.ends, *walk.blind}
+    ends = {*result.externals, *traversal.ends, *traversal.blind}
     result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
     around = frozenset().union(*(graph.reaching(topic) for topic in roots))
     # If something had to be guessed, there may be a path even if none is known.
-    asked = set(result.externals) if walk.guessed else set(result.externals) & around
+    asked = set(result.externals) if traversal.guessed else set(result.externals) & around
     result.unreachable = sorted(set(result.externals) - asked)
-    outside = sorted(asked & set(look.fields))
+    outside = sorted(asked & set(tests.fields))
     result.ranking = _ranked(
         one
         for name in targets
-        for one in look.at(name, [each for topic in outside if topic != topic_of(name) for each in look.fields[topic]])
+        for one in tests.at(name, [each for at in outside if at != topic_of(name) for each in tests.fields[at]])
     )
-    result.edges = walk.edges()
-    result.unwritten = sorted(walk.unwritten)
-    result.missing = sorted((around & (walk.seen | set(result.externals))) - set(look.fields))
-    result.loops = [one for one in graph.loops() if set(one) & walk.seen]
-    result.unseen = walk.unseen
-    result.tested = look.tested
+    result.edges = traversal.edges()
+    result.unwritten = sorted(traversal.unwritten)
+    result.missing = sorted((around & (traversal.seen | set(result.externals))) - set(tests.fields))
+    result.loops = [one for one in graph.loops() if set(one) & traversal.seen]
+    result.unseen = traversal.unseen
+    result.tested = tests.tested
     return result
 
 
@@ -183,7 +183,7 @@ def _ranked(found: Iterable[FieldEvidence]) -> list[FieldEvidence]:
     return sorted(found, key=order)
 
 
-class _Look:
+class _PairTests:
     """Tests fields against fields, each pair once."""
 
     def __init__(
@@ -232,11 +232,13 @@ class _Look:
         return alive[:_FEW]
 
 
-class _Walk:
+class _Traversal:
     """Goes back from topic to topic."""
 
-    def __init__(self, look: _Look, graph: TopicGraph, externals: Mapping[str, str], progress: Progress | None) -> None:
-        self.look, self.graph, self.externals, self.progress = look, graph, externals, progress
+    def __init__(
+        self, tests: _PairTests, graph: TopicGraph, externals: Mapping[str, str], progress: Progress | None
+    ) -> None:
+        self.tests, self.graph, self.externals, self.progress = tests, graph, externals, progress
         self.ends: dict[str, str] = {}
         self.blind: set[str] = set()
         self.unwritten: set[str] = set()
@@ -259,7 +261,7 @@ class _Walk:
         for topic in ahead:  # grows
             if topic in self.externals and topic not in self._roots:
                 continue
-            matters = self._step_back(topic, asked.get(topic) or self.look.liveliest(topic))
+            matters = self._step_back(topic, asked.get(topic) or self.tests.liveliest(topic))
             for source, fields in sorted(matters.items()):
                 if source not in self.seen:
                     self.seen.add(source)
@@ -273,14 +275,14 @@ class _Walk:
         writers = self.graph.writers(topic)
         known = frozenset().union(*(one.inputs for one in writers.values())) - {topic}
         guess = not writers or any(one.open for one in writers.values())
-        others = set(self.look.fields) - {topic} if guess else known & set(self.look.fields)
-        names = [name for other in sorted(others) for name in self.look.fields[other]]
+        others = set(self.tests.fields) - {topic} if guess else known & set(self.tests.fields)
+        names = [name for other in sorted(others) for name in self.tests.fields[other]]
         found: list[FieldEvidence] = []
         for response in responses:
             if self._done >= _MOST_RESPONSES:
                 self.unseen.append(response)
                 continue
-            found += self.look.at(response, names)
+            found += self.tests.at(response, names)
             self._done += 1
             if self.progress is not None:
                 self.progress(self._done, None, f"what {response} follows")
@@ -298,7 +300,7 @@ class _Walk:
             elif not before:
                 self._evidence["", topic].append(one)
         if not before and topic not in self._roots:
-            if topic in self.look.fields:
+            if topic in self.tests.fields:
                 self.ends[topic] = "nothing recorded leads to it" if guess else f"{', '.join(writers)} reads nothing"
             else:
                 self.blind.add(topic)

@@ -1,4 +1,4 @@
-"""Which recorded fields an internal one follows, from nominal logs alone: lagged dependence, conditional on the rest.
+"""Finds the recorded fields that an internal one follows in nominal logs: lagged dependence, conditional on the rest.
 
 Nothing was perturbed here, so what is found is dependence, not proof of cause. First, the part that the field's own
 past predicts is removed: otherwise all slow fields would seem to follow each other, and a field that this one drives
@@ -307,7 +307,7 @@ class _Test:
         A strong candidate that jumps leaves large errors at its jumps, by jitter alone; they must not hide a weak one
         at all other times.
         """
-        design = np.hstack([self._take(name) for name in names])
+        design = np.hstack([self._design(name) for name in names])
         left, limit = level, 0.0
         for _ in range(_TRIMS):
             limit = _OUTLIER * float(np.median(np.abs(left))) + 1e-9
@@ -322,7 +322,7 @@ class _Test:
 
     def _without(self, series: Floats, names: Sequence[str], own: Floats | None = None) -> Floats:
         """Return the residual of a series after some sets of columns, by normal equations whose products are cached."""
-        blocks = [self._take(name) for name in names]
+        blocks = [self._design(name) for name in names]
         rows = [np.hstack([self._product(one, other) for other in names]) for one in names]
         products, target = np.vstack(rows), np.concatenate([block.T @ series for block in blocks])
         if own is not None and own.shape[1]:
@@ -339,7 +339,7 @@ class _Test:
 
     def _product(self, one: str, other: str) -> Floats:
         if (one, other) not in self._products:
-            found = self._take(one).T @ self._take(other)
+            found = self._design(one).T @ self._design(other)
             self._products[one, other], self._products[other, one] = found, found.T
         return self._products[one, other]
 
@@ -352,7 +352,7 @@ class _Test:
             cut[begin:high] -= cut[begin:high].mean()
         return cut
 
-    def _take(self, name: str) -> Floats:
+    def _design(self, name: str) -> Floats:
         """Return the columns by which a candidate is removed: all, or with few rows those that explain most."""
         if name not in self._known:
             columns = np.ascontiguousarray(self.columns(name, changes=False).T, dtype=np.float64)
@@ -368,8 +368,8 @@ class _Test:
         cuts = -(-_GROUPS // len(self.response.values))
         stretches = [np.arange(high - low) * cuts // (high - low) for low, high in self._parts()]
         groups = np.concatenate([number * cuts + one for number, one in enumerate(stretches)])
-        own = np.linalg.qr(self._take(_OWN_PAST))[0]
-        designs = {name: self._take(name) - own @ (own.T @ self._take(name)) for name in selected}
+        own = np.linalg.qr(self._design(_OWN_PAST))[0]
+        designs = {name: self._design(name) - own @ (own.T @ self._design(name)) for name in selected}
         result: dict[str, Share] = {}
         for place, follows in enumerate(("level", "spread")):
             asked = [name for name in selected if scores[name].follows == follows]

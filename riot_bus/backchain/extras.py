@@ -1,4 +1,4 @@
-"""What backchain needs of the `analysis` extra; imported on first use."""
+"""Functions of scipy (extra `analysis`) that backchain uses, imported on first use."""
 
 from __future__ import annotations
 

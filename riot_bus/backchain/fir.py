@@ -215,8 +215,8 @@ def memory_of(pieces: Sequence[Floats], *, low: float, high: float) -> float:
 
     Args:
         pieces: The series of each run, with mean 0.
-        low: Least result.
-        high: Largest result; below 1.
+        low: Least result, above -1.
+        high: Largest result, below 1.
     """
     products = sum(float(one[:-1] @ one[1:]) for one in pieces)
     squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)

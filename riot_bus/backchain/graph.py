@@ -1,4 +1,4 @@
-"""Which external topics can reach an internal one: backtrack trees (RIOT II-C, after Hiller et al.)."""
+"""Topic graphs, and the backtrack trees of external topics that can reach an internal one (RIOT II-C, after Hiller)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strong an edge is: share of variance with a jackknife interval over runs."""
+"""Estimates the strength of an edge: its share of the variance, with a jackknife interval over runs."""
 
 from __future__ import annotations
 

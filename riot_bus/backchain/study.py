@@ -51,7 +51,7 @@ class Study:
         """Add runs.
 
         Args:
-            points: Values by name.
+            points: Values of external fields by name, one mapping per run.
             evaluations: Evaluation of each point.
             fields: Fields that points name.
 
@@ -99,7 +99,7 @@ class Study:
 
 @contextmanager
 def _told_plainly() -> Iterator[None]:
-    """Turn errors of the storage into ConfigErrors that say where they come from."""
+    """Turn errors of the storage into ConfigErrors that name the option and the remedy."""
     import optuna
     from sqlalchemy.exc import SQLAlchemyError
 

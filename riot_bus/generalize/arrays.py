@@ -46,7 +46,7 @@ def with_column(elements: Elements, name: str, place: int | None, value: int | f
         elements: The array's elements, at least one.
         name: Name of the column.
         place: Index of the element if the column is a single one.
-        value: A number.
+        value: New value of that column.
     """
     found = quantity_of(name)
     if found is None or place is not None:

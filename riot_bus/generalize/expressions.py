@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -33,12 +33,21 @@ class Applied:
 
 Node = Applied | Name | int | float | str | bytes
 
-TEXTS: Final = {"len", "bytes", "isascii", "isprintable", "isdigit", "isutf8", "startswith", "contains"}
-"""Operators whose first argument is a text or bytes."""
+TEXTS: Final[Mapping[str, Callable[..., int | None]]] = {
+    "len": len,
+    "bytes": lambda value: len(value.encode("utf-8", "surrogatepass") if isinstance(value, str) else value),
+    "isascii": lambda value: value.isascii(),
+    "isprintable": lambda value: value.isprintable() if isinstance(value, str) else None,
+    "isdigit": lambda value: value.isdigit(),
+    "isutf8": lambda value: value.decode(errors="replace").encode() == value if isinstance(value, bytes) else None,
+    "startswith": lambda value, begin: value.startswith(begin),
+    "contains": lambda value, part: part in value,
+}
+"""Operators whose first argument is a text or bytes; None for the kind of text that has no such property."""
 
 OPERATORS: Final = frozenset(
     {"add", "sub", "mul", "div", "mod", "and", "abs", "hypot", "max", "min", "signed", "isnan", "isfinite", "not"}
-    | TEXTS
+    | TEXTS.keys()
 )
 """Operators of an `Applied`. Numbers are exact: integers of any size, floats of 64 bits.
 
@@ -79,7 +88,7 @@ def evaluate(node: Node, column: Callable[[str], Array]) -> Array | None:
     """Return the value of each row, exact for integers; None when a column does not hold what an operator takes.
 
     Args:
-        node: The expression.
+        node: Root of the expression tree.
         column: Returns the raw column of a variable.
 
     Returns:
@@ -173,19 +182,7 @@ def of_text(operator: str, value: object, constants: Sequence[Node]) -> int | No
     """Return the result of a text operator for a value; None if it is not a text, or of the other kind of text."""
     if not isinstance(value, str | bytes) or (constants and not isinstance(constants[0], type(value))):
         return None
-    if operator == "len":
-        return len(value)
-    if operator == "bytes":
-        return len(value.encode("utf-8", "surrogatepass") if isinstance(value, str) else value)
-    if operator == "startswith":
-        return value.startswith(constants[0])  # type: ignore[arg-type]
-    if operator == "contains":
-        return constants[0] in value  # type: ignore[operator]
-    if operator == "isutf8":
-        return value.decode(errors="replace").encode() == value if isinstance(value, bytes) else None
-    if operator == "isprintable":
-        return value.isprintable() if isinstance(value, str) else None
-    return value.isascii() if operator == "isascii" else value.isdigit()
+    return TEXTS[operator](value, *constants)
 
 
 def text(node: Node) -> str:
@@ -213,10 +210,5 @@ def _write(node: Node) -> tuple[str, int]:
         if node.operator == "mod" and parts[0][1] < _ATOM:
             left = f"({parts[0][0]})"
         return f"{left} {sign} {right}", level
-    return _as_text(node.operator, [part for part, _ in parts]), _ATOM
-
-
-def _as_text(operator: str, args: list[str]) -> str:
-    if operator == "signed":
-        return f"int{args[1]}({args[0]})"
-    return f"{operator}({', '.join(args)})"
+    args = [part for part, _ in parts]
+    return (f"int{args[1]}({args[0]})" if node.operator == "signed" else f"{node.operator}({', '.join(args)})"), _ATOM

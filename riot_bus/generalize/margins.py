@@ -1,4 +1,4 @@
-"""How far a point is from the boundary `feature = value`, per kind of feature, in units of the variables' spreads."""
+"""Computes the distance from the boundary `feature = value`, by kind of feature, in units of the variables' spreads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def boundary_distance(
     """Return an upper bound of the distance to the boundary, exact for moves along one axis.
 
     Args:
-        feature: A feature that is no flag.
+        feature: A feature other than a flag.
         points: One float64 array per argument; none for features of texts.
         values: The feature itself.
         units: Nominal spread of each argument.
@@ -59,7 +59,7 @@ def boundary_distance(
 
 
 def arc_distance(feature: Feature, values: Array, units: Sequence[float], low: float, high: float) -> Array:
-    """Return the distance of points outside an arc of a circle to its nearer end: the jump is no way into it.
+    """Return the distance of points outside an arc of a circle to its nearer end: the jump does not lead into it.
 
     Args:
         feature: A feature that wraps around.
@@ -78,7 +78,7 @@ def _circle(feature: Feature) -> float:
 
 
 def _product(u: Array, v: Array, value: float) -> Array:
-    """Distance to the hyperbola u * v = value: along an axis or to the nearer vertex; to the axes when value is 0."""
+    """Return the distance to u * v = value: along an axis or to the nearer vertex; to the axes when value is 0."""
     if value == 0:
         return np.asarray(np.minimum(np.abs(u), np.abs(v)))
     root = math.sqrt(abs(value))
@@ -88,6 +88,6 @@ def _product(u: Array, v: Array, value: float) -> Array:
 
 
 def _quotient(x: Array, y: Array, units: Sequence[float], value: float) -> Array:
-    """Distance to x / y = value: in x, in y, or to y = 0, where the quotient jumps through infinity."""
+    """Return the distance to x / y = value: in x, in y, or to y = 0, where the quotient jumps through infinity."""
     moves = np.fmin(np.abs(value * y - x) / units[0], np.abs(y) / units[1])
     return np.asarray(moves if value == 0 else np.fmin(moves, np.abs(x / value - y) / units[1]))

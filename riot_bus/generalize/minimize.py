@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
-from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
 __all__ = ["CONFIDENCE", "Minimal", "minimize"]
@@ -167,15 +166,15 @@ class _Search:
 
     def _check_whole(self) -> None:
         """Ask whether the whole log fails; fresh trials have shown it before, so only where nothing has failed yet."""
-        whole = tuple(range(len(self.prior)))
-        fails = self.trials.triggers([whole], prior=_FAILS, doubt=_DOUBT, doing="checking the whole log")[0]
-        if fails < 0.5:
-            failed, passed = self.trials.counts(whole)
-            raise InconclusiveError(
-                f"the whole log ({len(whole)} messages) does not fail with this signature ({failed} of "
-                f"{failed + passed} trials), so there is nothing to minimise",
-                hint="replay it several times; it may fail too rarely to be told apart from chance",
-            )
+        what = f"the whole log ({len(self.prior)} messages)"
+        self.trials.require(
+            tuple(range(len(self.prior))),
+            prior=_FAILS,
+            doubt=_DOUBT,
+            doing="checking the whole log",
+            what=what,
+            so="there is nothing to minimise",
+        )
 
     def _fails(self, kept: tuple[int, ...], prior: float, doing: str, *, least: int = 1) -> bool:
         return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing, least=least)[0] > 0.5

@@ -1,4 +1,4 @@
-"""How simple a number is, and the simplest one in an interval: what makes learnt thresholds read 0, 1e6 or 2^31."""
+"""Measures how simple a number is, and finds the simplest in an interval: learnt thresholds read 0, 1e6 or 2^31."""
 
 from __future__ import annotations
 

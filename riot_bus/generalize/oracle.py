@@ -158,6 +158,28 @@ class Trials(Generic[QuestionT]):
         self.noise = self.noise.joined([search.noise for search in searches])
         return chances
 
+    def require(self, question: QuestionT, *, prior: float, doubt: float, doing: str, what: str, so: str) -> None:
+        """Raise an error unless a question triggers the failure.
+
+        Args:
+            question: Question that has to trigger it.
+            prior: Probability before any trial.
+            doubt: A probability below this, or above one minus this, decides.
+            doing: What is going on, for `progress`.
+            what: Name of the question, for the error.
+            so: What follows if it does not trigger the failure, for the error.
+
+        Raises:
+            InconclusiveError: It probably does not trigger the failure.
+            BudgetSpentError: There are no trials left for it.
+        """
+        if self.triggers([question], prior=prior, doubt=doubt, doing=doing)[0] < 0.5:
+            failed, passed = self.counts(question)
+            raise InconclusiveError(
+                f"{what} does not fail with this signature ({failed} of {failed + passed} trials), so {so}",
+                hint="replay it several times; it may fail too rarely to be told apart from chance",
+            )
+
     def decide(
         self, questions: Sequence[QuestionT], *, doubt: float, doing: str, priors: Sequence[float] | None = None
     ) -> list[bool]:

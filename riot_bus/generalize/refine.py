@@ -40,7 +40,7 @@ def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[in
     its limit.
 
     Args:
-        rule: The rule.
+        rule: Rule that was learnt from the samples.
         columns: One array per variable; shape (samples,).
         failed: Whether each sample failed; shape (samples,).
     """
@@ -130,7 +130,7 @@ def _surely(candidate: Candidate, columns: Mapping[str, Array], *, outer: bool =
     """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it.
 
     Args:
-        candidate: The literal.
+        candidate: Literal with the interval of its threshold.
         columns: One array per variable.
         outer: Whether to take the outer end of the interval instead.
     """
@@ -193,7 +193,7 @@ def probe_threshold(
 
     Args:
         table: The trials so far.
-        learnt: The rule.
+        learnt: Rule with the intervals of its thresholds.
         place: Index of the term, and of the literal in it.
         chance: Source of randomness.
         turn: Number of probes of this literal so far.

@@ -15,7 +15,6 @@ from typing import Literal
 
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
 from riot_bus.statistics.noise import Noise
-from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
 __all__ = ["Certificate", "FieldSpace", "Relevance", "RelevantField", "relevant_fields"]
@@ -153,7 +152,9 @@ def relevant_fields(
     search = _Search(fields, trials, seed=seed)
     complete = True
     try:
-        search.check()
+        what, so = "the failing log", "no field can be called relevant"
+        doing = "checking the failing values"
+        trials.require(search.failing, prior=_FAILS, doubt=DOUBT, doing=doing, what=what, so=so)
         search.heal()
         search.resample(straight, failing=True)
         if search.found:
@@ -190,17 +191,6 @@ class _Search:
         boost = max(1.0, (len(fields) - injected) / injected) if injected else 1.0
         self.prior = {field.name: boost if field.nominal is not None else 1.0 for field in fields}
         self.decks: dict[str, list[Scalar]] = {field.name: [] for field in fields}
-
-    def check(self) -> None:
-        """Ask whether the failing assignment fails."""
-        doing = "checking the failing values"
-        if self.trials.triggers([self.failing], prior=_FAILS, doubt=DOUBT, doing=doing)[0] < 0.5:
-            failed, passed = self.trials.counts(self.failing)
-            raise InconclusiveError(
-                f"the failing log does not fail with this signature ({failed} of {failed + passed} trials), so no "
-                "field can be called relevant",
-                hint="replay it several times; it may fail too rarely to be told apart from chance",
-            )
 
     def heal(self) -> None:
         """Find the injected fields whose nominal value heals; set the others to nominal."""
@@ -318,7 +308,7 @@ class _Search:
         return name
 
     def _disown(self, start: dict[str, Scalar], *, failing: bool) -> None:
-        """Undo what led to a start with the wrong outcome: nominal values that do heal, or a certificate."""
+        """Undo the step that led to a start with the wrong outcome: nominal values that do heal, or a certificate."""
         self.straight = 0
         if failing:
             self.failing = {field.name: field.failing for field in self.fields.values()}

@@ -131,7 +131,7 @@ def changed(
     """Return the base with other values, converted to their types; None if `change` is empty or a value does not fit.
 
     Args:
-        variables: The variables.
+        variables: All variables of the rule.
         base: Value of each variable.
         change: New values by name of a variable, or of a column of an array.
     """

@@ -1,1 +1,1 @@
-"""Who talks to whom on a bus, from sources that cannot harm a router; see `watch.GraphWatch`."""
+"""The graph of publishers and subscribers of a bus, from sources that cannot harm a router; see `watch.GraphWatch`."""

@@ -23,7 +23,7 @@ def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
 
     Args:
         before: Graph that the log has already; None for a log that begins here.
-        after: The graph now.
+        after: Graph that the record leads to.
         time: Time in nanoseconds since the Unix epoch.
     """
     parts = {

@@ -127,7 +127,10 @@ class GraphChange:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """Who talks to whom; sorted, so that equal networks give equal graphs. Counts and rates are not compared."""
+    """Components, topics and the edges between them; sorted, so that equal networks give equal graphs.
+
+    Counts and rates are not compared.
+    """
 
     components: tuple[ConnectedComponent, ...] = ()
     topics: tuple[Topic, ...] = ()

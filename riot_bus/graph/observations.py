@@ -1,4 +1,4 @@
-"""What the sources of a graph report at one moment."""
+"""Reports of all sources of a graph at one moment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _nothing(_: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """What the sources report at one moment.
+    """Reports of the sources at one moment.
 
     Attributes:
         segments: Names of all segments.

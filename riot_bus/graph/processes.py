@@ -1,4 +1,4 @@
-"""Which processes of this host own the ends of links; psutil sees those of other users only with privileges."""
+"""Finds the processes of this host that own the ends of links; those of other users show only with privileges."""
 
 from __future__ import annotations
 

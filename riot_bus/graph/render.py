@@ -27,7 +27,7 @@ def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
     """Return the graph as `text`, `json`, `mermaid` or `dot`.
 
     Args:
-        graph: The graph.
+        graph: Graph to be shown.
         form: One of these names.
         indent: For JSON: spaces per level; None for one line.
     """
@@ -40,7 +40,7 @@ def graph_json(graph: Graph, *, indent: int | None = None) -> str:
     """Return the graph as JSON: `version`, `components`, `topics`, `edges`, `unknown`.
 
     Args:
-        graph: The graph.
+        graph: Graph to be shown.
         indent: Spaces per level; None for one line.
     """
     return json.dumps({"version": VERSION, **asdict(graph)}, indent=indent, sort_keys=True)

@@ -1,4 +1,4 @@
-"""One look at a network from a client: who announces what, without any query that could harm a router."""
+"""Surveys a network as a client: announcements and their senders, without any query that could harm a router."""
 
 from __future__ import annotations
 

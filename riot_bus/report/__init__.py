@@ -1,1 +1,1 @@
-"""What was found, for people."""
+"""Reports of findings and campaigns for people and for other tools."""

@@ -27,7 +27,7 @@ _BEND, _LABEL = 0.5, 0.4
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a picture that could not be drawn, before anything is read.
+    """Raise an error for a picture that could not be drawn, before anything is read.
 
     Raises:
         ConfigError: Its suffix is not supported.

@@ -1,4 +1,4 @@
-"""All that is known of a campaign: its record, if it has ended, its findings, and what follows from both."""
+"""View of a campaign that all reports share: its record, if it has ended, its findings, and the verdict on both."""
 
 from __future__ import annotations
 

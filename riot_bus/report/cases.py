@@ -36,7 +36,7 @@ class ReportedCase:
 
     Attributes:
         name: Its name, the same in each run.
-        result: How it has ended; `error` if that is no fault of the unit.
+        result: How it has ended; `error` if the unit is not at fault.
         kind: Kind of failure, of error, or why it was skipped.
         message: What happened, in a line; it may contain untrusted text, as all other texts.
         lines: All that is known of that.

@@ -1,4 +1,4 @@
-"""All that is known of one finding: the records that exist, the severity that follows, the next step."""
+"""View of a finding that all reports share: its records, the severity that follows from them, the next step."""
 
 from __future__ import annotations
 
@@ -238,7 +238,7 @@ def tail_of(path: Path, most: int) -> str:
     """Return the end of a file that a failing trial has left, as text.
 
     Args:
-        path: The file.
+        path: File in the folder of the evidence.
         most: Largest number of bytes.
     """
     with path.open("rb") as stream:

@@ -104,7 +104,7 @@ class ReportFollower:
         out: The campaign's output folder.
         say: Function that prints.
         known: The baseline, if findings that it knows do not count.
-        lenient: Whether faults of the environment are no error.
+        lenient: Whether faults of the environment do not count as errors.
     """
 
     def __init__(

@@ -76,7 +76,7 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
     """Yield lines of source on the stack on which a finding fails, the innermost first; nothing where none is known.
 
     Args:
-        finding: The finding.
+        finding: Record of the finding.
         texts: What its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its threads, and
             the `backtrace` of a debugger.
     """

@@ -59,7 +59,7 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
 
     Args:
         directory: The finding's directory.
-        finding: Its record.
+        finding: Record of the finding.
     """
     system = os.path.relpath(os.path.abspath(finding.system_file), directory.resolve())
     text = _TEXT.format(

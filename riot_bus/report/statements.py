@@ -257,7 +257,7 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
     """Return what a reader must not conclude from the page.
 
     Args:
-        view: The finding.
+        view: Finding with its records.
         open_questions: Questions that the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]

@@ -68,7 +68,7 @@ def page_environment() -> Environment:
 
 
 def _finalize(what: Any) -> Any:
-    """Keep what is printed visible and bounded, whichever record it comes from."""
+    """Escape and bound each printed text, whichever record it comes from."""
     from markupsafe import Markup
 
     untrusted = isinstance(what, str) and not isinstance(what, Markup)

@@ -66,11 +66,6 @@ class Noise:
         return float(self.weight @ self.p)
 
     @property
-    def false_rate(self) -> float:
-        """Expected eps."""
-        return float(self.weight @ self.eps)
-
-    @property
     def spread(self) -> float:
         """Standard deviation of p."""
         return math.sqrt(max(0.0, float(self.weight @ self.p**2) - self.rate**2))

@@ -144,11 +144,11 @@ class _Parser:
                 raise self._error("expected ')'")
             self._at += 1
             return inside
-        path = self._take("path", "a field path")
+        path = self._expect("path", "a field path")
         if path in ("and", "or", "true", "false", "not"):
             self._at -= 1
             raise self._error(f"expected a field path, found {path!r}")
-        op = self._take("op", "one of == != < <= > >=")
+        op = self._expect("op", "one of == != < <= > >=")
         self.fields.append(path)
         return _Comparison(path, op, self._literal())
 
@@ -171,7 +171,7 @@ class _Parser:
     def _peek(self) -> tuple[str, str]:
         return self._tokens[self._at][:2] if self._at < len(self._tokens) else ("end", "")
 
-    def _take(self, kind: str, what: str) -> str:
+    def _expect(self, kind: str, what: str) -> str:
         found, text = self._peek()
         if found != kind:
             raise self._error(f"expected {what}")

@@ -164,7 +164,7 @@ def _tree(node: Node) -> Tree:
         return _sub(Tree("mod", (_add(_tree(node.args[0]), constant(half)), constant(2 * half))), constant(half))
     operation = {"and": "bitand", "isnan": "nan"}.get(node.operator, node.operator)
     if operation not in OPERATIONS:
-        raise ConfigError(f"nobody has said yet how {text(node)!r} is written elsewhere")
+        raise ConfigError(f"{text(node)!r} cannot be written in other forms: they lack the operator {operation!r}")
     return Tree(operation, tuple(map(_tree, node.args)))
 
 
@@ -179,8 +179,8 @@ def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
     """Return the values of a variable at which a literal changes; empty if not known, or not about numbers.
 
     Args:
-        literal: The literal.
-        name: The variable.
+        literal: Literal of a rule.
+        name: Name of the variable that moves.
     """
     feature = literal.feature
     if feature.kind in NO_ROOTS or isinstance(literal.value, bool) or not isinstance(literal.value, int | float):

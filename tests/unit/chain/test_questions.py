@@ -116,7 +116,8 @@ def test_what_a_campaign_has_shown_of_the_rate_is_taken_in(tmp_path: Path) -> No
     rare = ProportionRecord(value=0.3, low=0.1, high=0.6, count=3, total=10)
     assert noise_of(finding.model_copy(update={"rate": rare})).rate < 0.5 < noise_of(finding).rate
     never = ProportionRecord(value=0, low=0, high=0.1, count=0, total=40)
-    assert noise_of(finding.model_copy(update={"nominal": never})).false_rate < noise_of(finding).false_rate
+    never_falsely, unknown = noise_of(finding.model_copy(update={"nominal": never})), noise_of(finding)
+    assert never_falsely.weight @ never_falsely.eps < unknown.weight @ unknown.eps
 
 
 def test_the_rate_is_that_of_the_minimal_log_where_it_is_known(tmp_path: Path) -> None:

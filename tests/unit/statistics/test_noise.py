@@ -74,7 +74,8 @@ def test_several_questions_divide_what_is_left() -> None:
 def test_rates_are_learnt_from_what_was_confirmed_and_on_the_way() -> None:
     assert Noise.after(20, 20).rate > 0.98
     assert 0.2 < Noise.after(3, 10).rate < 0.5
-    assert Noise.after(4, 4, nominal_failed=2, nominal_total=40).false_rate > Noise.after(4, 4).false_rate
+    falsely, unknown = Noise.after(4, 4, nominal_failed=2, nominal_total=40), Noise.after(4, 4)
+    assert falsely.weight @ falsely.eps > unknown.weight @ unknown.eps
     search = searched(30, 99, 0.3, 0.0, noise=Noise.after())
     assert 0.1 < search.noise.rate < 0.6
 
