@@ -82,7 +82,11 @@ class VariedInputs:
         parts = [one for part in range(1, _PARTS + 1) for one in self._values(f"[part {part}]")]
         ends = [_time(f"[end of part {part}]", seconds, part / _PARTS) for part in range(1, _PARTS)]
         lines = [one for point in range(1, _PARTS + 1) for one in self._values(f"[point {point}]") if self._moves(one)]
-        waves = [self._wave_of(one) for one in self._values("[amplitude]") if self._moves(one)]
+        moving = [one for one in self._values("[amplitude]") if self._moves(one)]
+        waves = [
+            Dimension(replace(one, nominal=0.0, low=one.low - one.nominal, high=one.high - one.nominal), place)
+            for one, place in moving
+        ]
         period = SearchField("[period]", seconds / 5, seconds / 20, seconds / _MOST_PERIODS, seconds)
         alone, place = self._values("[one message]"), _time("[place of the message]", 1.0, 0.5)
         none: list[SearchField] = []
@@ -108,13 +112,6 @@ class VariedInputs:
     def _moves(self, dimension: Dimension) -> bool:
         """Return whether a field can go from one value to another through those between."""
         return dimension.field is not None and not self._fields[dimension.field].choice
-
-    @staticmethod
-    def _wave_of(dimension: Dimension) -> Dimension:
-        one = dimension.search
-        return Dimension(
-            replace(one, nominal=0.0, low=one.low - one.nominal, high=one.high - one.nominal), dimension.field
-        )
 
     def drives(self, point: Mapping[str, float]) -> list[Drive]:
         """Return the drives of the fields at a point; a field's own name stands for a value in the whole run."""

@@ -135,8 +135,9 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
     needed = np.flatnonzero(masks[:, failed].all(axis=1) & ~masks.all(axis=1))
     if not len(needed) or not failed.any():
         return plain
-    bits = np.array([candidates[index].bits for index in needed.tolist()]) + np.log2(2.0 + len(candidates)) / 4
-    finite = np.array([_says_finite(candidates[index]) for index in needed.tolist()])
+    some = [candidates[index] for index in needed.tolist()]
+    bits = np.array([one.bits for one in some]) + np.log2(2.0 + len(candidates)) / 4
+    finite = np.array([(one.feature.kind, one.operator) == ("nonfinite", "not") for one in some])
     places = {candidate: index for index, candidate in enumerate(candidates)}
     best, wrong = plain, ~failed
     before: list[int] = []
@@ -160,10 +161,6 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
 
 GUARD_TURNS = 2
 """The second turn leaves out what the rule within the first guard says already; a third seldom changes it."""
-
-
-def _says_finite(candidate: Candidate) -> bool:
-    return candidate.feature.kind == "nonfinite" and candidate.operator == "not"
 
 
 def _guard(masks: Array, bits: Array, finite: Array, wrong: Array) -> tuple[list[int], float]:

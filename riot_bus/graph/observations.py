@@ -15,14 +15,6 @@ if TYPE_CHECKING:
 __all__ = ["Observations"]
 
 
-def _itself(key: str) -> str:
-    return key
-
-
-def _nothing(_: str) -> bool:
-    return False
-
-
 @dataclass(frozen=True, slots=True)
 class Observations:
     """Reports of the sources at one moment.
@@ -57,8 +49,8 @@ class Observations:
     senders: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
     matching: Collection[tuple[str, str]] = ()
     bridged: Collection[BridgedLink] = ()
-    intercepted: Callable[[str], bool] = _nothing
-    calls_intercepted: Callable[[str], bool] = _nothing
-    name: Callable[[str], str] = _itself
+    intercepted: Callable[[str], bool] = lambda _: False
+    calls_intercepted: Callable[[str], bool] = lambda _: False
+    name: Callable[[str], str] = str
     skipped: int = 0
     left_out: bool = False

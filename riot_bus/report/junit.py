@@ -32,7 +32,10 @@ class JunitReport:
     def render_campaign(self, view: CampaignView) -> str:
         """Return the document; untrusted texts stay text, and what XML cannot hold is escaped."""
         suites = [_suite(view, unit) for unit in suites_of(view)]
-        root = ElementTree.Element("testsuites", {"name": "riot", **_totals(suites)})
+        sums = {name: sum(int(each.attrib[name]) for each in suites) for name in ("tests", "failures", "errors")}
+        seconds = sum(float(each.attrib["time"]) for each in suites)
+        totals = {name: str(count) for name, count in sums.items()} | {"time": f"{seconds:.3f}"}
+        root = ElementTree.Element("testsuites", {"name": "riot", **totals})
         root.extend(suites)
         ElementTree.indent(root)
         return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -88,10 +91,3 @@ def _counts(cases: Iterable[ElementTree.Element]) -> dict[str, str]:
     ends = {"failures": "failure", "errors": "error", "skipped": "skipped"}
     found = {name: sum(case.find(tag) is not None for case in cases) for name, tag in ends.items()}
     return {name: str(count) for name, count in ({"tests": len(cases)} | found).items()}
-
-
-def _totals(suites: Iterable[ElementTree.Element]) -> dict[str, str]:
-    suites = list(suites)
-    sums = {name: sum(int(each.attrib[name]) for each in suites) for name in ("tests", "failures", "errors")}
-    seconds = sum(float(each.attrib["time"]) for each in suites)
-    return {name: str(count) for name, count in sums.items()} | {"time": f"{seconds:.3f}"}

@@ -231,7 +231,7 @@ def _fill(axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window
             "label": "nominal values",
         }
         if box.kind == "region":
-            look = {"edgecolor": _FAIL, "facecolor": (*_rgb(_FAIL), 0.16), "label": "crash region"}
+            look = {"edgecolor": _FAIL, "facecolor": (_FAIL, 0.16), "label": "crash region"}
         axes.add_patch(Rectangle(corner, width, height, linewidth=1.2, zorder=1, **look))
     for one in dots:
         inside = [place for place in one.places if window is None or _within(place, window)]
@@ -241,11 +241,6 @@ def _fill(axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window
             shown = inside[::step]
             label = f"{one.kind} ({told})" if step == 1 else f"{one.kind} ({told}, every {step}th drawn)"
             axes.scatter([x for x, _ in shown], [y for _, y in shown], label=label, zorder=3, **_MARKS[one.kind])
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5))
-    return red, green, blue
 
 
 def _within(place: Pair, window: tuple[Pair, ...]) -> bool:

@@ -24,15 +24,11 @@ _HUGE = 2**1023
 """Integers from here on count as infinite: they are too large for floating-point numbers."""
 
 
-def _not_finite(value: float) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
-
-
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "negative": operator.neg,
     "abs": abs,
     "nan": lambda value: value != value,
-    "nonfinite": _not_finite,
+    "nonfinite": lambda value: isinstance(value, float) and not math.isfinite(value),
     "add": operator.add,
     "sub": operator.sub,
     "mul": operator.mul,
