@@ -17,7 +17,8 @@ from mcap.records import MetadataIndex
 
 from riot_bus.fleet.entry import ENDING, StoredLog
 from riot_bus.log.account import LOST
-from riot_bus.log.engine.scan import MAGIC, parse
+from riot_bus.log.engine.blocks import MAGIC
+from riot_bus.log.engine.scan import parse
 from riot_bus.log.layout import RUN
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 

@@ -183,7 +183,7 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
     read = 0
     for block in load_ahead(reader, reader.blocks(), memory=reader.limits.held, threads=2, largest=reader.limits.chunk):
         _count(block, sources, topics)
-        numbers.take(block, sources, topics, reader.extras_of(block.block, len(block.data)))
+        numbers.take(block, sources, topics, reader.extras_of(block.block, block.records.most_written))
         read += block.block.body.length
         if progress is not None:
             progress(read, reader.size)

@@ -7,20 +7,13 @@ import weakref
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
-from riot_bus.log.engine.salvage import Salvage, salvage
-from riot_bus.log.engine.scan import (
-    MessageEntry,
-    Scan,
-    define,
-    learn_block,
-    load_block,
-    read_metadata,
-    scan_file,
-)
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
+from riot_bus.log.engine.salvage import salvage
+from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_metadata, scan_file
 from riot_bus.log.engine.sorting import Waiting
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.log.limits import LogLimits, lifted
@@ -42,8 +35,6 @@ if TYPE_CHECKING:
     from riot_bus.log.loss import Loss
 
 __all__ = ["ChannelSource", "LogReader", "channel_source", "open_log", "read_log"]
-
-_LEAST_BYTES = HEAD.size + SHORTEST_MESSAGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +105,7 @@ class LogReader:
         """Close the file; done automatically when the reader is no longer used."""
         try:
             self._scan: Scan = scan_file(self._file, self.path, self.limits)
-        except ConfigError:
+        except BaseException:
             self.close()
             raise
         self._sources: dict[int, ChannelSource] = {}
@@ -150,11 +141,8 @@ class LogReader:
     @cached_property
     def metadata(self) -> Mapping[str, str]:
         """The `metadata` that was passed to the writer."""
-        found: dict[str, str] = {}
-        for name, span in self._scan.metadata:
-            if name == layout.RUN:
-                found |= self._read_metadata(span) or {}
-        return found
+        spans = [span for name, span in self._scan.metadata if name == layout.RUN]
+        return {key: text for span in spans for key, text in (self._read_metadata(span) or {}).items()}
 
     @property
     def schemas(self) -> Mapping[str, tuple[Schema, str]]:
@@ -221,14 +209,8 @@ class LogReader:
     def provenance(self) -> Iterator[Provenance]:
         """Yield what interceptors did, in the order of writing."""
         for name, span in self._scan.metadata:
-            if name != layout.PROVENANCE:
-                continue
-            try:
-                entries = layout.unpack_provenance((self._read_metadata(span) or {}).get("changes", ""))
-            except ValueError:
-                self._lost.note_detail(span)
-            else:
-                yield from entries
+            if name == layout.PROVENANCE:
+                yield from self._provenance_at(span)
 
     def notes(self, name: str) -> Iterator[Mapping[str, str]]:
         """Yield what was written with `LogWriter.note`, in the order of writing; damaged ones are left out.
@@ -236,18 +218,16 @@ class LogReader:
         Args:
             name: Name of the notes, such as `riot_bus.graph`.
         """
-        for found, span in self._scan.metadata:
-            if found == name:
-                mapping = self._read_metadata(span)
-                if mapping is None:
-                    self._lost.note_detail(span)
-                else:
-                    yield mapping
+        return (mapping for found, mapping in self.metadata_records() if found == name)
 
-    @property
-    def file(self) -> int:
-        """Descriptor of the open file; to be read with `os.pread`."""
-        return self._file
+    def metadata_records(self) -> Iterator[tuple[str, Mapping[str, str]]]:
+        """Yield name and mapping of the metadata records except provenance; damaged ones are counted and left out."""
+        for name, span in self._scan.metadata:
+            mapping = None if name == layout.PROVENANCE else self._read_metadata(span)
+            if mapping is not None:
+                yield name, mapping
+            elif name != layout.PROVENANCE:
+                self._lost.note_detail(span)
 
     def blocks(self, low: int = 0, high: int = 1 << 64) -> list[Block]:
         """Return the blocks that may have messages in [low, high), sorted by time, then by order in the file."""
@@ -256,26 +236,54 @@ class LogReader:
             key=lambda block: (block.start, block.number),
         )
 
-    def define(self, opcode: int, body: bytes) -> None:
-        """Add a schema or channel that was found in a block."""
-        define(self._scan, opcode, body)
+    def load(self, block: Block, *, memory: int | None = None) -> Records:
+        """Return the records of a block; counts nothing, so threads may load blocks ahead.
 
-    def extras_of(self, block: Block, size: int) -> dict[int, dict[str, Any]]:
-        """Return a block's extras by the message's place in the block; damaged ones are counted and left out.
+        Args:
+            block: One of the `blocks`.
+            memory: Most bytes, before and after decompression, if the limits allow more.
+
+        Raises:
+            ValueError: The block is damaged, or beyond the limits; to be passed to `salvage`.
+        """
+        data = read_block(self._file, block, self.limits, memory=memory)
+        return records_of(data, self.limits, cut=block.cut)
+
+    def salvage(self, block: Block, problem: ValueError, *, memory: int | None = None) -> Records | None:
+        """Count a block as damaged, and return what an index confirms of it; None if nothing, or if not to be used.
+
+        Args:
+            block: Block that could not be loaded.
+            problem: Error that `load` raised.
+            memory: Most bytes, before and after decompression, if the limits allow more.
+        """
+        self._lost.note_damage(block, problem)
+        found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
+        if found is not None:
+            self._lost.salvaged[block.number] = len(found.messages)
+        return found
+
+    def claimed_size(self, block: Block) -> int:
+        """Return how many bytes a block claims to have once it is decompressed, 0 if it cannot be read."""
+        return claimed_size(self._file, block)
+
+    def define(self, records: Records) -> None:
+        """Add the schemas and channels among the records of a block."""
+        for opcode, body in records.definitions():
+            define(self._scan, opcode, body)
+
+    def extras_of(self, block: Block, most: int) -> dict[int, dict[str, Any]]:
+        """Return a block's extras by the message's position in the block; damaged ones are counted and left out.
 
         Args:
             block: The block of the messages.
-            size: Uncompressed size of the block in bytes.
+            most: Largest number of messages that the block can have (`Records.most_written`).
         """
         try:
-            return layout.load_extras(self._file, block, size // _LEAST_BYTES, self.limits)
+            return layout.load_extras(self._file, block, most, self.limits)
         except (ValueError, OSError) as error:
             self._lost.note_detail(block, error)
             return {}
-
-    def count_damage(self, block: Block, problem: ValueError) -> None:
-        """Note that a block cannot be read."""
-        self._lost.note_damage(block, problem)
 
     def count_unknown(self, block: Block, count: int) -> None:
         """Note how many messages of a block are left out because of unknown channels or impossible times."""
@@ -287,26 +295,22 @@ class LogReader:
         if count:
             self._lost.unsorted[block.number] = count
 
-    def rest_of(self, block: Block, *, memory: int | None = None) -> Salvage | None:
-        """Return and count what an index confirms of a damaged block; None if it confirms nothing or is not to be used.
-
-        Args:
-            block: The block of the messages.
-            memory: Most bytes, before and after decompression, if the limits allow more.
-        """
-        found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
-        if found is not None:
-            self._lost.salvaged[block.number] = len(found.places)
-        return found
-
     def salvageable(self) -> int:
         """Return how many messages an index confirms in the chunks that were found to be damaged."""
         blocks = [block for block in self._scan.blocks if block.number in self._lost.damaged]
         found = (salvage(self._file, block, self.limits) for block in blocks)
-        return sum(len(each.places) for each in found if each is not None)
+        return sum(len(each.messages) for each in found if each is not None)
 
     def _read_metadata(self, span: Span) -> dict[str, str] | None:
         return read_metadata(self._file, span, self.limits)
+
+    def _provenance_at(self, span: Span) -> list[Provenance]:
+        """Return the provenance in a metadata record; none if that is damaged, which is counted."""
+        try:
+            return layout.unpack_provenance((self._read_metadata(span) or {}).get("changes", ""))
+        except ValueError:
+            self._lost.note_detail(span)
+            return []
 
     @cached_property
     def _channels(self) -> dict[int, Channel]:
@@ -314,12 +318,16 @@ class LogReader:
         expected = scan.statistics.channel_count if scan.statistics else None
         if not scan.finished or expected != len(scan.channels):
             for block in scan.blocks:
-                try:
-                    learn_block(self._file, block, scan)
-                except ValueError as error:
-                    self.count_damage(block, error)
-                    self._salvage_block(block)
+                found = self._load_or_salvage(block)
+                if found is not None:
+                    self.define(found)
         return scan.channels
+
+    def _load_or_salvage(self, block: Block) -> Records | None:
+        try:
+            return self.load(block)
+        except ValueError as error:
+            return self.salvage(block, error)
 
     def _entries(self, low: int, high: int) -> Iterator[MessageEntry]:
         blocks = self.blocks(low, high)
@@ -328,7 +336,7 @@ class LogReader:
             loaded = self._load(block)
             waiting.add(loaded, self._loaded_bytes)
             if loaded and loaded[0].time < bound:
-                self.count_unsorted(block, bisect_left(loaded, bound, key=_time_of))
+                self.count_unsorted(block, bisect_left(loaded, bound, key=attrgetter("time")))
             del loaded
             if place + 1 < len(blocks):
                 ready = waiting.take(blocks[place + 1].start)
@@ -344,21 +352,18 @@ class LogReader:
         try:
             data = read_block(self._file, block, self.limits)
             self._loaded_bytes = len(data)
-            entries = load_block(data, block, self._scan, self.extras_of(block, len(data)))
+            extras = self.extras_of(block, len(data) // MESSAGE_HEAD)
+            entries = load_block(data, block, self._scan, extras)
         except ValueError as error:
-            self.count_damage(block, error)
-            entries = self._salvage_block(block)
+            found = self.salvage(block, error)
+            entries = [] if found is None else self._salvaged_entries(block, found)
         self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
         return entries
 
-    def _salvage_block(self, block: Block) -> list[MessageEntry]:
-        """Return what an index confirms of a damaged block, and add its schemas and channels."""
-        found = self.rest_of(block)
-        if found is None:
-            return []
+    def _salvaged_entries(self, block: Block, found: Records) -> list[MessageEntry]:
         self._loaded_bytes = len(found.data)
-        extras = self.extras_of(block, (len(found.places) + found.missing) * _LEAST_BYTES)
-        return load_block(found.data, block, self._scan, found.extras(extras))
+        extras = found.renumbered(self.extras_of(block, found.most_written))
+        return load_block(found.data, block, self._scan, extras)
 
     def _source(self, number: int, channel: Channel) -> ChannelSource:
         source = self._sources.get(number)
@@ -395,10 +400,6 @@ def read_log(path: Path | str) -> tuple[Message, ...]:
     """Return all delivered messages of a log that fits into memory; damage at its end is passed over."""
     with LogReader(path) as reader:
         return tuple(reader.messages())
-
-
-def _time_of(entry: MessageEntry) -> int:
-    return entry.time
 
 
 def _message(entry: MessageEntry, source: ChannelSource) -> Message:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE
+from riot_bus.log.engine.blocks import heads_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,25 +15,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.editing.inputs import InputLog
-    from riot_bus.log.engine.scan import Block
+    from riot_bus.log.engine.blocks import Block
 
-__all__ = ["MESSAGE_HEAD", "Batch", "gathered", "heads_of", "pack_message", "shifted"]
+__all__ = ["Batch", "gathered", "renumbered", "runs_of", "shifted"]
 
-MESSAGE_HEAD = HEAD.size + SHORTEST_MESSAGE
-"""Bytes before the payload of a message's record."""
-
-_HEAD_TYPE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("time", "<u8"),
-        ("published", "<u8"),
-    ]
-)
-_MESSAGE = struct.Struct("<BQHIQQ")
-_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record, see _HEAD_TYPE
+_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record: see blocks.MESSAGE
 
 
 @dataclass(slots=True, eq=False)
@@ -100,18 +85,6 @@ class Batch:
             self.buffer = bytearray(self.buffer)
         self.whole = None
         return self.buffer
-
-
-def heads_of(buffer: bytes | bytearray, start: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the heads of messages as an array with fields channel, sequence, time and published."""
-    raw = np.frombuffer(buffer, np.uint8)
-    found = raw[start[:, None] + np.arange(MESSAGE_HEAD)] if len(start) else np.zeros((0, MESSAGE_HEAD), np.uint8)
-    return np.ascontiguousarray(found).reshape(-1).view(_HEAD_TYPE)
-
-
-def pack_message(channel: int, sequence: int, time: int, published: int, payload: bytes) -> bytes:
-    """Return the record of a message; numbers have to fit 16, 32, 64 and 64 bits."""
-    return _MESSAGE.pack(5, SHORTEST_MESSAGE + len(payload), channel, sequence, time, published) + payload
 
 
 def gathered(batches: Sequence[Batch]) -> Batch:

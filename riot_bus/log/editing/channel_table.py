@@ -68,7 +68,7 @@ class ChannelTable:
         self._definitions: list[tuple[Channel, SchemaRecord | None]] = []
         self._by_channel: dict[tuple[int, int], int] = {}
         for log in inputs:
-            for number in log.channels:
+            for number in log.channel_records:
                 self.course_of(log, number)
         self._check()
 
@@ -92,7 +92,7 @@ class ChannelTable:
 
     def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
         """Return the design with short names of topics replaced by keys."""
-        topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channels.values()]
+        topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channel_records.values()]
 
         def full(text: str) -> str:
             return in_full(text, topics, lambda: self.adapters)
@@ -130,7 +130,7 @@ class ChannelTable:
         """Return the number of the course of an input's channel."""
         known = self._by_channel.get((log.number, number))
         if known is None:
-            channel = log.channels[number]
+            channel = log.channel_records[number]
             known = self._by_channel[log.number, number] = self._add(channel, log.schema(channel))
         return known
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
+from riot_bus.log.editing.batch import Batch, gathered, renumbered, shifted
 from riot_bus.log.editing.channel_table import ChannelTable
 from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.editing.latched import LatchedMessages
@@ -17,6 +17,7 @@ from riot_bus.log.editing.output_set import OutputSet
 from riot_bus.log.editing.piping import Piping
 from riot_bus.log.editing.result import EditResult
 from riot_bus.log.editing.sorting import Sorter
+from riot_bus.log.engine.blocks import MESSAGE_HEAD
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.log.engine.scan import Block
+    from riot_bus.log.engine.blocks import Block
 
 __all__ = ["edit"]
 
@@ -104,7 +105,7 @@ class _Editor:
         return EditResult(
             self._roster.counts(),
             files,
-            {str(log.path): str(log.loss) for log in self._inputs if log.loss},
+            {log.path: str(log.loss) for log in self._inputs if log.loss},
             dict(self._product.unwritable),
             warnings,
             next((log.loss.hint for log in self._inputs if log.loss.hint), None),
@@ -151,15 +152,15 @@ class _Editor:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
         if not self._by_time:
             (log,) = self._inputs
-            for block in log.blocks:
+            for block in log.stored_blocks:
                 if self._is_wanted(log, block):
-                    yield block, None, self._in_window(log, log.load(block, self._roster.course_of))
+                    yield block, None, self._in_window(log, log.batch(block, self._roster.course_of))
             return
-        blocks = [(log, block) for log in self._inputs for block in log.blocks if self._is_wanted(log, block)]
+        blocks = [(log, block) for log in self._inputs for block in log.stored_blocks if self._is_wanted(log, block)]
         blocks.sort(key=lambda each: (each[1].start + each[0].shift, each[0].number, each[1].number))
         sorter = Sorter()
         for place, (log, block) in enumerate(blocks):
-            batch = self._in_window(log, log.load(block, self._roster.course_of))
+            batch = self._in_window(log, log.batch(block, self._roster.course_of))
             if batch is not None:
                 sorter.add((log.number, block.number), batch)
             following = blocks[place + 1] if place + 1 < len(blocks) else None
@@ -303,7 +304,7 @@ class _Editor:
         """Count what was skipped because of its time, and what was read but not kept."""
         for log in self._inputs:
             for number, count in (log.counts or {}).items() if self._is_told(log) else ():
-                if number in log.channels:
+                if number in log.channel_records:
                     course = self._roster.courses[self._roster.course_of(log, number)]
                     course.counts.read += 0 if course.original else count
         for counts in self._roster.counts():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus.log import layout
-from riot_bus.log.editing.batch import heads_of, runs_of
-from riot_bus.log.engine.blocks import EXTRAS
+from riot_bus.log.editing.batch import runs_of
+from riot_bus.log.engine.blocks import EXTRAS, MESSAGE_HEAD, heads_of
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.engine.chunk import LARGE, MESSAGE_BYTES, Chunk
+from riot_bus.log.engine.chunk import LARGE, Chunk, indexes_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.engine.packing import PackedChunk, worthwhile
 from riot_bus.log.layout import Provenance
@@ -29,11 +28,9 @@ if TYPE_CHECKING:
 
     from riot_bus.log.editing.batch import Batch
     from riot_bus.log.editing.targets import OutputChannel
-    from riot_bus.log.engine.mcap_file import McapFile as File
 
 __all__ = ["OutputFile", "ReadyChunk"]
 
-_INDEX = struct.Struct("<BQHI")
 _MOST_WAITING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
 _SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
 
@@ -64,7 +61,7 @@ class OutputFile:
         self.compression = compression
         self._where = where
         self._chunk_bytes = chunk_bytes
-        self._file: File = McapFile(path, profile=profile, library=layout.LIBRARY, compression=compression)
+        self._file = McapFile(path, profile=profile, library=layout.LIBRARY, compression=compression)
         self._targets: dict[int, OutputChannel] = {}
         self._definitions: list[bytes] = []
         self._pieces: list[memoryview | bytes] = []
@@ -145,7 +142,7 @@ class OutputFile:
             crc32(batch.buffer),
             int(batch.time.min()),
             int(batch.time.max()),
-            *_indexes(heads["channel"], batch.time, batch.start),
+            *indexes_of(heads["channel"], batch.time, batch.start),
         )
         self._take_extras(batch, targets, heads)
         definitions, self._definitions = b"".join(self._definitions), []
@@ -240,7 +237,7 @@ class OutputFile:
         data = b"".join([head, *pieces])
         channel, time, length = (np.concatenate([row[place] for row in rows]) for place in range(3))
         offsets = np.cumsum(length) - length + len(head)
-        indexes, counts = _indexes(channel, time, offsets)
+        indexes, counts = indexes_of(channel, time, offsets)
         self._describe(extras, notes)
         large = _large(data, offsets, length)
         self._file.chunk(Chunk(data, int(time.min()), int(time.max()), indexes, counts, head, large))
@@ -283,25 +280,6 @@ class OutputFile:
 
 def _large(data: bytes | bytearray, offsets: NDArray[Any], lengths: NDArray[Any]) -> tuple[memoryview, ...]:
     """Return the large payloads among messages that begin at these offsets."""
-    view, least = memoryview(data), LARGE + MESSAGE_BYTES
+    view, least = memoryview(data), LARGE + MESSAGE_HEAD
     large = zip(offsets[lengths >= least].tolist(), lengths[lengths >= least].tolist(), strict=True)
-    return tuple(view[begin + MESSAGE_BYTES : begin + length] for begin, length in large)
-
-
-def _indexes(
-    channel: NDArray[Any], time: NDArray[Any], offsets: NDArray[Any]
-) -> tuple[dict[int, bytes], dict[int, int]]:
-    """Return the message index record and the number of messages of each channel."""
-    order = np.argsort(channel, kind="stable")
-    entries = np.empty((len(channel), 2), "<u8")
-    entries[:, 0], entries[:, 1] = time, offsets
-    entries = entries[order]
-    numbers, places = np.unique(channel[order], return_index=True)
-    ends = [*places.tolist()[1:], len(channel)]
-    indexes: dict[int, bytes] = {}
-    counts: dict[int, int] = {}
-    for number, first, end in zip(numbers.tolist(), places.tolist(), ends, strict=True):
-        data = entries[first:end].tobytes()
-        indexes[number] = _INDEX.pack(7, 6 + len(data), number, len(data)) + data
-        counts[number] = end - first
-    return indexes, counts
+    return tuple(view[begin + MESSAGE_HEAD : begin + length] for begin, length in large)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
@@ -146,13 +147,13 @@ class OutputSet:
         accounts: list[Account] = []
         for log in reversed(inputs):  # of several values the last one counts: that of the first input
             account: Account | None = None
-            for name, mapping in log.metadata():
+            for name, mapping in log.metadata_records():
                 if name == RECORD and FIELD in mapping:
                     self._former = former_of(mapping)
                 elif name == LOST and (found := account_of(mapping)) is not None:
                     account = found
                 else:
-                    self._records.append((name, mapping))
+                    self._records.append((name, dict(mapping)))
             accounts += [account] if account is not None else []
         if accounts:
             names = {each.topic: each.written_as for each in roster.counts() if each.written_as}
@@ -180,7 +181,8 @@ class OutputSet:
             for counts in roster.counts()
         }
         logs: list[dict[str, Any]] = [
-            {"name": log.path.name, "size": log.size, **({"lost": str(log.loss)} if log.loss else {})} for log in inputs
+            {"name": os.path.basename(log.path), "size": log.size, **({"lost": str(log.loss)} if log.loss else {})}
+            for log in inputs
         ]
         return {
             "riot_bus": __version__,

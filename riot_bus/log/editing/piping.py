@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.log import layout
-from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, heads_of, pack_message
+from riot_bus.log.editing.batch import Batch, gathered
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of, message_bytes
 from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class Piping:
         elif extras is not None and not target.own:
             extras.pop("p", None)  # files of other tools hold it in the record
         sequence = message.sequence & 0xFFFFFFFF
-        record = pack_message(target.channel.id, sequence, message.time, published, message.payload)
+        record = message_bytes(target.channel.id, sequence, message.time, published, message.payload)
         return _Item(record, number, extras or None, notes or None, changed)
 
     def _merged(self, batch: Batch, order: Any, until: int) -> Batch:

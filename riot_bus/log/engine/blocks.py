@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -15,24 +16,51 @@ from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
+    import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["EXTRAS", "MAX_BLOCK", "Block", "Records", "Span", "packed_size", "read_block", "records_of", "unzstd"]
+__all__ = [
+    "EXTRAS",
+    "MAX_BLOCK",
+    "MESSAGE_HEAD",
+    "Block",
+    "Records",
+    "Span",
+    "claimed_size",
+    "head_type",
+    "heads_of",
+    "message_bytes",
+    "read_block",
+    "read_packed",
+    "records_of",
+    "unzstd",
+]
 
 EXTRAS = "riot_bus.extras"
 """Name of an attachment that belongs to the chunk after it; other attachments are left alone."""
 MAX_BLOCK = 1 << 30
 """Largest chunk in bytes, uncompressed, that is searched for after damage."""
 
+MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
+"""First and last bytes of an MCAP file."""
 HEAD = struct.Struct("<BQ")
+"""Head of a record: opcode and length."""
 CHUNK = struct.Struct("<QQQII")
-SHORTEST_MESSAGE = 22
+MESSAGE = struct.Struct("<BQHIQQ")
+"""Record of a message before its payload: opcode, length, channel, sequence, time, publish time."""
+MESSAGE_HEAD = MESSAGE.size
+"""Bytes of a message's record besides its payload."""
+SHORTEST_MESSAGE = MESSAGE_HEAD - HEAD.size
 """Bytes of a message's record besides its payload, without opcode and length."""
+DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
+COMPRESSION_NAMES = ("", "lz4", "zstd")
+"""Names of MCAP's compressions, as they stand in a chunk."""
 MOST_OTHERS = 1 << 18
 """Most records of one block that are not messages: a damaged block must not exhaust the memory."""
 
+_LENGTH = struct.Struct("<Q")
 _REPEATED = 4  # after this many records of equal length in a row, more of them are searched for at once
 _FIRST_LOOK = 32  # records; times 4 while all are equal: short runs cost little, long ones few calls
 
@@ -59,15 +87,76 @@ class Block:
 
 @dataclass(slots=True)
 class Records:
-    """The positions of the records of a block.
+    """The uncompressed records of a block, and their positions.
 
     Attributes:
+        data: Bytes of the records.
         messages: Offset at which each message's record begins, shape (n,).
         others: Opcode, and start and end of the body, of each other record.
+        numbers: Position of each message in the block as it was written, ascending, shape (n,), for what is left of a
+            damaged block; None for 0, 1, 2 ...
+        missing: Number of messages of a damaged block that are lost.
     """
 
+    data: bytes
     messages: NDArray[Any]
-    others: list[tuple[int, int, int]] = field(default_factory=list)
+    others: list[tuple[int, int, int]]
+    numbers: NDArray[Any] | None = None
+    missing: int = 0
+
+    @property
+    def most_written(self) -> int:
+        """Upper bound of the number of messages in the block as it was written."""
+        return len(self.data) // MESSAGE_HEAD if self.numbers is None else len(self.numbers) + self.missing
+
+    def definitions(self) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and body of each schema and channel."""
+        for opcode, start, end in self.others:
+            if opcode in DEFINITIONS:
+                yield opcode, self.data[start:end]
+
+    def renumbered(self, values: Mapping[int, Any]) -> Mapping[int, Any]:
+        """Return values by index in `messages`, given those by position in the block as it was written."""
+        if self.numbers is None:
+            return values
+        return {index: values[number] for index, number in enumerate(self.numbers.tolist()) if number in values}
+
+
+@cache
+def head_type() -> np.dtype[Any]:
+    """Return the numpy type of a message's record before its payload; numpy is only imported when it is needed."""
+    import numpy as np
+
+    names = ("opcode", "length", "channel", "sequence", "time", "published")
+    return np.dtype(list(zip(names, ("u1", "<u8", "<u2", "<u4", "<u8", "<u8"), strict=True)))
+
+
+def heads_of(data: bytes | bytearray, places: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the heads of the messages at these offsets, which need not be aligned, as an array of `head_type`."""
+    import numpy as np
+
+    # In place where messages are equally long, otherwise by gathering whole heads: a loop would take 100 times as long.
+    stride, raw = _stride(places), f"V{MESSAGE_HEAD}"
+    if stride:
+        heads = np.ndarray((len(places),), raw, data, int(places[0]), (stride,)).copy()
+    elif len(places):
+        heads = np.ndarray((len(data) - MESSAGE_HEAD + 1,), raw, data, 0, (1,))[places]
+    else:
+        heads = np.empty(0, raw)
+    return heads.view(head_type())
+
+
+def _stride(places: NDArray[np.int64]) -> int:
+    """Return the distance between successive offsets, 0 if it varies or is not positive."""
+    import numpy as np
+
+    steps = np.diff(places)
+    return max(0, int(steps[0])) if len(steps) and (steps == steps[0]).all() else 0
+
+
+def message_bytes(channel: int, sequence: int, time: int, published: int, payload: bytes) -> bytes:
+    """Return the record of a message; numbers have to fit 16, 32, 64 and 64 bits."""
+    return MESSAGE.pack(Opcode.MESSAGE, SHORTEST_MESSAGE + len(payload), channel, sequence, time, published) + payload
 
 
 def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None) -> bytes:
@@ -94,13 +183,42 @@ def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, m
     return _unpack_chunk(data, block, limits, memory) if block.chunked else data
 
 
-def packed_size(head: bytes) -> int:
-    """Return the uncompressed size that the head of a chunk claims."""
-    return int(CHUNK.unpack_from(head)[2])
+def claimed_size(file: int, block: Block) -> int:
+    """Return how many bytes a block claims to have once it is decompressed, 0 if it cannot be read."""
+    if not block.chunked:
+        return block.body.length
+    try:
+        return int(CHUNK.unpack(os.pread(file, CHUNK.size, block.body.offset))[2])
+    except (OSError, struct.error):
+        return 0
+
+
+def read_packed(file: int, block: Block, most: int | None = None) -> tuple[str, bytes] | None:
+    """Return the compression of a chunk, `none` included, and its compressed records; None if that is unknown.
+
+    Args:
+        file: Descriptor of the log.
+        block: The chunk.
+        most: Most bytes to read; None for all.
+    """
+    body = os.pread(file, block.body.length if most is None else min(most, block.body.length), block.body.offset)
+    try:
+        name, packed = _split_chunk(body)
+    except (struct.error, UnicodeDecodeError):
+        return None
+    return (name or "none", packed) if name in COMPRESSION_NAMES else None
+
+
+def _split_chunk(body: bytes) -> tuple[str, bytes]:
+    """Return the name of a chunk's compression and its compressed records; raises struct.error, UnicodeDecodeError."""
+    *_, name_length = CHUNK.unpack_from(body)
+    begin = CHUNK.size + name_length
+    (length,) = _LENGTH.unpack_from(body, begin)
+    return body[CHUNK.size : begin].decode(), body[begin + _LENGTH.size :][:length]
 
 
 def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) -> Records:
-    """Find the records in a block.
+    """Return the records of a block and their positions.
 
     Args:
         data: Result of `read_block`.
@@ -126,7 +244,7 @@ def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) ->
         if opcode != is_message:
             others.append((opcode, position + head_size, following))
             if len(others) > MOST_OTHERS:
-                raise ValueError(f"more than {MOST_OTHERS} records that are no messages")
+                raise ValueError(f"more than {MOST_OTHERS} records that are not messages")
             position = following
             continue
         if length < SHORTEST_MESSAGE:
@@ -152,7 +270,7 @@ def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) ->
     parts.append(np.array(single, np.int64))
     messages = np.concatenate(parts)
     limits.check_messages(len(messages))
-    return Records(messages, others)
+    return Records(data, messages, others)
 
 
 def _equal_run(data: bytes, position: int, length: int) -> int:
@@ -179,15 +297,12 @@ def _equal_run(data: bytes, position: int, length: int) -> int:
 
 def _unpack_chunk(body: bytes, block: Block, limits: LogLimits, memory: int | None) -> bytes:
     try:
-        _, _, size, checksum, name_length = CHUNK.unpack_from(body)
-        compression = body[CHUNK.size : CHUNK.size + name_length].decode()
-        (length,) = struct.unpack_from("<Q", body, CHUNK.size + name_length)
+        _, _, size, checksum, _ = CHUNK.unpack_from(body)
+        compression, packed = _split_chunk(body)
     except (struct.error, UnicodeDecodeError) as error:
         if block.cut:
             return b""
         raise ValueError("chunk header") from error
-    begin = CHUNK.size + name_length + 8
-    packed = body[begin : begin + length]
     limits.check_size(size, len(packed))
     if memory is not None and size > memory:
         raise ValueError(f"a chunk of {size} bytes")

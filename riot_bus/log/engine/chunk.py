@@ -7,31 +7,23 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from riot_bus.log.engine.blocks import MESSAGE, MESSAGE_HEAD, SHORTEST_MESSAGE, head_type
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["LARGE", "MESSAGE_BYTES", "Buffer", "Chunk", "ChunkBuilder", "Draft", "Row"]
+    from numpy.typing import NDArray
 
-MESSAGE_BYTES = 31
-"""Bytes of a message besides its payload."""
+__all__ = ["LARGE", "Buffer", "Chunk", "ChunkBuilder", "Draft", "Row", "indexes_of"]
+
 LARGE = 1 << 16
 """Least bytes of a payload that is treated separately."""
 Buffer = bytes | memoryview
 
-_MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
 _ENTRY = struct.Struct("<QQ")
-_BODY = 22  # MCAP's message record without payload: channel, sequence, two times (2 + 4 + 8 + 8)
 _PIECE = 1 << 17  # the system allocates and frees larger blocks each time (glibc's default); see packing
 _FEW = 8  # numpy's calls cost more than a loop over few messages; a guess
-_FIELDS = (
-    ("opcode", "u1"),
-    ("length", "<u8"),
-    ("channel", "<u2"),
-    ("sequence", "<u4"),
-    ("time", "<u8"),
-    ("published", "<u8"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +70,7 @@ class Draft(NamedTuple):
 
     def counts(self) -> Counter[int]:
         """Return how many messages there are of each channel."""
-        return Counter(_MESSAGE.unpack(head)[2] for head in self.parts[::2])
+        return Counter(MESSAGE.unpack(head)[2] for head in self.parts[::2])
 
     def chunk(self) -> Chunk:
         """Return the chunk: definitions, then messages, and an index of them."""
@@ -87,26 +79,19 @@ class Draft(NamedTuple):
         definitions = b"".join(self.definitions)
         if len(self.parts) <= 2 * _FEW:
             return self._chunk_of_few(definitions)
-        heads = np.frombuffer(b"".join(self.parts[::2]), np.dtype(list(_FIELDS)))
+        heads = np.frombuffer(b"".join(self.parts[::2]), head_type())
         lengths = heads["length"].astype(np.int64) + 9
         ends = np.cumsum(lengths)
-        order = np.argsort(heads["channel"], kind="stable")
-        entries = np.empty((len(heads), 2), "<u8")
-        entries[:, 0] = heads["time"]
-        entries[:, 1] = ends - lengths + len(definitions)
-        entries = entries[order]
-        channels, places = np.unique(heads["channel"][order], return_index=True)
-        following = [*places.tolist()[1:], len(heads)]
-        spans = list(zip(channels.tolist(), places.tolist(), following, strict=True))
+        indexes, counts = indexes_of(heads["channel"], heads["time"], ends - lengths + len(definitions))
         cuts = np.unique(np.searchsorted(ends, np.arange(_PIECE, ends[-1], _PIECE), side="right"))
         return Chunk(
             (definitions, *self._pieces([*cuts.tolist(), len(heads)])),
             int(heads["time"].min()),
             int(heads["time"].max()),
-            {channel: _index_record(channel, entries[first:end].tobytes()) for channel, first, end in spans},
-            {channel: end - first for channel, first, end in spans},
+            indexes,
+            counts,
             definitions,
-            tuple(self.parts[2 * place + 1] for place in np.flatnonzero(lengths >= LARGE + MESSAGE_BYTES).tolist()),
+            tuple(self.parts[2 * place + 1] for place in np.flatnonzero(lengths >= LARGE + MESSAGE_HEAD).tolist()),
         )
 
     def _chunk_of_few(self, definitions: bytes) -> Chunk:
@@ -115,7 +100,7 @@ class Draft(NamedTuple):
         counts: Counter[int] = Counter()
         times, position = [], len(definitions)
         for head in self.parts[::2]:
-            _, length, channel, _, time, _ = _MESSAGE.unpack(head)
+            _, length, channel, _, time, _ = MESSAGE.unpack(head)
             entries[channel] = entries.get(channel, b"") + _ENTRY.pack(time, position)
             counts[channel] += 1
             times.append(time)
@@ -170,15 +155,15 @@ class ChunkBuilder:
             rows: Messages, whose numbers have to fit the format: 16, 32, 64 and 64 bits.
             most: Bytes at which the chunk is full.
         """
-        put, pack, size = self._parts.append, _MESSAGE.pack, self.size
+        put, pack, size = self._parts.append, MESSAGE.pack, self.size
         for channel, sequence, time, published, payload, extras in rows:
             if extras is not None:
                 self._extras.append((len(self._parts) // 2, extras))
                 size += len(extras.get("a", ()))
             length = len(payload)
-            put(pack(5, _BODY + length, channel, sequence, time, published))
+            put(pack(5, SHORTEST_MESSAGE + length, channel, sequence, time, published))
             put(payload)
-            size += MESSAGE_BYTES + length
+            size += MESSAGE_HEAD + length
             if size >= most:
                 self.size = size
                 return True
@@ -191,6 +176,29 @@ class ChunkBuilder:
         self.size = 0
         self._parts, self._definitions, self._extras = [], [], []
         return draft
+
+
+def indexes_of(
+    channels: NDArray[Any], times: NDArray[Any], offsets: NDArray[Any]
+) -> tuple[dict[int, bytes], dict[int, int]]:
+    """Return the message index record and the number of messages of each channel of a chunk.
+
+    Args:
+        channels: Channel of each message, shape (n,).
+        times: Time of each message, nanoseconds, shape (n,).
+        offsets: Offset of each message's record in the chunk, shape (n,).
+    """
+    import numpy as np
+
+    order = np.argsort(channels, kind="stable")
+    entries = np.empty((len(channels), 2), "<u8")
+    entries[:, 0], entries[:, 1] = times, offsets
+    entries = entries[order]
+    numbers, places = np.unique(channels[order], return_index=True)
+    ends = [*places.tolist()[1:], len(channels)]
+    spans = list(zip(numbers.tolist(), places.tolist(), ends, strict=True))
+    indexes = {number: _index_record(number, entries[first:end].tobytes()) for number, first, end in spans}
+    return indexes, {number: end - first for number, first, end in spans}
 
 
 def _index_record(channel: int, data: bytes) -> bytes:

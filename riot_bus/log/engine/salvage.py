@@ -9,51 +9,41 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import lz4.frame  # type: ignore[import-untyped]
 from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
+from riot_bus.log.engine.blocks import (
+    CHUNK,
+    DEFINITIONS,
+    HEAD,
+    MESSAGE_HEAD,
+    MOST_OTHERS,
+    SHORTEST_MESSAGE,
+    Block,
+    Records,
+    heads_of,
+    unzstd,
+)
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-__all__ = ["Salvage", "salvage"]
+__all__ = ["salvage"]
 
 _INDEX = struct.Struct("<HI")
 _STEP = 1 << 12  # bytes that are decompressed at once: up to this many are lost before a damaged place
 _PACKED_STEP = 1 << 10  # compressed bytes of lz4: up to this many are lost before a damaged place
-_FIELDS = (("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"))
-
-
-class Salvage(NamedTuple):
-    """Messages of a damaged chunk.
-
-    Attributes:
-        data: Definitions, followed by the records of the messages.
-        records: Positions of these in the data.
-        places: Number of each message in the chunk as it was written, ascending, shape (n,).
-        missing: Number of messages of the chunk that are lost.
-    """
-
-    data: bytes
-    records: Records
-    places: NDArray[Any]
-    missing: int
-
-    def extras(self, extras: Mapping[int, dict[str, Any]]) -> dict[int, dict[str, Any]]:
-        """Return extras by the number of the message in `data`, given those by its number in the chunk."""
-        return {new: extras[old] for new, old in enumerate(self.places.tolist()) if old in extras}
 
 
 def salvage(
     file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None
-) -> Salvage | None:
-    """Return what is left of a chunk that cannot be read as a whole; None if nothing is.
+) -> Records | None:
+    """Return the definitions and messages left of a chunk that cannot be read as a whole; None if nothing is left.
 
     Args:
         file: Descriptor of the log.
@@ -71,8 +61,7 @@ def salvage(
         data = _remains(os.pread(file, block.body.length, block.body.offset), limits, limit)
     except (OSError, ValueError, struct.error):
         return None
-    heads_size = HEAD.size + SHORTEST_MESSAGE
-    if len(data) < heads_size or not len(offsets):
+    if len(data) < MESSAGE_HEAD or not len(offsets):
         return None
     offsets = np.minimum(offsets, np.uint64(limit)).astype(np.int64)  # larger ones are invalid
     order = np.argsort(offsets, kind="stable")
@@ -80,10 +69,9 @@ def salvage(
     unique = np.concatenate([[True], offsets[1:] != offsets[:-1]])
     places = np.cumsum(unique) - 1
     following = np.append(offsets[unique], max(len(data), int(offsets[-1]) + 1))[places + 1]
-    whole = offsets <= len(data) - heads_size
+    whole = offsets <= len(data) - MESSAGE_HEAD
     channels, times, begins, following, places = (each[whole] for each in (channels, times, offsets, following, places))
-    width = np.dtype(list(_FIELDS)).itemsize
-    heads = np.ndarray((len(data) - width + 1,), f"V{width}", data, 0, (1,))[begins].view(list(_FIELDS))
+    heads = heads_of(data, begins)
     ends = begins + HEAD.size + np.minimum(heads["length"], np.uint64(len(data) + 1)).astype(np.int64)
     sound = (
         (heads["opcode"] == Opcode.MESSAGE)
@@ -103,7 +91,7 @@ def _joined(
     following: NDArray[Any],
     places: NDArray[Any],
     written: int,
-) -> Salvage | None:
+) -> Records | None:
     """Join the confirmed messages; between two messages there may only be whole records."""
     import numpy as np
 
@@ -127,7 +115,7 @@ def _joined(
     runs = zip(begins[[0, *gaps]].tolist(), ends[[*(gaps - 1), -1]].tolist(), strict=True)
     pieces = [data[begin:end] for begin, end in [*definitions, *runs]]
     starts = np.cumsum(lengths) - lengths + position
-    return Salvage(b"".join(pieces), Records(starts, others), places, written - len(places))
+    return Records(b"".join(pieces), starts, others, places, written - len(places))
 
 
 def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]], bool]:
@@ -136,7 +124,7 @@ def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]
     while position + HEAD.size <= end and len(found) <= MOST_OTHERS:
         opcode, length = HEAD.unpack_from(data, position) if position + HEAD.size <= len(data) else (0, 0)
         following = position + HEAD.size + length
-        if following > end or opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+        if following > end or opcode not in DEFINITIONS:
             break
         found.append((position, following))
         position = following

@@ -21,27 +21,27 @@ from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
 
 from riot_bus.log.engine.blocks import (
     CHUNK,
+    DEFINITIONS,
     EXTRAS,
     HEAD,
+    MAGIC,
+    MESSAGE,
     MOST_OTHERS,
     SHORTEST_MESSAGE,
     Block,
     Span,
-    read_block,
-    records_of,
 )
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, BeyondLimitError, LogLimits
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 __all__ = [
-    "Block",
     "MessageEntry",
     "Scan",
-    "Span",
+    "define",
     "load_block",
     "parse",
     "read_attachment",
@@ -49,15 +49,12 @@ __all__ = [
     "scan_file",
 ]
 
-MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 """Bytes at the end of a file that was closed: footer and magic."""
 
 RecordT = TypeVar("RecordT")
 
-_MESSAGE = struct.Struct("<BQHIQQ")
 _PLAIN_BLOCK = 1 << 20  # as a usual chunk: smaller blocks need more entries, larger ones load longer
-_DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
 _SHORTEST_CHUNK = CHUNK.size + 8
 _MOST_GAPS = 1000  # a search reads 64 KiB or more: many in a hostile file would take hours
 
@@ -122,7 +119,7 @@ def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
     if stat.S_ISDIR(status.st_mode):
         raise ConfigError("this is a directory", where=path, hint="name the .mcap file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise ConfigError("this is no file", where=path, hint="copy it into a file first")
+        raise ConfigError("this is not a file", where=path, hint="copy it into a file first")
     try:
         if os.pread(file, len(MAGIC), 0) != MAGIC:
             if size == 0:
@@ -157,7 +154,7 @@ def _walk(file: int, scan: Scan) -> Scan:
         if not cut:
             extras = _take(file, scan, opcode, position, body, inside) or extras
         if opcode != Opcode.MESSAGE or length < SHORTEST_MESSAGE or cut:
-            scan.joins = scan.joins and not cut and (opcode in _DEFINITIONS or opcode > Opcode.DATA_END)
+            scan.joins = scan.joins and not cut and (opcode in DEFINITIONS or opcode > Opcode.DATA_END)
         if len(scan.blocks) > most:
             scan.blocks.pop()
             following = _stop(file, scan, position)
@@ -183,11 +180,11 @@ def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside:
         case Opcode.MESSAGE if length >= SHORTEST_MESSAGE:
             (time,) = struct.unpack_from("<Q", inside, 6)
             _add_plain(scan, position, HEAD.size + length, time)
+        case Opcode.ATTACHMENT if _text(inside, 16)[0] == EXTRAS:
+            return body
         case Opcode.ATTACHMENT:
-            found = _extras_span(body, inside)
-            if found is None and _has_place(scan, scan.attachments):
+            if _has_place(scan, scan.attachments):
                 scan.attachments.append(body)
-            return found
         case Opcode.METADATA:
             if _has_place(scan, scan.metadata):
                 scan.metadata.append((_text(inside, 0)[0], body))
@@ -230,14 +227,11 @@ def parse_footer(tail: bytes) -> Footer | None:
 
 def define(scan: Scan, opcode: int, body: bytes) -> None:
     """Add a schema, channel or statistics record; a damaged one is left out and counted."""
-    record: Schema | Channel | Statistics | None
     if len(body) > scan.limits.definitions:
         _refuse(scan, len(body), crc32(body))
         return
-    if opcode == Opcode.SCHEMA:
-        record = parse(Schema, body)
-    else:
-        record = parse(Channel, body) if opcode == Opcode.CHANNEL else parse(Statistics, body)
+    kinds: dict[int, type[Schema | Channel | Statistics]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+    record = parse(kinds.get(opcode, Statistics), body)
     if record is None:
         scan.damaged.add(crc32(body))
     elif isinstance(record, Statistics):
@@ -315,7 +309,7 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
     return body[position + 8 : -4]
 
 
-def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[MessageEntry]:
+def load_block(data: bytes, block: Block, scan: Scan, extras: Mapping[int, dict[str, Any]]) -> list[MessageEntry]:
     """Return a block's messages in file order, and add its schemas and channels to the scan.
 
     Args:
@@ -330,7 +324,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
     entries: list[MessageEntry] = []
     order, place, others, most = block.number << 32, 0, 0, scan.limits.messages
     position, size = 0, len(data)
-    unpack, head_size, is_message = _MESSAGE.unpack_from, _MESSAGE.size, int(Opcode.MESSAGE)
+    unpack, head_size, is_message = MESSAGE.unpack_from, MESSAGE.size, int(Opcode.MESSAGE)
     while position + HEAD.size <= size:
         if data[position] == is_message and position + head_size <= size:
             _, length, channel, sequence, time, published = unpack(data, position)
@@ -349,21 +343,13 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
             if following > size or opcode in (0, is_message):
                 break
             if others > MOST_OTHERS:
-                raise ValueError(f"more than {MOST_OTHERS} records that are no messages")
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                raise ValueError(f"more than {MOST_OTHERS} records that are not messages")
+            if opcode in DEFINITIONS:
                 define(scan, opcode, data[position + 9 : following])
         position = following
     if position != size and not block.cut:
         raise ValueError("a record inside goes beyond its end")
     return entries
-
-
-def learn_block(file: int, block: Block, scan: Scan) -> None:
-    """Add only a block's schemas and channels to the scan; raises ValueError if it is damaged."""
-    data = read_block(file, block, scan.limits)
-    for opcode, start, end in records_of(data, scan.limits, cut=block.cut).others:
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            define(scan, opcode, data[start:end])
 
 
 def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
@@ -374,10 +360,6 @@ def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
     else:
         scan.blocks.append(Block(len(scan.blocks), Span(position, length), time, time, chunked=False))
         scan.joins = True
-
-
-def _extras_span(body: Span, inside: bytes) -> Span | None:
-    return body if _text(inside, 16)[0] == EXTRAS else None
 
 
 def _text(data: bytes, position: int) -> tuple[str, int]:

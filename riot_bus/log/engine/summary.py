@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, MetadataIndex, Schema, Statistics
 
-from riot_bus.log.engine.blocks import HEAD, Span
+from riot_bus.log.engine.blocks import HEAD, MAGIC, Span
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
-from riot_bus.log.engine.scan import FOOTER_BYTES, MAGIC, parse, parse_footer
+from riot_bus.log.engine.scan import FOOTER_BYTES, parse, parse_footer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import (
-    CHUNK,
-    HEAD,
-    SHORTEST_MESSAGE,
-    Records,
-    packed_size,
-    read_block,
-    records_of,
-)
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, SHORTEST_MESSAGE, heads_of
 from riot_bus.types.payloads import Payloads
 
 if TYPE_CHECKING:
@@ -28,20 +18,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.engine.blocks import Block
+    from riot_bus.log.engine.blocks import Block, Records
     from riot_bus.log.reader import LogReader
 
 __all__ = ["LoadedBlock", "load_ahead"]
 
-_MESSAGE = np.dtype(
-    {
-        "names": ["length", "channel", "time", "published"],
-        "formats": ["<u8", "<u2", "<u8", "<u8"],
-        "offsets": [1, 9, 15, 23],
-        "itemsize": HEAD.size + SHORTEST_MESSAGE,
-    }
-)
-"""The part of a message record before its payload."""
 _LATEST = (1 << 63) - 1  # the largest int64 of numpy; times in MCAP go up to 2^64 - 1
 _SMALL = 1 << 14  # handing a block of this size to a thread takes longer than loading it
 
@@ -52,19 +33,15 @@ class LoadedBlock:
 
     Attributes:
         block: The block that was read.
-        data: The records of the block.
-        places: Offset of each message's record in `data`, shape (n,).
+        records: The records of the block.
         heads: Header before each message's payload, shape (n,).
         times: Time of each message, nanoseconds, shape (n,); -1 beyond the year 2262.
-        numbers: Position of each message in the block as it was written, shape (n,); None for 0, 1, 2 ...
     """
 
     block: Block
-    data: bytes
-    places: NDArray[np.int64]
+    records: Records
     heads: NDArray[Any]
     times: NDArray[np.int64]
-    numbers: NDArray[np.int64] | None = None
 
     @property
     def channels(self) -> NDArray[np.uint16]:
@@ -83,7 +60,8 @@ class LoadedBlock:
 
     def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return numbers that sort messages, of any block, by their place in the file."""
-        return (self.block.number << 32) + (rows if self.numbers is None else self.numbers[rows])
+        numbers = self.records.numbers
+        return (self.block.number << 32) + (rows if numbers is None else numbers[rows])
 
     def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the publish times of these rows, as stored in the file."""
@@ -91,7 +69,7 @@ class LoadedBlock:
 
     def payloads(self, rows: NDArray[np.int64]) -> Payloads:
         """Return the payloads of these rows."""
-        return Payloads(self.data, self.places[rows] + _MESSAGE.itemsize, self.lengths()[rows])
+        return Payloads(self.records.data, self.records.messages[rows] + MESSAGE_HEAD, self.lengths()[rows])
 
     def lengths(self) -> NDArray[np.int64]:
         """Return the payload size of each message in bytes, shape (n,)."""
@@ -116,104 +94,48 @@ def load_ahead(
     limit = memory if largest is None else largest
     known = np.zeros(1 << 16, np.bool_)
     known[list(reader.sources())] = True
-    if threads < 1 or len(blocks) < 2:
-        for block in blocks:
-            try:
-                loaded = _load(reader, block, limit)
-            except ValueError as error:
-                yield from _rest(reader, block, error, limit, known)
-            else:
-                yield _take(reader, *loaded, known)
-                del loaded
-        return
-    waiting: deque[tuple[Block, int, Future[tuple[LoadedBlock, Records]] | None]] = deque()
+    threads = threads if len(blocks) > 1 else 0
+    ahead: deque[tuple[Block, int, Future[LoadedBlock] | None]] = deque()
     held, following = 0, 0
-    with ThreadPoolExecutor(threads, thread_name_prefix="riot-columns") as pool:
+    with ThreadPoolExecutor(max(threads, 1), thread_name_prefix="riot-columns") as pool:
         try:
-            while waiting or following < len(blocks):
-                while following < len(blocks) and len(waiting) <= 2 * threads:
+            while ahead or following < len(blocks):
+                while following < len(blocks) and len(ahead) <= 2 * threads:
                     block = blocks[following]
-                    size = min(limit, _claimed(reader.file, block))
-                    if waiting and held + size > memory:
+                    size = min(limit, reader.claimed_size(block)) if threads else 0
+                    if ahead and held + size > memory:
                         break
-                    ahead = pool.submit(_load, reader, block, limit) if size > _SMALL else None
-                    waiting.append((block, size, ahead))
+                    in_pool = size > _SMALL
+                    ahead.append((block, size, pool.submit(_load, reader, block, limit) if in_pool else None))
                     held += size
                     following += 1
-                block, size, future = waiting.popleft()
+                block, size, future = ahead.popleft()
+                loaded: LoadedBlock | None
                 try:
                     loaded = _load(reader, block, limit) if future is None else future.result()
                 except ValueError as error:
-                    yield from _rest(reader, block, error, limit, known)
-                else:
-                    yield _take(reader, *loaded, known)
-                    del loaded
-                del future
+                    rest = reader.salvage(block, error, memory=limit)
+                    loaded = None if rest is None else _arrays(block, rest)
+                if loaded is not None:
+                    reader.define(loaded.records)
+                    lost = ~known[loaded.channels] | (loaded.times < 0)
+                    reader.count_unknown(block, int(np.count_nonzero(lost)))
+                    yield loaded
+                del loaded, future  # before others are loaded: memory holds one block besides those ahead
                 held -= size
         finally:
-            for _, _, future in waiting:
+            for _, _, future in ahead:
                 if future is not None:
                     future.cancel()
 
 
-def _load(reader: LogReader, block: Block, memory: int) -> tuple[LoadedBlock, Records]:
-    data = read_block(reader.file, block, reader.limits, memory=memory)
-    records = records_of(data, reader.limits, cut=block.cut)
-    return _arrays(block, data, records), records
+def _load(reader: LogReader, block: Block, memory: int) -> LoadedBlock:
+    return _arrays(block, reader.load(block, memory=memory))
 
 
-def _rest(
-    reader: LogReader, block: Block, error: ValueError, limit: int, known: NDArray[np.bool_]
-) -> Iterator[LoadedBlock]:
-    """Count a block as damaged, and yield what is salvaged of it."""
-    reader.count_damage(block, error)
-    rest = reader.rest_of(block, memory=limit)
-    if rest is not None:
-        yield _take(reader, _arrays(block, rest.data, rest.records, rest.places), rest.records, known)
-
-
-def _arrays(block: Block, data: bytes, records: Records, numbers: NDArray[np.int64] | None = None) -> LoadedBlock:
-    heads = _heads(data, records.messages)
-    return LoadedBlock(block, data, records.messages, heads, _as_times(heads["time"]), numbers)
-
-
-def _take(reader: LogReader, block: LoadedBlock, records: Records, known: NDArray[np.bool_]) -> LoadedBlock:
-    for opcode, start, end in records.others:
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            reader.define(opcode, block.data[start:end])
-    lost = ~known[block.channels] | (block.times < 0)
-    reader.count_unknown(block.block, int(np.count_nonzero(lost)))
-    return block
-
-
-def _claimed(file: int, block: Block) -> int:
-    """Return how many bytes a block claims to have once it is decompressed."""
-    if not block.chunked:
-        return block.body.length
-    try:
-        head = os.pread(file, CHUNK.size, block.body.offset)
-    except OSError:
-        return 0
-    return packed_size(head) if len(head) == CHUNK.size else 0
-
-
-def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the headers of the messages at these offsets, which need not be aligned."""
-    size = _MESSAGE.itemsize
-    stride = _stride(places)
-    if stride:
-        heads = np.ndarray((len(places),), f"V{size}", data, int(places[0]), (stride,)).copy()
-    elif len(places):
-        heads = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))[places]
-    else:
-        heads = np.empty(0, f"V{size}")
-    return heads.view(_MESSAGE)
-
-
-def _stride(places: NDArray[np.int64]) -> int:
-    """Return the distance between successive offsets, 0 if it varies."""
-    steps = np.diff(places)
-    return int(steps[0]) if len(steps) and (steps == steps[0]).all() else 0
+def _arrays(block: Block, records: Records) -> LoadedBlock:
+    heads = heads_of(records.data, records.messages)
+    return LoadedBlock(block, records, heads, _as_times(heads["time"]))
 
 
 def _as_times(numbers: NDArray[Any]) -> NDArray[np.int64]:

@@ -2,13 +2,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.log.editing.batch import Batch, gathered, heads_of, pack_message, shifted
+from riot_bus.log.editing.batch import Batch, gathered, shifted
 from riot_bus.log.editing.sorting import Sorter
+from riot_bus.log.engine.blocks import heads_of, message_bytes
 
 
 def batch(times, label=0):
     """Messages of these times; their payloads say which is which."""
-    records = [pack_message(1, n, time, time, b"%d/%d" % (label, n)) for n, time in enumerate(times)]
+    records = [message_bytes(1, n, time, time, b"%d/%d" % (label, n)) for n, time in enumerate(times)]
     lengths = np.array([len(record) for record in records], np.int64)
     ends = np.cumsum(lengths)
     return Batch(
