@@ -24,7 +24,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import EXTRAS
+from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
@@ -118,7 +118,7 @@ def chunk(
 
 
 def attachment(name: str, data: bytes, *, checksum: int | None = None) -> bytes:
-    body = struct.pack("<QQ", 0, 0) + text(name) + text(layout.EXTRAS_TYPE) + struct.pack("<Q", len(data)) + data
+    body = struct.pack("<QQ", 0, 0) + text(name) + text(EXTRAS_TYPE) + struct.pack("<Q", len(data)) + data
     return record(ATTACHMENT, body + struct.pack("<I", zlib.crc32(body) if checksum is None else checksum))
 
 

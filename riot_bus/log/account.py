@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,22 +42,46 @@ class Account:
         """Return how many messages are lost for a reason, or for any."""
         return sum(number for name, topics in self.lost.items() if reason in (None, name) for number in topics.values())
 
-    def since(self, former: Account) -> Account:
+    @classmethod
+    def total_of(cls, accounts: Sequence[Account]) -> Account:
+        """Return the sum of several accounts."""
+        return cls(
+            _summed({"": each.recorded} for each in accounts)[""],
+            _summed(each.lost for each in accounts),
+            _summed(each.left_out for each in accounts),
+        )
+
+    def renamed(self, names: Mapping[str, str]) -> Account:
+        """Return the numbers of some topics under other names; those without a new name are left out."""
+
+        def kept(numbers: Numbers) -> Counter[str]:
+            total: Counter[str] = Counter()
+            for topic, number in numbers.items():
+                total.update({names[topic]: number} if topic in names else {})
+            return total
+
+        return Account(
+            kept(self.recorded),
+            {reason: kept(topics) for reason, topics in self.lost.items()},
+            {reason: kept(topics) for reason, topics in self.left_out.items()},
+        )
+
+    def since(self, earlier: Account) -> Account:
         """Return what was added since an earlier account."""
         return Account(
-            _less(self.recorded, former.recorded),
-            {reason: _less(topics, former.lost.get(reason, {})) for reason, topics in self.lost.items()},
-            {reason: _less(topics, former.left_out.get(reason, {})) for reason, topics in self.left_out.items()},
+            _less(self.recorded, earlier.recorded),
+            {reason: _less(topics, earlier.lost.get(reason, {})) for reason, topics in self.lost.items()},
+            {reason: _less(topics, earlier.left_out.get(reason, {})) for reason, topics in self.left_out.items()},
         )
 
     def record(self) -> dict[str, str]:
         """Return it as the mapping of a metadata record."""
         return {
             "version": str(_VERSION),
-            "recorded": _text(self.recorded),
+            "recorded": json.dumps(_few(self.recorded)),
             "lost": json.dumps({reason: _few(topics) for reason, topics in self.lost.items() if any(topics.values())}),
             "left_out": json.dumps(
-                {reason: _few(topics) for reason, topics in self.left_out.items() if any(topics.values())}
+                {reason: _few(each) for reason, each in self.left_out.items() if any(each.values())}
             ),
         }
 
@@ -80,15 +105,27 @@ def account_of(record: Mapping[str, str]) -> Account | None:
         return None
 
 
+def _by_reason(table: Mapping[str, Numbers]) -> str:
+    return json.dumps({reason: _few(topics) for reason, topics in table.items() if any(topics.values())})
+
+
+def _summed(tables: Iterable[Mapping[str, Numbers]]) -> dict[str, Counter[str]]:
+    total: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    for table in tables:
+        for reason, topics in table.items():
+            total[reason].update(topics)
+    return total
+
+
 def _numbers(document: Any) -> dict[str, int]:
     found = {str(topic): number for topic, number in document.items()}
     if not all(isinstance(number, int) for number in found.values()):
-        raise ValueError("no numbers")
+        raise ValueError("counts must be numbers")
     return found
 
 
-def _less(numbers: Numbers, former: Numbers) -> dict[str, int]:
-    found = {topic: number - former.get(topic, 0) for topic, number in numbers.items()}
+def _less(numbers: Numbers, earlier: Numbers) -> dict[str, int]:
+    found = {topic: number - earlier.get(topic, 0) for topic, number in numbers.items()}
     return {topic: number for topic, number in found.items() if number}
 
 
@@ -99,7 +136,3 @@ def _few(numbers: Numbers) -> dict[str, int]:
         found = dict(ordered[:_MOST_TOPICS])
         found[_OTHER] = found.get(_OTHER, 0) + sum(number for _, number in ordered[_MOST_TOPICS:])
     return dict(sorted(found.items()))
-
-
-def _text(numbers: Numbers) -> str:
-    return json.dumps(_few(numbers))

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgpack  # type: ignore[import-untyped]
 import zstandard
 
+from riot_bus.log.engine.chunk import Companions
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.log.engine.scan import read_attachment
 from riot_bus.pipeline.event import Change
@@ -39,7 +40,6 @@ ORIGINAL_PREFIX = "riot/original/"
 _CALL_PREFIX = "riot/"
 RUN, PROVENANCE = "riot_bus.run", "riot_bus.provenance"
 GRAPH = "riot_bus.graph"
-EXTRAS_TYPE = "application/msgpack+zstd"
 LIBRARY = "riot_bus"
 _MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22  # unpacked without checks: 4 MiB of empty maps take 300 MB
 
@@ -143,6 +143,12 @@ def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
 def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
     """Encode the extras of one chunk: pairs of a message's place in the chunk (0, 1, ...) and its extras."""
     return zstandard.compress(msgpack.packb([list(pair) for pair in extras]), 1)
+
+
+def companions(extras: Sequence[tuple[int, dict[str, Any]]], provenance: Sequence[Provenance]) -> Companions:
+    """Return the records that belong to a chunk and stand before it: extras and provenance, if there are any."""
+    note = (PROVENANCE, {"changes": pack_provenance(provenance)}) if provenance else None
+    return Companions(pack_extras(extras) if extras else b"", note)
 
 
 def load_extras(file: int, block: Block, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:

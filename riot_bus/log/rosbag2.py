@@ -1,6 +1,7 @@
 """The metadata that rosbag2 needs of a bag: `metadata.yaml` beside its files, and the same text in each file.
 
-Written in version 8 of the format, with QoS as numbers in a text, which every ROS 2 release since Humble reads.
+Written in version 8 of the format, with QoS as numbers in a text, which every ROS 2 release since Humble reads. Where
+the channels of an edited bag have QoS as names, it is version 9.
 Source: rosbag2_storage's metadata_io and its MCAP plug-in.
 """
 
@@ -10,7 +11,7 @@ import json
 import os
 import re
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,9 +25,12 @@ if TYPE_CHECKING:
     from riot_bus.log.writer import LogWriter
 
 __all__ = [
+    "FIELD",
     "RECORD",
+    "BagDetails",
     "BagFile",
     "BagTopic",
+    "bag_details",
     "bag_epilogue",
     "bag_file",
     "bag_of",
@@ -37,8 +41,15 @@ __all__ = [
 ]
 
 RECORD = "rosbag2"
-_FIELD = "serialized_metadata"
-_VERSION = 8  # of metadata.yaml: Humble reads it; from 9 on, QoS are names, not numbers
+"""Name of the metadata record of a file."""
+FIELD = "serialized_metadata"
+"""Key of the text in that record."""
+_VERSION, _VERSION_OF_NAMES = 8, 9  # of metadata.yaml: Humble reads 8; from 9 on, QoS are names, not numbers
+_MOST_BYTES = 1 << 26  # default limit of a metadata record (LogLimits.definitions)
+_NAMES = re.compile(r"(?:history|reliability|durability|liveliness):\s*[A-Za-z]")
+_DISTRO = re.compile(r'^ros_distro:\s*"?([\w.-]*)"?\s*$', re.MULTILINE)
+_CUSTOM = re.compile(r"^custom_data:(?:[ \t]*\n(?:[ \t]+.*(?:\n|\Z))+|[^\n]*)", re.MULTILINE)
+_HEAD = "rosbag2_bagfile_information:\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +77,37 @@ class BagFile:
     def messages(self) -> int:
         """Number of messages in the file."""
         return sum(each.messages for each in self.topics)
+
+
+@dataclass(frozen=True, slots=True)
+class BagDetails:
+    """The metadata of a bag that does not follow from its messages; an edit keeps that of its input.
+
+    Attributes:
+        present: Whether the bag has metadata.
+        mapping: Mapping of its metadata record.
+        distro: Name of the ROS distribution.
+        custom: The user's own data, as YAML.
+    """
+
+    present: bool = False
+    mapping: Mapping[str, str] = field(default_factory=dict)
+    distro: str = ""
+    custom: str = "custom_data: ~"
+
+
+def bag_details(text: str, mapping: Mapping[str, str] | None = None) -> BagDetails:
+    """Return the details in the text of a `metadata.yaml`, or of a metadata record `rosbag2` with this mapping."""
+    text = text[:_MOST_BYTES]
+    if text.startswith(_HEAD):
+        text = textwrap.dedent(text.removeprefix(_HEAD))
+    distro, custom = _DISTRO.search(text), _CUSTOM.search(text)
+    return BagDetails(
+        present=True,
+        mapping=mapping or {},
+        distro=distro[1] if distro else "",
+        custom=custom[0].rstrip("\n") if custom else "custom_data: ~",
+    )
 
 
 def bag_file(name: str, writer: LogWriter) -> BagFile:
@@ -102,34 +144,37 @@ def bag_of(
     return BagFile(name, topics, start, end)
 
 
-def bag_text(files: Sequence[BagFile]) -> str:
+def bag_text(files: Sequence[BagFile], details: BagDetails | None = None) -> str:
     """Return the text of `metadata.yaml`."""
+    details = details or BagDetails()
+    named = any(_NAMES.search(topic.qos) for file in files for topic in file.topics)
     filled = [each for each in files if each.messages]
     start = min((each.start for each in filled), default=0)
     end = max((each.end for each in filled), default=start)
     lines = [
-        "rosbag2_bagfile_information:",
-        f"  version: {_VERSION}",
+        _HEAD.rstrip(),
+        f"  version: {_VERSION_OF_NAMES if named else _VERSION}",
         "  storage_identifier: mcap",
         "  duration:",
         f"    nanoseconds: {end - start}",
         "  starting_time:",
         f"    nanoseconds_since_epoch: {start}",
         f"  message_count: {sum(each.messages for each in files)}",
-        *_list("  topics_with_message_count:", [line for each in _merged(files) for line in _topic(each)]),
+        *_list("  topics_with_message_count:", [line for each in _merged(files) for line in _topic(each, named=named)]),
         '  compression_format: ""',
         '  compression_mode: ""',
         *_list("  relative_file_paths:", [f"    - {_quoted(each.name)}" for each in files]),
         *_list("  files:", [line for each in files for line in _file(each)]),
-        "  custom_data: ~",
-        '  ros_distro: ""',
+        textwrap.indent(details.custom, "  "),
+        f'  ros_distro: "{details.distro}"',
     ]
     return "\n".join(lines) + "\n"
 
 
-def bag_record(file: BagFile) -> dict[str, str]:
+def bag_record(file: BagFile, details: BagDetails | None = None) -> dict[str, str]:
     """Return the mapping of the metadata record `rosbag2` of one file; there the outermost key is missing."""
-    return {_FIELD: textwrap.dedent(bag_text([file]).partition("\n")[2])}
+    text = textwrap.dedent(bag_text([file], details).removeprefix(_HEAD))
+    return {**(details.mapping if details is not None else {}), FIELD: text}
 
 
 def bag_epilogue(writer: LogWriter) -> tuple[str, dict[str, str]]:
@@ -156,13 +201,16 @@ def _merged(files: Iterable[BagFile]) -> list[BagTopic]:
     return list(found.values())
 
 
-def _topic(topic: BagTopic) -> list[str]:
+def _topic(topic: BagTopic, *, named: bool) -> list[str]:
+    qos = f" {_quoted(topic.qos)}"
+    if named:
+        qos = "\n" + textwrap.indent(topic.qos.strip("\n"), " " * 10) if topic.qos.strip() else " []"
     return [
         "    - topic_metadata:",
         f"        name: {_quoted(topic.name)}",
         f"        type: {_quoted(topic.type_name)}",
         f"        serialization_format: {_quoted(topic.encoding)}",
-        f"        offered_qos_profiles: {_quoted(topic.qos)}",
+        f"        offered_qos_profiles:{qos}",
         f"        type_description_hash: {_quoted(topic.type_hash)}",
         f"      message_count: {topic.messages}",
     ]

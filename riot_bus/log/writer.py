@@ -7,14 +7,12 @@ import re
 import threading
 from collections import Counter, deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from mcap.records import Channel, Schema
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.engine.chunk import ChunkBuilder
 from riot_bus.log.engine.mcap_file import McapFile, record_bytes
 from riot_bus.log.layout import Constants, Provenance, Role
@@ -23,13 +21,12 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from contextlib import AbstractContextManager
     from pathlib import Path
     from types import TracebackType
 
     from mcap.records import Statistics
 
-    from riot_bus.log.engine.chunk import Chunk, Draft, Row
+    from riot_bus.log.engine.chunk import Chunk, Companions, Draft, Row
     from riot_bus.pipeline.event import Change
     from riot_bus.types.model import Schema as Definition
     from riot_bus.types.registry import TypeRegistry
@@ -42,7 +39,7 @@ _LOG = logging.getLogger(__name__)
 _MAX_CHANNELS = 65_000  # just below what the 16 bits of MCAP's channel numbers allow
 _OTHER_TOPICS = "(other topics)"
 _GONE = "the file was removed"
-_MOST_WAITING = 4  # chunks, by default of 1 MiB: bounds the memory where `queue_bytes` does not
+_MOST_PENDING = 4  # chunks, by default of 1 MiB: bounds the memory where `queue_bytes` does not
 _LOOK_EVERY = 31  # a mask: one message in 32 asks the clock for the chunk's age
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
 # Integers, not names: readers of every ROS 2 release understand them (metadata version 8).
@@ -115,17 +112,11 @@ class Storage(Protocol):
     def sync(self) -> None:
         """Return once the written data would survive a crash of the machine."""
 
-    def together(self) -> AbstractContextManager[None]:
-        """Append everything that is appended in this context, or nothing of it."""
-
     def define(self, records: bytes) -> None:
         """Write definitions before the next chunk."""
 
-    def chunk(self, chunk: Chunk) -> None:
-        """Append a chunk."""
-
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Append an attachment."""
+    def chunk(self, chunk: Chunk, companions: Companions) -> None:
+        """Append a chunk with what belongs to it, or nothing of both."""
 
     def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Append a metadata record."""
@@ -144,9 +135,32 @@ class ChannelWriter(NamedTuple):
     constants: Constants
 
 
-class _Batch(NamedTuple):
-    draft: Draft
-    provenance: str | None
+class _Attempts:
+    """A context in which steps are carried out though earlier ones failed; at its end, their losses are raised."""
+
+    def __init__(self) -> None:
+        self._failures: list[LostMessagesError] = []
+
+    def __call__(self, step: Callable[..., object], *arguments: Any) -> None:
+        """Carry out a step, and keep what it raises."""
+        try:
+            step(*arguments)
+        except LostMessagesError as error:
+            self.add(error)
+
+    def add(self, error: LostMessagesError) -> None:
+        """Keep an error."""
+        self._failures.append(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if self._failures and error is None:
+            *earlier, last = self._failures
+            for each in earlier:
+                last.add(each)
+            raise last
 
 
 class LogWriter:
@@ -228,7 +242,7 @@ class LogWriter:
         self._opened_at = 0
         self._looks = 0
         self._written: Counter[tuple[str, Role]] = Counter()
-        self._waiting: deque[tuple[Future[None], int]] = deque()
+        self._pending: deque[tuple[Future[None], int]] = deque()
         self._queued = 0
         self._queue_bytes, self._patience, self._overrun = queue_bytes, patience, False
         self._file: Storage = storage or McapFile(
@@ -329,21 +343,18 @@ class LogWriter:
         Raises:
             LostMessagesError: The messages that it names are lost, of these rows or earlier ones.
         """
-        failures: list[LostMessagesError] = []
-        with self._lock:
+        with self._lock, _Attempts() as attempt:
             if self.gone:
                 lost = Counter(self._names[row[0]] for row in rows)
                 raise self._failure(_GONE, lost)
             builder, now, feed = self._builder, self._now(), iter(rows)
             if builder.count and now - self._opened_at >= self._chunk_ns:
-                self._try(partial(self._end_chunk, patient=patient), failures)
+                attempt(self._end_chunk, patient)
             if not builder.count:
                 self._opened_at = now
             while builder.fill(feed, self._chunk_bytes):
-                self._try(partial(self._end_chunk, patient=patient), failures)
+                attempt(self._end_chunk, patient)
                 self._opened_at = now
-        if failures:
-            raise _all_of(failures)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write an MCAP metadata record; `LogReader.notes` returns it.
@@ -357,7 +368,7 @@ class LogWriter:
         """
         with self._lock:
             if not self._closed:
-                self._do(0, self._note, name, dict(mapping))
+                self._do(0, self._file.metadata, name, dict(mapping))
 
     def tick(self) -> None:
         """End a chunk that is old or large enough; call this regularly when messages are rare.
@@ -380,12 +391,9 @@ class LogWriter:
         Raises:
             LostMessagesError: The disk failed, now or before.
         """
-        failures: list[LostMessagesError] = []
-        with self._lock:
+        with self._lock, _Attempts() as attempt:
             if not self._closed:
-                self._flush(failures)
-        if failures:
-            raise _all_of(failures)
+                self._flush(attempt)
 
     def counts(self) -> Mapping[int, int]:
         """Return how many messages of each channel are in the file; call `flush` first to count all of them."""
@@ -406,24 +414,26 @@ class LogWriter:
         Raises:
             LostMessagesError: The disk failed, now or before; the file is closed all the same.
         """
-        failures: list[LostMessagesError] = []
         epilogue, self._epilogue = self._epilogue, None
-        if epilogue is not None:
-            for action in (self.flush, lambda: self.note(*epilogue(self))):
-                self._try(action, failures)
+        with _Attempts() as attempt:
+            if epilogue is not None:
+                attempt(self.flush)
+                attempt(lambda: self.note(*epilogue(self)))
+            attempt(self._close)
+
+    def _close(self) -> None:
         with self._lock:
             if self._closed:
                 return
             self._closed = True
             try:
-                self._flush(failures)
-                for step in (self._finish, partial(self._collect, None)):
-                    self._try(step, failures)
-                self._collect_sync(failures, waiting=True)
-                if self._durable:
-                    self._try(self._synchronise, failures)
-                if failures:
-                    raise _all_of(failures)
+                with _Attempts() as attempt:
+                    self._flush(attempt)
+                    attempt(self._do, 0, self._file.finish, list(self._schemas.values()), self._channels)
+                    attempt(self._collect, None)
+                    self._collect_sync(attempt, to_the_end=True)
+                    if self._durable:
+                        attempt(self._synchronise)
             finally:
                 for thread in (self._thread, self._syncer):
                     if thread is not None:
@@ -438,59 +448,46 @@ class LogWriter:
     ) -> None:
         self.close()
 
-    def _flush(self, failures: list[LostMessagesError]) -> None:
-        for step in (self._look_for_the_file, self._end_chunk, partial(self._collect, None)):
-            self._try(step, failures)
-
-    @staticmethod
-    def _try(step: Callable[[], None], failures: list[LostMessagesError]) -> None:
-        try:
-            step()
-        except LostMessagesError as error:
-            failures.append(error)
+    def _flush(self, attempt: _Attempts) -> None:
+        attempt(self._look_for_the_file)
+        attempt(self._end_chunk)
+        attempt(self._collect, None)
 
     def _look_for_the_file(self) -> None:
         if self._linked and not self.gone and not self._file.is_linked():
             self.gone = True
-            failures: list[LostMessagesError] = []
-            self._try(partial(self._collect, None), failures)
-            lost, self._written = self._written, Counter()
-            lost += self._by_name(self._builder.take().counts())
-            raise _all_of([*failures, self._failure(_GONE, lost)])
+            with _Attempts() as attempt:
+                attempt(self._collect, None)
+                lost, self._written = self._written, Counter()
+                lost += self._by_name(self._builder.end().counts())
+                attempt.add(self._failure(_GONE, lost))
 
-    def _end_chunk(self, *, patient: bool = True) -> None:
+    def _end_chunk(self, patient: bool = True) -> None:  # noqa: FBT001, FBT002 - passed on by `_Attempts`
         if not self._builder.count:
             return
-        provenance = layout.pack_provenance(self._provenance) if self._provenance else None
-        self._provenance = []
-        batch = _Batch(self._builder.take(), provenance)
-        if self._queue_bytes is not None and self._thread is not None:
-            failures: list[LostMessagesError] = []
-            if not self._make_room(self._queue_bytes, batch.draft.size, failures, patient=patient):
-                for record in batch.draft.definitions:
-                    self._builder.define(record)
-                lost = self._by_name(batch.draft.counts())
-                failures.append(self._failure("the disk is too slow", lost, slow=True))
+        draft, provenance, self._provenance = self._builder.end(), self._provenance, []
+        with _Attempts() as attempt:
+            most = self._queue_bytes if self._thread is not None else None
+            if most is None or self._make_room(most, draft.size, attempt, patient=patient):
+                attempt(self._do, draft.size, self._store, draft, provenance)
             else:
-                self._try(partial(self._do, batch.draft.size, self._store, batch), failures)
-            if failures:
-                raise _all_of(failures)
-        else:
-            self._do(batch.draft.size, self._store, batch)
+                for record in draft.definitions:
+                    self._builder.define(record)
+                attempt.add(self._failure("the disk is too slow", self._by_name(draft.counts()), slow=True))
 
-    def _make_room(self, most: int, size: int, failures: list[LostMessagesError], *, patient: bool) -> bool:
+    def _make_room(self, most: int, size: int, attempt: _Attempts, *, patient: bool) -> bool:
         """Return whether the queue has room for another chunk; wait for it up to `patience` where that helps."""
         deadline = monotonic() + self._patience
-        self._try(partial(self._collect, 0), failures)
+        attempt(self._collect, 0)
         if 2 * self._queued <= most:
             self._overrun = False
-        while self._waiting and self._queued + size > most:
+        while self._pending and self._queued + size > most:
             left = deadline - monotonic()
             if not patient or self._overrun or left <= 0.0:
                 self._overrun = True
                 return False
-            wait([self._waiting[0][0]], timeout=left)
-            self._try(partial(self._collect, 0), failures)
+            wait([self._pending[0][0]], timeout=left)
+            attempt(self._collect, 0)
         return True
 
     def _do(self, size: int, action: Callable[..., None], *arguments: Any) -> None:
@@ -501,42 +498,35 @@ class LogWriter:
             except OSError as error:
                 raise self._failure(error, Counter()) from error
         else:
-            self._waiting.append((self._thread.submit(action, *arguments), size))
+            self._pending.append((self._thread.submit(action, *arguments), size))
             self._queued += size
-            self._collect(_MOST_WAITING if self._queue_bytes is None else 0)
+            self._collect(_MOST_PENDING if self._queue_bytes is None else 0)
 
     def _collect(self, most: int | None) -> None:
         """Collect finished actions; wait until at most `most` are pending (None: until none is; 0: do not wait)."""
-        failures: list[LostMessagesError] = []
-        self._collect_sync(failures, waiting=False)
-        while self._waiting and (most is None or self._waiting[0][0].done() or 0 < most < len(self._waiting)):
-            future, size = self._waiting[0]
-            error = future.exception()
-            self._waiting.popleft()
-            self._queued -= size
-            if isinstance(error, OSError):
-                error = self._failure(error, Counter())
-            if isinstance(error, LostMessagesError):
-                failures.append(error)
-            elif error is not None:
-                raise error
-        if failures:
-            raise _all_of(failures)
+        with _Attempts() as attempt:
+            self._collect_sync(attempt, to_the_end=False)
+            while self._pending and (most is None or self._pending[0][0].done() or 0 < most < len(self._pending)):
+                future, size = self._pending[0]
+                error = future.exception()
+                self._pending.popleft()
+                self._queued -= size
+                if isinstance(error, OSError):
+                    error = self._failure(error, Counter())
+                if isinstance(error, LostMessagesError):
+                    attempt.add(error)
+                elif error is not None:
+                    raise error
 
-    def _store(self, batch: _Batch) -> None:
+    def _store(self, draft: Draft, provenance: Sequence[Provenance]) -> None:
         try:
-            chunk, extras = batch.draft.chunk(), batch.draft.extras
-            with self._file.together():
-                if extras:
-                    self._file.attachment(EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
-                if batch.provenance is not None:
-                    self._file.metadata(layout.PROVENANCE, {"changes": batch.provenance})
-                self._file.chunk(chunk)
+            chunk = draft.chunk()
+            self._file.chunk(chunk, layout.companions(draft.extras, provenance))
         except OSError as error:
-            raise self._failure(error, self._by_name(batch.draft.counts())) from error
+            raise self._failure(error, self._by_name(draft.counts())) from error
         except Exception as error:  # such as no memory: what is lost must be counted all the same
             _LOG.exception("a chunk of %s could not be made", self.path)
-            raise self._failure(repr(error), self._by_name(batch.draft.counts())) from error
+            raise self._failure(repr(error), self._by_name(draft.counts())) from error
         self._written.update(self._by_name(chunk.counts))
         self.problem = ""
         if self._durable and (now := self._now()) - self._synced >= self._chunk_ns:
@@ -556,20 +546,10 @@ class LogWriter:
         except OSError as error:  # what was written may be there all the same
             raise self._failure(error, Counter()) from error
 
-    def _collect_sync(self, failures: list[LostMessagesError], *, waiting: bool) -> None:
-        if self._syncing is not None and (waiting or self._syncing.done()):
-            error = self._syncing.exception()
-            self._syncing = None
-            if isinstance(error, LostMessagesError):
-                failures.append(error)
-            elif error is not None:
-                raise error
-
-    def _finish(self) -> None:
-        self._do(0, self._file.finish, list(self._schemas.values()), self._channels)
-
-    def _note(self, name: str, mapping: dict[str, str]) -> None:
-        self._file.metadata(name, mapping)
+    def _collect_sync(self, attempt: _Attempts, *, to_the_end: bool) -> None:
+        if self._syncing is not None and (to_the_end or self._syncing.done()):
+            syncing, self._syncing = self._syncing, None
+            attempt(syncing.result)
 
     def _by_name(self, counts: Mapping[int, int]) -> Counter[tuple[str, Role]]:
         return Counter({self._names[channel]: count for channel, count in counts.items()})
@@ -635,11 +615,3 @@ class LogWriter:
             self._schemas[identity] = found
             self._builder.define(record_bytes(found))
         return found.id
-
-
-def _all_of(failures: Sequence[LostMessagesError]) -> LostMessagesError:
-    """Return the last failure, with what all of them have lost."""
-    *former, found = failures
-    for each in former:
-        found.add(each)
-    return found

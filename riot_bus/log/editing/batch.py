@@ -30,18 +30,18 @@ class Batch:
         buffer: Buffer that holds their records.
         start: Offset at which each record begins, shape (n,).
         end: Offset at which each record ends, shape (n,).
-        course: Number of the course (`ChannelEdit`) of each message, shape (n,).
+        edit: Number of the `ChannelEdit` of each message, shape (n,).
         time: Time of each message, nanoseconds, shape (n,).
         extras: Result of `layout.extras_of` for each message, shape (n,); None if no message has extras.
         notes: Changes of each message by interceptors, tuples, shape (n,); None if there are none.
-        changed: Number of the course for which each counts as changed, -1 if it does not, shape (n,); None if none.
+        changed: Number of the edit for which each counts as changed, -1 if it does not, shape (n,); None if none.
         whole: Log and block, if these are exactly all messages of the block, unchanged; None otherwise.
     """
 
     buffer: bytes | bytearray
     start: NDArray[np.int64]
     end: NDArray[np.int64]
-    course: NDArray[np.int32]
+    edit: NDArray[np.int32]
     time: NDArray[np.uint64]
     extras: NDArray[Any] | None = None
     notes: NDArray[Any] | None = None
@@ -62,7 +62,7 @@ class Batch:
             self.buffer,
             self.start[rows],
             self.end[rows],
-            self.course[rows],
+            self.edit[rows],
             self.time[rows],
             None if self.extras is None else self.extras[rows],
             None if self.notes is None else self.notes[rows],
@@ -104,7 +104,7 @@ def gathered(batches: Sequence[Batch]) -> Batch:
         b"".join(pieces),
         ends - lengths,
         ends,
-        np.concatenate([batch.course for batch in filled]),
+        np.concatenate([batch.edit for batch in filled]),
         np.concatenate([batch.time for batch in filled]),
         _joined([(len(batch), batch.extras) for batch in filled], None, object),
         _joined([(len(batch), batch.notes) for batch in filled], None, object),

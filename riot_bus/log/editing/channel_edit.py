@@ -201,11 +201,11 @@ def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep
     return found
 
 
-def _holds(course: ChannelEdit, step: EditStep, condition: Condition, time: int, number: int, payload: bytes) -> bool:
+def _holds(edit: ChannelEdit, step: EditStep, condition: Condition, time: int, number: int, payload: bytes) -> bool:
     if condition.where is None:
         return condition.holds(time, number, _nothing)
     try:
-        found = condition.holds(time, number, partial(_read, course, payload))
+        found = condition.holds(time, number, partial(_read, edit, payload))
     except PayloadError as error:
         step.reading.fail(error)
         return False
@@ -213,8 +213,8 @@ def _holds(course: ChannelEdit, step: EditStep, condition: Condition, time: int,
     return found
 
 
-def _read(course: ChannelEdit, payload: bytes, path: str) -> bool | int | float | str | bytes:
-    return course.kind(payload).read(payload, path)
+def _read(edit: ChannelEdit, payload: bytes, path: str) -> bool | int | float | str | bytes:
+    return edit.kind(payload).read(payload, path)
 
 
 def _nothing(path: str) -> bool:

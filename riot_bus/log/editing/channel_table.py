@@ -1,4 +1,4 @@
-"""The channels of an edit: a course (`ChannelEdit`) for each, made when the channel becomes known."""
+"""The channels of an edit: a `ChannelEdit` for each, made when the channel becomes known."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["ChannelTable"]
 
 
 class ChannelTable:
-    """Makes the courses of an edit.
+    """Finds out what happens to each channel of the inputs.
 
     Args:
         options: Options of the edit.
@@ -42,7 +42,7 @@ class ChannelTable:
         origin: Function that returns when the logs begin, nanoseconds.
 
     Attributes:
-        courses: The courses by number.
+        edits: Edit of each channel, by its number among these.
         steps: All selections and assignments.
 
     Raises:
@@ -52,7 +52,7 @@ class ChannelTable:
     def __init__(
         self, options: EditOptions, design: Design, inputs: Sequence[InputLog], origin: Callable[[], int]
     ) -> None:
-        self.courses: list[ChannelEdit] = []
+        self.edits: list[ChannelEdit] = []
         self._options = options
         self._design = design = self._in_full(design, inputs)
         self._origin = origin
@@ -69,7 +69,7 @@ class ChannelTable:
         self._by_channel: dict[tuple[int, int], int] = {}
         for log in inputs:
             for number in log.channel_records:
-                self.course_of(log, number)
+                self.edit_of(log, number)
         self._check()
 
     @cached_property
@@ -83,8 +83,8 @@ class ChannelTable:
     def registry(self) -> TypeRegistry:
         """Registry of topics and types by the keys of the inputs."""
         found = TypeRegistry(self.adapters, declared=self._options.types, definitions=self._options.definitions)
-        for course in self.courses:
-            topic = course.topic
+        for edit in self.edits:
+            topic = edit.topic
             for name in {topic.key, topic.name}:
                 if topic.schema.name or topic.encoding:
                     found.add_schema(name, topic.schema, topic.encoding)
@@ -110,8 +110,8 @@ class ChannelTable:
 
     def pipe(self, is_wanted: Callable[[str], bool]) -> None:
         """Let interceptors see the messages of some keys."""
-        for course in self.courses:
-            course.piped = not course.original and course.target is not None and is_wanted(course.topic.key)
+        for edit in self.edits:
+            edit.piped = not edit.original and edit.target is not None and is_wanted(edit.topic.key)
 
     def counts(self) -> list[EditCounts]:
         """Return the counts of all topics, sorted by name."""
@@ -119,25 +119,25 @@ class ChannelTable:
 
     def targets(self) -> list[OutputChannel]:
         """Return all channels of the output."""
-        found = {course.target.channel.id: course.target for course in self.courses if course.target is not None}
+        found = {edit.target.channel.id: edit.target for edit in self.edits if edit.target is not None}
         return [found[number] for number in sorted(found)]
 
     def target_list(self) -> list[OutputChannel | None]:
-        """Return the channels that messages are written to, by number of the course."""
-        return [course.target for course in self.courses]
+        """Return the channels that messages are written to, by number of the channel edit."""
+        return [edit.target for edit in self.edits]
 
-    def course_of(self, log: InputLog, number: int) -> int:
-        """Return the number of the course of an input's channel."""
+    def edit_of(self, log: InputLog, number: int) -> int:
+        """Return the number of the edit of an input's channel."""
         known = self._by_channel.get((log.number, number))
         if known is None:
             channel = log.channel_records[number]
             known = self._by_channel[log.number, number] = self._add(channel, log.schema(channel))
         return known
 
-    def course_of_key(self, message: Message) -> int:
-        """Return the number of the course of a message that an interceptor has made or put on another key."""
+    def edit_of_key(self, message: Message) -> int:
+        """Return the number of the edit of a message that an interceptor has made or put on another key."""
         known = self._by_key.get(message.key)
-        if known is None or self.courses[known].target is None:  # dropping precedes interceptors
+        if known is None or self.edits[known].target is None:  # dropping precedes interceptors
             known = self._by_key[message.key] = self._add(*self._made_channel(message, known), made=True)
         return known
 
@@ -168,25 +168,25 @@ class ChannelTable:
         original = channel.metadata.get(layout.ROLE) == "original"
         topic = _recorded(channel, schema)
         counts = self._counts.setdefault(topic.key, EditCounts(topic.name))
-        course = ChannelEdit(topic, None, -1 if made else channel.id, counts, self._kinds, original)
-        course.numbers = self._numbers.setdefault(topic.key, [0])
-        if made or self._select(course):
+        edit = ChannelEdit(topic, None, -1 if made else channel.id, counts, self._kinds, original)
+        edit.numbers = self._numbers.setdefault(topic.key, [0])
+        if made or self._select(edit):
             shifts = (each.delta for each in self._design.shifts if each.topic is None or means(each.topic, topic))
-            course.shift = sum(shifts)
+            edit.shift = sum(shifts)
             name = renamed(topic, self._design.remaps)
             new = channel if name is None else new_identity(channel, topic, name, self.adapters)
-            course.target = self._targets.open(new, schema)
-            counts.written_as = counts.written_as if original else course.target.name
-        self.courses.append(course)
+            edit.target = self._targets.open(new, schema)
+            counts.written_as = counts.written_as if original else edit.target.name
+        self.edits.append(edit)
         self._definitions.append((channel, schema))
-        number = len(self.courses) - 1
+        number = len(self.edits) - 1
         if not original:
             self._by_key.setdefault(topic.key, number)
         return number
 
-    def _select(self, course: ChannelEdit) -> bool:
-        """Set which messages of a course are kept and what is set in them; return whether any may be kept."""
-        topic, original = course.topic, course.original
+    def _select(self, edit: ChannelEdit) -> bool:
+        """Set which messages of a channel are kept and what is set in them; return whether any may be kept."""
+        topic, original = edit.topic, edit.original
         keeping, dropping = concerning(self._keep, topic), concerning(self._drop, topic)
         changing = concerning(self._changes, topic)
         if original:  # originals are only selected by topic and time
@@ -197,16 +197,16 @@ class ChannelTable:
         if (self._keep and not keeping) or any(step.selection.whole for step in dropping):
             return False
         if keeping and not any(each.whole or (original and not each.follows_time) for each in _selections(keeping)):
-            course.keep = [(step, step.selection.condition(self._origin)) for step in keeping]
-        course.drop = [(step, step.selection.condition(self._origin)) for step in dropping]
+            edit.keep = [(step, step.selection.condition(self._origin)) for step in keeping]
+        edit.drop = [(step, step.selection.condition(self._origin)) for step in dropping]
         for step in changing:
             assert step.assignment is not None
             condition = step.selection.condition(self._origin)
-            course.changes.append((step, step.assignment, None if condition.always else condition))
+            edit.changes.append((step, step.assignment, None if condition.always else condition))
         return True
 
     def _check(self) -> None:
-        topics = [course.topic for course in self.courses]
+        topics = [edit.topic for edit in self.edits]
         if not topics:
             return
         names = {topic.name for topic in topics}

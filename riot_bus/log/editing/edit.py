@@ -68,14 +68,14 @@ class _Editor:
         self._inputs = [InputLog(number, path, salvage=options.salvage) for number, path in enumerate(paths)]
         for log in self._inputs:
             stack.callback(log.close)
-        self._product = OutputSet(options, paths)
-        stack.callback(self._product.discard)
+        self._output = OutputSet(options, paths)
+        stack.callback(self._output.discard)
         if options.align:
             self._align()
         self._low, self._high = self._window()
-        self._roster = ChannelTable(options, design, self._inputs, lambda: self._origin)
+        self._table = ChannelTable(options, design, self._inputs, lambda: self._origin)
         self._piping = self._pipe(interceptors, stack)
-        one_shift = len({course.shift for course in self._roster.courses if course.target is not None}) <= 1
+        one_shift = len({edit.shift for edit in self._table.edits if edit.target is not None}) <= 1
         self._latched = self._keep_latched()
         steps = (self._piping, self._latched)
         self._by_time = options.sort or len(self._inputs) > 1 or steps != (None, None) or not one_shift
@@ -84,7 +84,7 @@ class _Editor:
 
     def run(self, progress: Callable[[int, int], None]) -> EditResult:
         """Run the edit."""
-        self._product.open(self._inputs, self._roster)
+        self._output.open(self._inputs, self._table)
         total, done = sum(log.size for log in self._inputs), 0
         rank = 0
         for block, bound, batch in self._batches():
@@ -100,13 +100,13 @@ class _Editor:
         self._emit_rest(rank)
         self._count_unread()
         warnings = self._warnings()
-        files = self._product.commit(self._inputs, self._roster)
+        files = self._output.commit(self._inputs, self._table)
         progress(total, total)
         return EditResult(
-            self._roster.counts(),
+            self._table.counts(),
             files,
             {log.path: str(log.loss) for log in self._inputs if log.loss},
-            dict(self._product.unwritable),
+            dict(self._output.unwritable),
             warnings,
             next((log.loss.hint for log in self._inputs if log.loss.hint), None),
         )
@@ -136,17 +136,17 @@ class _Editor:
     def _pipe(self, interceptors: Sequence[object], stack: ExitStack) -> Piping | None:
         if not interceptors:
             return None
-        pipeline = Pipeline(interceptors, registry=self._roster.registry, start=self._origin)
+        pipeline = Pipeline(interceptors, registry=self._table.registry, start=self._origin)
         stack.callback(pipeline.close)
         pipeline.start()
-        self._roster.pipe(lambda key: bool(pipeline.route(key).stages))
+        self._table.pipe(lambda key: bool(pipeline.route(key).stages))
         self._pipeline = pipeline
-        return Piping(pipeline, self._roster, self._product.refuse)
+        return Piping(pipeline, self._table, self._output.refuse)
 
     def _keep_latched(self) -> LatchedMessages | None:
         if not self._options.latched or self._low <= 0:
             return None
-        return LatchedMessages(self._low, self._roster.courses, self._roster.adapters)
+        return LatchedMessages(self._low, self._table.edits, self._table.adapters)
 
     def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
@@ -154,13 +154,13 @@ class _Editor:
             (log,) = self._inputs
             for block in log.stored_blocks:
                 if self._is_wanted(log, block):
-                    yield block, None, self._in_window(log, log.batch(block, self._roster.course_of))
+                    yield block, None, self._in_window(log, log.batch(block, self._table.edit_of))
             return
         blocks = [(log, block) for log in self._inputs for block in log.stored_blocks if self._is_wanted(log, block)]
         blocks.sort(key=lambda each: (each[1].start + each[0].shift, each[0].number, each[1].number))
         sorter = Sorter()
         for place, (log, block) in enumerate(blocks):
-            batch = self._in_window(log, log.batch(block, self._roster.course_of))
+            batch = self._in_window(log, log.batch(block, self._table.edit_of))
             if batch is not None:
                 sorter.add((log.number, block.number), batch)
             following = blocks[place + 1] if place + 1 < len(blocks) else None
@@ -192,9 +192,9 @@ class _Editor:
 
     def _processed(self, batch: Batch, bound: int | None) -> Batch:
         """Select and change messages, and count those that are kept."""
-        courses = self._roster.courses
-        batch = batch.where(np.array([each.target is not None for each in courses], np.bool_)[batch.course])
-        looked_at = np.array([each.choosy for each in courses], np.bool_)[batch.course]
+        edits = self._table.edits
+        batch = batch.where(np.array([each.target is not None for each in edits], np.bool_)[batch.edit])
+        looked_at = np.array([each.choosy for each in edits], np.bool_)[batch.edit]
         if looked_at.any():
             batch = self._looked_at(batch, np.flatnonzero(looked_at).tolist())
         self._count(batch, "kept")
@@ -202,24 +202,24 @@ class _Editor:
 
     def _looked_at(self, batch: Batch, rows: list[int]) -> Batch:
         """Select and change messages one by one: in place if they keep their length, otherwise behind the others."""
-        courses = self._roster.courses
-        changes = any(courses[number].changes for number in np.unique(batch.course[rows]).tolist())
+        edits = self._table.edits
+        changes = any(edits[number].changes for number in np.unique(batch.edit[rows]).tolist())
         buffer = batch.writable() if changes else batch.buffer
         kept = np.ones(len(batch), np.bool_)
         changed: list[int] = []
         longer: dict[int, bytes] = {}
-        numbers, times = batch.course.tolist(), batch.time.tolist()
+        numbers, times = batch.edit.tolist(), batch.time.tolist()
         starts, ends = (batch.start + MESSAGE_HEAD).tolist(), batch.end.tolist()
         for row in rows:
-            course = courses[numbers[row]]
-            count = course.numbers[0]
-            course.numbers[0] = count + 1
+            edit = edits[numbers[row]]
+            count = edit.numbers[0]
+            edit.numbers[0] = count + 1
             start, end = starts[row], ends[row]
             before = bytes(buffer[start:end])
-            if course.chooses and not course.chosen(times[row], count, before):
+            if edit.chooses and not edit.chosen(times[row], count, before):
                 kept[row] = False
                 continue
-            after = course.changed(times[row], count, before)
+            after = edit.changed(times[row], count, before)
             if after is before or after == before:
                 continue
             changed.append(row)
@@ -230,7 +230,7 @@ class _Editor:
                 longer[row] = after
         if changed:
             batch.changed = np.full(len(batch), -1, np.int32)
-            batch.changed[changed] = batch.course[changed]
+            batch.changed[changed] = batch.edit[changed]
         return _with_payloads(batch, longer).where(kept)
 
     def _emit(self, batch: Batch, bound: int | None, rank: int) -> None:
@@ -240,7 +240,7 @@ class _Editor:
             return
         self._reorder.add((rank, 0), batch)
         if bound is not None:
-            least = min(course.shift for course in self._roster.courses if course.target is not None)
+            least = min(edit.shift for edit in self._table.edits if edit.target is not None)
             self._write(self._reorder.ready(bound + least))
 
     def _emit_rest(self, rank: int) -> None:
@@ -255,19 +255,19 @@ class _Editor:
 
     def _addressed(self, batch: Batch) -> Batch:
         """Give records the times and channels of the output."""
-        courses = self._roster.courses
-        shift = np.array([course.shift for course in courses], np.int64)
+        edits = self._table.edits
+        shift = np.array([edit.shift for edit in edits], np.int64)
         if shift.any():
-            batch, fits = shifted(batch, shift[batch.course])
+            batch, fits = shifted(batch, shift[batch.edit])
             if not fits.all():
-                for number in batch.course[~fits].tolist():
-                    courses[number].counts.kept -= 1
-                    self._product.refuse(courses[number].topic.name)
+                for number in batch.edit[~fits].tolist():
+                    edits[number].counts.kept -= 1
+                    self._output.refuse(edits[number].topic.name)
                 batch = batch.take(fits)
-        new = np.array([-1 if each.target is None else each.target.channel.id for each in courses], np.int64)
-        old = np.array([course.channel for course in courses], np.int64)
-        rows = np.flatnonzero((new != old)[batch.course])
-        renumbered(batch, rows, new[batch.course[rows]].astype(np.uint16))
+        new = np.array([-1 if each.target is None else each.target.channel.id for each in edits], np.int64)
+        old = np.array([edit.channel for edit in edits], np.int64)
+        rows = np.flatnonzero((new != old)[batch.edit])
+        renumbered(batch, rows, new[batch.edit[rows]].astype(np.uint16))
         return batch
 
     def _write(self, batch: Batch | None) -> None:
@@ -275,45 +275,45 @@ class _Editor:
             return
         self._count_written(batch)
         ready = partial(self._ready, *batch.whole) if batch.whole is not None else None
-        self._product.write(batch, self._roster.target_list(), ready)
+        self._output.write(batch, self._table.target_list(), ready)
 
     def _ready(self, log: InputLog, block: Block) -> ReadyChunk | None:
         """Return a chunk if it can be copied unchanged, otherwise None."""
-        if not log.agrees(block, self._roster.targets()):
+        if not log.agrees(block, self._table.targets()):
             return None
         found = log.packed(block)
         return None if found is None else ReadyChunk(*found)
 
     def _count(self, batch: Batch, name: str) -> None:
-        courses = self._roster.courses
-        for number, count in enumerate(np.bincount(batch.course, minlength=len(courses)).tolist()):
-            course = courses[number]
-            if count and not course.original:
-                setattr(course.counts, name, getattr(course.counts, name) + count)
+        edits = self._table.edits
+        for number, count in enumerate(np.bincount(batch.edit, minlength=len(edits)).tolist()):
+            edit = edits[number]
+            if count and not edit.original:
+                setattr(edit.counts, name, getattr(edit.counts, name) + count)
 
     def _count_written(self, batch: Batch) -> None:
-        courses = self._roster.courses
+        edits = self._table.edits
         if batch.changed is not None:
             for number in batch.changed[batch.changed >= 0].tolist():
-                courses[number].counts.changed += 1
-        for number, count in enumerate(np.bincount(batch.course, minlength=len(courses)).tolist()):
-            if courses[number].original:
-                courses[number].counts.originals += count
+                edits[number].counts.changed += 1
+        for number, count in enumerate(np.bincount(batch.edit, minlength=len(edits)).tolist()):
+            if edits[number].original:
+                edits[number].counts.originals += count
 
     def _count_unread(self) -> None:
         """Count what was skipped because of its time, and what was read but not kept."""
         for log in self._inputs:
             for number, count in (log.counts or {}).items() if self._is_told(log) else ():
                 if number in log.channel_records:
-                    course = self._roster.courses[self._roster.course_of(log, number)]
-                    course.counts.read += 0 if course.original else count
-        for counts in self._roster.counts():
+                    edit = self._table.edits[self._table.edit_of(log, number)]
+                    edit.counts.read += 0 if edit.original else count
+        for counts in self._table.counts():
             counts.dropped = counts.read - counts.kept
 
     def _warnings(self) -> list[str]:
-        found = [warning for step in self._roster.steps for warning in step.warnings()]
-        found += self._product.warnings(self._roster)
-        counts = self._roster.counts()
+        found = [warning for step in self._table.steps for warning in step.warnings()]
+        found += self._output.warnings(self._table)
+        counts = self._table.counts()
         if any(each.read for each in counts) and not any(each.kept for each in counts):
             found.append("no message is kept")
         if self._piping is not None:
@@ -338,7 +338,7 @@ def _with_payloads(batch: Batch, payloads: dict[int, bytes]) -> Batch:
         pieces += [bytes(head), payload]
         start[row], end[row] = size, size + MESSAGE_HEAD + len(payload)
         size = int(end[row])
-    return Batch(b"".join(pieces), start, end, batch.course, batch.time, batch.extras, batch.notes, batch.changed)
+    return Batch(b"".join(pieces), start, end, batch.edit, batch.time, batch.extras, batch.notes, batch.changed)
 
 
 def _silent(done: int, total: int) -> None:

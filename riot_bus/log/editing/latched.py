@@ -26,19 +26,19 @@ class LatchedMessages:
 
     Args:
         start: Start of the slice, nanoseconds.
-        courses: The courses by number.
+        edits: Edit of each channel.
         adapters: Adapters, which know which topics are latched, and how many messages of each are kept.
     """
 
-    def __init__(self, start: int, courses: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
+    def __init__(self, start: int, edits: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
         self._start = start
-        self._depths = [0 if course.original else _depth(course, adapters) for course in courses]
+        self._depths = [0 if edit.original else _depth(edit, adapters) for edit in edits]
         self._last: dict[int, Batch] = {}
         self._released = False
 
     def wanted(self, batch: Batch) -> NDArray[np.bool_]:
         """Return which messages of a log `run` needs: all of latched topics, of others those in the slice."""
-        latched = np.array(self._depths, np.int64)[batch.course] > 0
+        latched = np.array(self._depths, np.int64)[batch.edit] > 0
         found: NDArray[np.bool_] = latched | (batch.time >= np.uint64(self._start))
         return found
 
@@ -50,9 +50,9 @@ class LatchedMessages:
         """
         early = batch.time < np.uint64(self._start)
         before, inside = batch.where(early), batch.where(~early)
-        for number in np.unique(before.course).tolist():
+        for number in np.unique(before.edit).tolist():
             same = [self._last[number]] if number in self._last else []
-            rows = before.where(before.course == number)
+            rows = before.where(before.edit == number)
             self._last[number] = gathered([*same, rows]).take(slice(-self._depths[number], None))
         if self._released or not len(inside):
             return inside
@@ -66,14 +66,14 @@ class LatchedMessages:
         held = gathered(list(self._last.values())).by_time()
         found = gathered([held.take(slice(None))])
         moved, _ = shifted(found, (np.uint64(self._start) - found.time).astype(np.int64))
-        moved.changed = moved.course.copy()
+        moved.changed = moved.edit.copy()
         return moved
 
 
-def _depth(course: ChannelEdit, adapters: Sequence[Adapter]) -> int:
+def _depth(edit: ChannelEdit, adapters: Sequence[Adapter]) -> int:
     for adapter in adapters:
         try:
-            offer = adapter.offer(course.topic, name=None, domain=None) if isinstance(adapter, PublishesAs) else None
+            offer = adapter.offer(edit.topic, name=None, domain=None) if isinstance(adapter, PublishesAs) else None
         except ConfigError:
             continue
         if offer is not None:

@@ -142,7 +142,7 @@ class EditOptions:
             parse_remaps(self.remap),
         )
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the options as JSON values, for the record that the output holds."""
         found: dict[str, Any] = {
             "start": self.start,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import runs_of
-from riot_bus.log.engine.blocks import EXTRAS, MESSAGE_HEAD, heads_of
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.chunk import LARGE, Chunk, indexes_of
 from riot_bus.log.engine.mcap_file import McapFile
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
 
     from riot_bus.log.editing.batch import Batch
     from riot_bus.log.editing.targets import OutputChannel
+    from riot_bus.log.engine.chunk import Companions
 
 __all__ = ["OutputFile", "ReadyChunk"]
 
-_MOST_WAITING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
+_MOST_PENDING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
 _SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
 
 
@@ -40,6 +42,43 @@ class ReadyChunk(NamedTuple):
 
     compression: str
     data: bytes
+
+
+@dataclass(slots=True)
+class _Draft:
+    """The parts of a future chunk; joining them takes time, so it is done on the writing thread.
+
+    Attributes:
+        definitions: Schema and channel records.
+        pieces: Records of the messages.
+        rows: Channel, time and length of the messages of each batch, shape (n,) each.
+        extras: Positions of messages, and their extras.
+        provenance: What interceptors did to the messages.
+        count: Number of messages.
+        size: Bytes of the messages and their attachments.
+    """
+
+    definitions: list[bytes] = field(default_factory=list)
+    pieces: list[memoryview | bytes] = field(default_factory=list)
+    rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = field(default_factory=list)
+    extras: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
+    provenance: list[Provenance] = field(default_factory=list)
+    count: int = 0
+    size: int = 0
+
+    def companions(self) -> Companions:
+        """Return extras and provenance as they stand before the chunk."""
+        return layout.companions(self.extras, self.provenance)
+
+    def chunk(self) -> Chunk:
+        """Return the chunk: definitions, then messages, and an index of them."""
+        definitions = b"".join(self.definitions)
+        data = b"".join([definitions, *self.pieces])
+        channel, time, length = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
+        offsets = np.cumsum(length) - length + len(definitions)
+        indexes, counts = indexes_of(channel, time, offsets)
+        large = _large(data, offsets, length)
+        return Chunk(data, int(time.min()), int(time.max()), indexes, counts, definitions, large)
 
 
 class OutputFile:
@@ -63,20 +102,15 @@ class OutputFile:
         self._chunk_bytes = chunk_bytes
         self._file = McapFile(path, profile=profile, library=layout.LIBRARY, compression=compression)
         self._targets: dict[int, OutputChannel] = {}
-        self._definitions: list[bytes] = []
-        self._pieces: list[memoryview | bytes] = []
-        self._rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
-        self._extras: list[tuple[int, dict[str, Any]]] = []
-        self._notes: list[Provenance] = []
-        self._count = self._bytes = 0
+        self._draft = _Draft()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="riot-edit")
-        self._waiting: deque[Future[None]] = deque()
+        self._pending: deque[Future[None]] = deque()
         self.messages = 0
 
     def size(self) -> int:
         """Return the size of the file with all messages written so far, the last chunk counted uncompressed."""
         self._collect(0)
-        return self._file.size + self._bytes
+        return self._file.size + self._draft.size
 
     @property
     def span(self) -> tuple[int, int]:
@@ -99,21 +133,21 @@ class OutputFile:
 
         Args:
             batch: Messages, whose records have the channel numbers of the output.
-            targets: Channels of the output, by number of the course.
+            targets: Channels of the output, by number of the channel edit.
 
         Raises:
             EnvironmentFaultError: The disk is full or broken.
         """
-        for number in np.unique(batch.course).tolist():
+        for number in np.unique(batch.edit).tolist():
             self._define(targets[number])
         sizes = np.cumsum(batch.end - batch.start)
         position, count = 0, len(batch)
         while position < count:
             done = int(sizes[position - 1]) if position else 0
-            room = max(1, self._chunk_bytes - self._bytes)
+            room = max(1, self._chunk_bytes - self._draft.size)
             following = min(count, int(np.searchsorted(sizes, done + room, side="left")) + 1)
             self._append(batch.take(slice(position, following)), targets)
-            if self._bytes >= self._chunk_bytes:
+            if self._draft.size >= self._chunk_bytes:
                 self._end_chunk()
             position = following
 
@@ -122,17 +156,17 @@ class OutputFile:
 
         Args:
             batch: All messages of the chunk, nothing else.
-            targets: Channels of the output, by number of the course.
+            targets: Channels of the output, by number of the channel edit.
             ready: Compression and data of the chunk.
         """
-        if 0 < self._bytes < self._chunk_bytes // _SMALL:
+        if 0 < self._draft.size < self._chunk_bytes // _SMALL:
             return False
         if ready.compression != self.compression:
             large = _large(batch.buffer, batch.start, batch.end - batch.start)
             if ready.compression != worthwhile(self.compression, large, len(batch.buffer)):
                 return False
         self._end_chunk()
-        for number in np.unique(batch.course).tolist():
+        for number in np.unique(batch.edit).tolist():
             self._define(targets[number])
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
@@ -145,16 +179,14 @@ class OutputFile:
             *indexes_of(heads["channel"], batch.time, batch.start),
         )
         self._take_extras(batch, targets, heads)
-        definitions, self._definitions = b"".join(self._definitions), []
-        extras, notes, self._extras, self._notes = self._extras, self._notes, [], []
-        self._bytes = 0
+        draft, self._draft = self._draft, _Draft()
         self.messages += len(batch)
-        self._submit(self._store_packed, definitions, packed, extras, notes)
+        self._submit(self._store_packed, draft, packed)
         return True
 
     def attachment(self, attachment: Attachment) -> None:
         """Write an attachment of another tool; raises EnvironmentFaultError."""
-        self._submit(self._attach, attachment)
+        self._submit(self._file.attachment, attachment)
 
     def metadata(self, name: str, mapping: dict[str, str]) -> None:
         """Write a metadata record; raises EnvironmentFaultError."""
@@ -171,8 +203,8 @@ class OutputFile:
         targets = [each for _, each in sorted(self._targets.items())]
         schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
         ordered = [schemas[number] for number in sorted(schemas)]
-        if self._definitions:  # those of channels without messages
-            self._file.define(b"".join(self._definitions))
+        if self._draft.definitions:  # those of channels without messages
+            self._file.define(b"".join(self._draft.definitions))
         self._submit(self._file.finish, ordered, [each.channel for each in targets])
         self._submit(self._file.sync)
         self._collect(0)
@@ -187,91 +219,55 @@ class OutputFile:
         number = target.channel.id
         if number not in self._targets:
             self._targets[number] = target
-            self._definitions.append(target.definition())
+            self._draft.definitions.append(target.definition())
 
     def _append(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
         view = memoryview(batch.buffer)
-        self._pieces += [view[begin:end] for begin, end in runs_of(batch)]
+        self._draft.pieces += [view[begin:end] for begin, end in runs_of(batch)]
         heads = heads_of(batch.buffer, batch.start)
-        self._rows.append((heads["channel"], batch.time, batch.end - batch.start))
+        self._draft.rows.append((heads["channel"], batch.time, batch.end - batch.start))
         self._take_extras(batch, targets, heads)
-        self._count += len(batch)
-        self._bytes += batch.weight
+        self._draft.count += len(batch)
+        self._draft.size += batch.weight
         self.messages += len(batch)
 
     def _take_extras(self, batch: Batch, targets: Sequence[OutputChannel | None], heads: NDArray[Any]) -> None:
         if batch.extras is not None:
             for row, extras in enumerate(batch.extras.tolist()):
                 if extras is not None:
-                    self._extras.append((self._count + row, extras))
+                    self._draft.extras.append((self._draft.count + row, extras))
                     attachment = extras.get("a")
-                    self._bytes += len(attachment) if isinstance(attachment, bytes) else 0
+                    self._draft.size += len(attachment) if isinstance(attachment, bytes) else 0
         if batch.notes is not None:
             for row, changes in enumerate(batch.notes.tolist()):
                 if changes is not None:
-                    target = targets[int(batch.course[row])]
+                    target = targets[int(batch.edit[row])]
                     assert target is not None
                     number = batch.extras[row].get("n") if batch.extras is not None and batch.extras[row] else None
                     sequence = number if isinstance(number, int) else int(heads["sequence"][row])
                     note = Provenance(sequence, target.key, int(batch.time[row]), target.role, changes)
-                    self._notes.append(note)
+                    self._draft.provenance.append(note)
 
     def _end_chunk(self) -> None:
-        if not self._count:
-            return
-        definitions, pieces, rows = self._definitions, self._pieces, self._rows
-        extras, notes = self._extras, self._notes
-        self._definitions, self._pieces, self._rows, self._extras, self._notes = [], [], [], [], []
-        self._count = self._bytes = 0
-        self._submit(self._store, definitions, pieces, rows, extras, notes)
+        if self._draft.count:
+            draft, self._draft = self._draft, _Draft()
+            self._submit(self._store, draft)
 
-    def _store(
-        self,
-        definitions: list[bytes],
-        pieces: list[memoryview | bytes],
-        rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]],
-        extras: list[tuple[int, dict[str, Any]]],
-        notes: list[Provenance],
-    ) -> None:
-        head = b"".join(definitions)
-        data = b"".join([head, *pieces])
-        channel, time, length = (np.concatenate([row[place] for row in rows]) for place in range(3))
-        offsets = np.cumsum(length) - length + len(head)
-        indexes, counts = indexes_of(channel, time, offsets)
-        self._describe(extras, notes)
-        large = _large(data, offsets, length)
-        self._file.chunk(Chunk(data, int(time.min()), int(time.max()), indexes, counts, head, large))
+    def _store(self, draft: _Draft) -> None:
+        self._file.chunk(draft.chunk(), draft.companions())
 
-    def _store_packed(
-        self, definitions: bytes, chunk: PackedChunk, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]
-    ) -> None:
-        self._describe(extras, notes)
-        self._file.define(definitions)
-        self._file.packed(chunk)
-
-    def _describe(self, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]) -> None:
-        if extras:
-            self._file.attachment(EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
-        if notes:
-            self._file.metadata(layout.PROVENANCE, {"changes": layout.pack_provenance(notes)})
-
-    def _attach(self, attachment: Attachment) -> None:
-        self._file.attachment(
-            attachment.name,
-            attachment.media_type,
-            attachment.data,
-            log_time=attachment.log_time,
-            create_time=attachment.create_time,
-        )
+    def _store_packed(self, draft: _Draft, chunk: PackedChunk) -> None:
+        self._file.define(b"".join(draft.definitions))
+        self._file.packed(chunk, draft.companions())
 
     def _submit(self, action: Any, *arguments: Any) -> None:
-        self._waiting.append(self._thread.submit(action, *arguments))
-        self._collect(_MOST_WAITING)
+        self._pending.append(self._thread.submit(action, *arguments))
+        self._collect(_MOST_PENDING)
 
     def _collect(self, most: int) -> None:
-        while len(self._waiting) > most:
+        while len(self._pending) > most:
             try:
-                self._waiting.popleft().result()
+                self._pending.popleft().result()
             except OSError as error:
                 hint = "make room; nothing was changed"
                 text = f"the log cannot be written: {error.strerror or error}"

@@ -49,7 +49,6 @@ class Outputs:
     ) -> None:
         self._output = output
         self._folder = folder
-        self._splits = splits
         self._inputs = [os.stat(path) for path in inputs]
         self._force = force
         self._names: dict[str, Path] = {}

@@ -30,7 +30,7 @@ _TIMES = 1 << 64  # MCAP's times have 64 bits
 @dataclass(frozen=True, slots=True)
 class _Item:
     record: bytes
-    course: int
+    edit: int
     extras: dict[str, Any] | None
     notes: tuple[Change, ...] | None
     changed: int
@@ -41,14 +41,14 @@ class Piping:
 
     Args:
         pipeline: Pipeline that is fed in the order of time.
-        roster: Table of the courses.
+        table: Table of the channels.
         refuse: Function called with the topic of each message whose time does not fit into a log.
     """
 
-    def __init__(self, pipeline: Pipeline, roster: ChannelTable, refuse: Callable[[str], None]) -> None:
+    def __init__(self, pipeline: Pipeline, table: ChannelTable, refuse: Callable[[str], None]) -> None:
         self._pipeline = pipeline
-        self._courses = roster.courses
-        self._course_of_key = roster.course_of_key
+        self._edits = table.edits
+        self._edit_of_key = table.edit_of_key
         self._refuse = refuse
         self._later: list[tuple[int, int, int, _Item]] = []
         self._later_bytes = self._held = 0
@@ -67,11 +67,11 @@ class Piping:
         """
         base = self._order
         self._order += 2 * len(batch) + 2
-        piped = np.array([course.piped for course in self._courses], np.bool_)
+        piped = np.array([edit.piped for edit in self._edits], np.bool_)
         kept = np.ones(len(batch), np.bool_)
         replaced: dict[int, _Item] = {}
         noted: dict[int, tuple[Change, ...]] = {}
-        rows = np.flatnonzero(piped[batch.course]).tolist() if len(batch) else []
+        rows = np.flatnonzero(piped[batch.edit]).tolist() if len(batch) else []
         heads = heads_of(batch.buffer, batch.start[rows]) if rows else None
         for place, row in enumerate(rows):
             assert heads is not None
@@ -90,15 +90,15 @@ class Piping:
         noted: dict[int, tuple[Change, ...]],
     ) -> bool:
         """Feed one message; return whether it stays at its position, changed or not."""
-        course = self._courses[int(batch.course[row])]
-        message = _message(batch, row, head, course)
+        edit = self._edits[int(batch.edit[row])]
+        message = _message(batch, row, head, edit)
         before: tuple[Change, ...] = () if batch.notes is None else batch.notes[row] or ()
-        own = int(batch.course[row])
+        own = int(batch.edit[row])
         stays = emitted = False
         for emission in self._pipeline.feed(message).emissions:
             changes = emission.changes if emission.original is None else before + emission.changes
             same_key = emission.message.key == message.key
-            target = own if same_key and emission.original is not None else self._course_of_key(emission.message)
+            target = own if same_key and emission.original is not None else self._edit_of_key(emission.message)
             if emission.original is not None and same_key and emission.due == message.time and not emitted:
                 emitted = stays = True
                 if emission.message is not message:
@@ -110,23 +110,23 @@ class Piping:
             emitted = emitted or is_first
             self._hold(self._item(emission, changes, target, changed=own if is_first else -1), emission.due, order + 1)
         if not emitted:
-            course.counts.kept -= 1
+            edit.counts.kept -= 1
         return stays
 
     def _hold(self, item: _Item, due: int, order: int) -> None:
         if not item.record:
-            self._refuse(self._courses[item.course].topic.name)
+            self._refuse(self._edits[item.edit].topic.name)
             if item.changed >= 0:
-                self._courses[item.changed].counts.kept -= 1
+                self._edits[item.changed].counts.kept -= 1
             return
-        self._courses[item.course].counts.added += item.changed < 0
+        self._edits[item.edit].counts.added += item.changed < 0
         self._held += 1
         heappush(self._later, (due, order, self._held, item))
         self._later_bytes += len(item.record)
 
     def _item(self, emission: Emission, notes: tuple[Change, ...], number: int, *, changed: int) -> _Item:
         """Return what to write for an emission; the record is empty if its time does not fit into a log."""
-        target = self._courses[number].target
+        target = self._edits[number].target
         assert target is not None
         if not 0 <= emission.due < _TIMES:
             return _Item(b"", number, None, None, changed)
@@ -154,21 +154,21 @@ class Piping:
         return both.take(np.lexsort((orders, both.time)))
 
 
-def _message(batch: Batch, row: int, head: Any, course: ChannelEdit) -> Message:
-    assert course.target is not None
-    constants = course.target.constants
+def _message(batch: Batch, row: int, head: Any, edit: ChannelEdit) -> Message:
+    assert edit.target is not None
+    constants = edit.target.constants
     time, published = int(batch.time[row]), int(head["published"])
     fields: dict[str, Any] = {
         "encoding": constants.encoding,
         "qos": constants.qos,
         "segment": constants.segment,
         "sequence": int(head["sequence"]),
-        "publish_time": None if course.target.own and published == time else published,
+        "publish_time": None if edit.target.own and published == time else published,
     }
     if batch.extras is not None and batch.extras[row] is not None:
         layout.apply_extras(fields, batch.extras[row])
     payload = bytes(batch.buffer[int(batch.start[row]) + MESSAGE_HEAD : int(batch.end[row])])
-    return layout.message_of(time, course.topic.key, payload, fields)
+    return layout.message_of(time, edit.topic.key, payload, fields)
 
 
 def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:
@@ -181,7 +181,7 @@ def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:
         b"".join([item.record for _, item in items]),
         ends - lengths,
         ends,
-        np.array([item.course for _, item in items], np.int32),
+        np.array([item.edit for _, item in items], np.int32),
         np.array([due for due, _ in items], np.uint64),
         extras if any(item.extras for _, item in items) else None,
         notes if any(item.notes for _, item in items) else None,
@@ -195,13 +195,13 @@ def _with_replaced(batch: Batch, replaced: dict[int, _Item]) -> Batch:
     rows = np.array(list(replaced), np.int64)
     new = _of_items([(0, item) for item in replaced.values()])
     size = len(batch.buffer)
-    start, end, course = batch.start.copy(), batch.end.copy(), batch.course.copy()
-    start[rows], end[rows], course[rows] = new.start + size, new.end + size, new.course
+    start, end, edit = batch.start.copy(), batch.end.copy(), batch.edit.copy()
+    start[rows], end[rows], edit[rows] = new.start + size, new.end + size, new.edit
     return Batch(
         bytes(batch.buffer) + new.buffer,
         start,
         end,
-        course,
+        edit,
         batch.time,
         _overlaid(batch.extras, new.extras, rows, len(batch)),
         _overlaid(batch.notes, new.notes, rows, len(batch)),

@@ -38,8 +38,8 @@ __all__ = [
     "unzstd",
 ]
 
-EXTRAS = "riot_bus.extras"
-"""Name of an attachment that belongs to the chunk after it; other attachments are left alone."""
+EXTRAS, EXTRAS_TYPE = "riot_bus.extras", "application/msgpack+zstd"
+"""Name and media type of an attachment that belongs to the chunk after it; other attachments are left alone."""
 MAX_BLOCK = 1 << 30
 """Largest chunk in bytes, uncompressed, that is searched for after damage."""
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from riot_bus.log.engine.blocks import MESSAGE, MESSAGE_HEAD, SHORTEST_MESSAGE, head_type
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
-__all__ = ["LARGE", "Buffer", "Chunk", "ChunkBuilder", "Draft", "Row", "indexes_of"]
+__all__ = ["LARGE", "Buffer", "Chunk", "ChunkBuilder", "Companions", "Draft", "Row", "indexes_of"]
 
 LARGE = 1 << 16
 """Least bytes of a payload that is treated separately."""
@@ -47,6 +47,18 @@ class Chunk:
     counts: dict[int, int]
     definitions: bytes
     large: tuple[Buffer, ...] = ()
+
+
+class Companions(NamedTuple):
+    """The records that belong to a chunk, and stand right before it.
+
+    Attributes:
+        extras: Data of the attachment `riot_bus.extras`; empty if there is none.
+        note: Name and mapping of a metadata record, None if there is none.
+    """
+
+    extras: bytes = b""
+    note: tuple[str, Mapping[str, str]] | None = None
 
 
 Row = tuple[int, int, int, int, bytes, dict[str, Any] | None]
@@ -170,7 +182,7 @@ class ChunkBuilder:
         self.size = size
         return False
 
-    def take(self) -> Draft:
+    def end(self) -> Draft:
         """Return the parts collected so far, and begin another chunk."""
         draft = Draft(self._parts, self._definitions, self._extras, self.size)
         self.size = 0

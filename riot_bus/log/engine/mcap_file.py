@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from mcap.data_stream import RecordBuilder
@@ -25,22 +25,24 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, HEAD, MAGIC
 from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.chunk import Companions
 from riot_bus.log.engine.packing import PackedChunk, check_compression, pieces_of
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.log.engine.chunk import Chunk
 
-__all__ = ["McapFile", "record_bytes"]
+__all__ = ["McapFile", "record_bytes", "statistics_of"]
 
-_MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
-_RECORD, _CHANNEL, _LENGTH = struct.Struct("<BQ"), struct.Struct("<HH"), struct.Struct("<I")
+_CHANNEL, _LENGTH = struct.Struct("<HH"), struct.Struct("<I")
+_NONE = Companions()
 _MOST_PARTS = 1000  # of one call to pwritev
 
 
@@ -56,11 +58,16 @@ def record_bytes(record: McapRecord) -> bytes:
 class McapFile:
     """Appends records to a file; after an error it ends with the last whole record, and the next one is tried again.
 
+    It is an error if the disk is full or fails (OSError).
+
     Args:
         path: File to create; an existing one is overwritten.
         profile: MCAP profile.
         library: Name of the writing library.
         compression: One of `COMPRESSIONS`.
+
+    Attributes:
+        statistics: MCAP statistics of what was written so far: counts by channel, earliest and latest time.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -69,22 +76,9 @@ class McapFile:
     def __init__(self, path: Path | str, *, profile: str, library: str, compression: str) -> None:
         check_compression(compression, str(path))
         self._compression = compression
-        self._statistics = Statistics(
-            attachment_count=0,
-            channel_count=0,
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            message_end_time=0,
-            message_start_time=0,
-            metadata_count=0,
-            schema_count=0,
-        )
-        self._indexes: dict[Opcode, list[McapRecord]] = {
-            Opcode.CHUNK_INDEX: [],
-            Opcode.ATTACHMENT_INDEX: [],
-            Opcode.METADATA_INDEX: [],
-        }
+        self.statistics = statistics_of({}, 0, 0)
+        kinds = (Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)
+        self._indexes: dict[Opcode, list[McapRecord]] = {opcode: [] for opcode in kinds}
         self._missing = b""  # definitions of a chunk that could not be written
         self._end = 0
         try:
@@ -92,7 +86,7 @@ class McapFile:
         except OSError as error:
             raise ConfigError(f"cannot write the log: {error.strerror}", where=str(path)) from error
         try:
-            self._append(_MAGIC, record_bytes(Header(profile=profile, library=library)))
+            self._append(MAGIC, record_bytes(Header(profile=profile, library=library)))
         except OSError as error:
             self.close()
             raise ConfigError(f"cannot write the log: {error.strerror}", where=str(path)) from error
@@ -102,11 +96,6 @@ class McapFile:
         """Bytes in the file."""
         return self._end
 
-    @property
-    def statistics(self) -> Statistics:
-        """What was written so far: counts by channel, earliest and latest time."""
-        return self._statistics
-
     def is_linked(self) -> bool:
         """Return whether the file still has a name; not all file systems can tell."""
         return os.fstat(self._file).st_nlink > 0
@@ -115,12 +104,27 @@ class McapFile:
         """Wait until everything written is on the disk; raises OSError."""
         os.fdatasync(self._file)
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Append all records that are written within this block, or none of them if it raises."""
+    def define(self, records: bytes) -> None:
+        """Write schema and channel records before the next chunk, which does not contain them."""
+        self._missing += records
+
+    def chunk(self, chunk: Chunk, companions: Companions = _NONE) -> None:
+        """Append a chunk with what belongs to it; raises OSError, and then nothing of it is in the file."""
+        try:
+            self.packed(PackedChunk.of(chunk, self._compression), companions)
+        except Exception:
+            self._missing += chunk.definitions
+            raise
+
+    def packed(self, chunk: PackedChunk, companions: Companions = _NONE) -> None:
+        """Append a chunk that is packed already, as `chunk` does."""
         end, counts = self._end, {opcode: len(records) for opcode, records in self._indexes.items()}
         try:
-            yield
+            if companions.extras:
+                self.attachment(Attachment(0, 0, EXTRAS, EXTRAS_TYPE, companions.extras))
+            if companions.note is not None:
+                self.metadata(*companions.note)
+            self._append_chunk(chunk)
         except Exception:
             self._end = end
             with suppress(OSError):  # what is there is overwritten, or read as cut off
@@ -129,20 +133,7 @@ class McapFile:
                 del self._indexes[opcode][count:]
             raise
 
-    def define(self, records: bytes) -> None:
-        """Write schema and channel records before the next chunk, which does not contain them."""
-        self._missing += records
-
-    def chunk(self, chunk: Chunk) -> None:
-        """Append a chunk and its message indexes; raises OSError, and then it is not in the file."""
-        try:
-            self.packed(PackedChunk.of(chunk, self._compression))
-        except Exception:
-            self._missing += chunk.definitions
-            raise
-
-    def packed(self, chunk: PackedChunk) -> None:
-        """Append a chunk that is packed already; raises OSError, and then it is not in the file."""
+    def _append_chunk(self, chunk: PackedChunk) -> None:
         compression = "" if chunk.compression == "none" else chunk.compression
         name = compression.encode()
         packed = chunk.length
@@ -170,19 +161,17 @@ class McapFile:
         )
         self._count(chunk)
 
-    def attachment(self, name: str, media_type: str, data: bytes, *, log_time: int = 0, create_time: int = 0) -> None:
+    def attachment(self, attachment: Attachment) -> None:
         """Append an attachment; raises OSError."""
-        record = record_bytes(
-            Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
-        )
+        record = record_bytes(attachment)
         index = AttachmentIndex(
             offset=self._end,
             length=len(record),
-            log_time=log_time,
-            create_time=create_time,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
+            log_time=attachment.log_time,
+            create_time=attachment.create_time,
+            data_size=len(attachment.data),
+            name=attachment.name,
+            media_type=attachment.media_type,
         )
         self._append(record)
         self._indexes[Opcode.ATTACHMENT_INDEX].append(index)
@@ -196,7 +185,7 @@ class McapFile:
 
     def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
         """Append summary and footer; raises OSError."""
-        known, indexes = self._statistics, self._indexes
+        known, indexes = self.statistics, self._indexes
         known.schema_count, known.channel_count = len(schemas), len(channels)
         known.attachment_count = len(indexes[Opcode.ATTACHMENT_INDEX])
         known.metadata_count = len(indexes[Opcode.METADATA_INDEX])
@@ -206,8 +195,8 @@ class McapFile:
         groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
             (Opcode.SCHEMA, schemas),
             (Opcode.CHANNEL, channels),
-            (Opcode.STATISTICS, [self._statistics]),
-            *self._indexes.items(),
+            (Opcode.STATISTICS, [known]),
+            *indexes.items(),
         ]
         start = self._end
         summary, offsets = b"", b""
@@ -221,7 +210,7 @@ class McapFile:
         summary += offsets
         checksum = crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, offset_start), crc32(summary))
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=checksum)
-        self._append(summary, record_bytes(footer), _MAGIC)
+        self._append(summary, record_bytes(footer), MAGIC)
 
     def close(self) -> None:
         """Close the file as it is; safe to call twice."""
@@ -231,12 +220,12 @@ class McapFile:
 
     def _append(self, *parts: bytes) -> None:
         position = self._end
-        waiting = [part for part in parts if part]
+        unwritten = [part for part in parts if part]
         try:
-            while waiting:
-                written = os.pwritev(self._file, waiting[:_MOST_PARTS], position)
+            while unwritten:
+                written = os.pwritev(self._file, unwritten[:_MOST_PARTS], position)
                 position += written
-                waiting = _without(waiting, written)
+                unwritten = _without(unwritten, written)
         except OSError:
             with suppress(OSError):  # whatever is there of this record is read as cut off
                 os.ftruncate(self._file, self._end)
@@ -244,7 +233,7 @@ class McapFile:
         self._end = position
 
     def _count(self, chunk: PackedChunk) -> None:
-        known = self._statistics
+        known = self.statistics
         if not chunk.counts:
             return
         first = not known.message_count
@@ -253,6 +242,21 @@ class McapFile:
         for channel, count in chunk.counts.items():
             known.channel_message_counts[channel] = known.channel_message_counts.get(channel, 0) + count
             known.message_count += count
+
+
+def statistics_of(counts: Mapping[int, int], start: int, end: int) -> Statistics:
+    """Return statistics of messages: their number by channel, and the times of the first and last, nanoseconds."""
+    return Statistics(
+        attachment_count=0,
+        channel_count=len(counts),
+        channel_message_counts=dict(counts),
+        chunk_count=0,
+        message_count=sum(counts.values()),
+        message_end_time=end,
+        message_start_time=start,
+        metadata_count=0,
+        schema_count=0,
+    )
 
 
 def _channel_bytes(channel: Channel) -> bytes:
@@ -267,7 +271,7 @@ def _channel_bytes(channel: Channel) -> bytes:
             metadata,
         )
     )
-    return _RECORD.pack(Opcode.CHANNEL, len(body)) + body
+    return HEAD.pack(Opcode.CHANNEL, len(body)) + body
 
 
 def _text(text: str) -> bytes:

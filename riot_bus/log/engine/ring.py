@@ -3,40 +3,37 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
-from mcap.records import Statistics
-
-from riot_bus.log.engine.mcap_file import McapFile, record_bytes
+from riot_bus.log.engine.chunk import Companions
+from riot_bus.log.engine.mcap_file import McapFile, record_bytes, statistics_of
 from riot_bus.log.engine.packing import PackedChunk, check_compression
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from mcap.records import Channel, Schema
+    from mcap.records import Channel, Schema, Statistics
 
     from riot_bus.log.engine.chunk import Chunk
 
 __all__ = ["Ring", "RingContent"]
 
 
-@dataclass(slots=True)
-class _Entry:
-    chunk: PackedChunk | None = None
-    attachments: list[tuple[str, str, bytes]] = field(default_factory=list)
-    notes: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+class _Entry(NamedTuple):
+    """A chunk and what belongs to it, or only a metadata record."""
+
+    chunk: PackedChunk | None
+    companions: Companions
 
     @property
     def weight(self) -> int:
-        return (
-            (self.chunk.weight if self.chunk is not None else 0)
-            + sum(len(data) for _, _, data in self.attachments)
-            + sum(len(key) + len(text) for _, mapping in self.notes for key, text in mapping.items())
-        )
+        extras, note = self.companions
+        texts = note[1].items() if note is not None else ()
+        chunk = self.chunk.weight if self.chunk is not None else 0
+        return chunk + len(extras) + sum(len(key) + len(text) for key, text in texts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +86,10 @@ class RingContent:
                 file.metadata(name, mapping)
             file.define(b"".join(map(record_bytes, [*schemas, *channels])))
             for entry in self.entries:
-                for name, media_type, data in entry.attachments:
-                    file.attachment(name, media_type, data)
-                for name, note in entry.notes:
-                    file.metadata(name, note)
                 if entry.chunk is not None:
-                    file.packed(entry.chunk)
+                    file.packed(entry.chunk, entry.companions)
+                elif entry.companions.note is not None:
+                    file.metadata(*entry.companions.note)
             for name, mapping in after:
                 file.metadata(name, mapping)
             file.finish(schemas, channels)
@@ -121,7 +116,6 @@ class Ring:
         self.cut = False
         self._ns, self._most, self._compression = int(seconds * 1e9), most_bytes, compression
         self._entries: deque[_Entry] = deque()
-        self._open: _Entry | None = None
         self._size = 0
         self._lock = threading.Lock()
 
@@ -134,27 +128,16 @@ class Ring:
     def statistics(self) -> Statistics:
         """Statistics of what is kept at present."""
         found = self.content()
-        return Statistics(
-            attachment_count=0,
-            channel_count=len(found.messages),
-            channel_message_counts=dict(found.messages),
-            chunk_count=len(found.entries),
-            message_count=sum(found.messages.values()),
-            message_end_time=found.end,
-            message_start_time=found.start,
-            metadata_count=0,
-            schema_count=0,
-        )
+        return statistics_of(found.messages, found.start, found.end)
 
     def content(self) -> RingContent:
         """Return what is kept."""
         with self._lock:
             entries = list(self._entries)
         chunks = [each.chunk for each in entries if each.chunk is not None]
-        messages: dict[int, int] = {}
+        messages: Counter[int] = Counter()
         for chunk in chunks:
-            for channel, count in chunk.counts.items():
-                messages[channel] = messages.get(channel, 0) + count
+            messages.update(chunk.counts)
         start = min((chunk.start for chunk in chunks), default=0)
         return RingContent(start, max((chunk.end for chunk in chunks), default=0), messages, entries)
 
@@ -165,43 +148,16 @@ class Ring:
     def sync(self) -> None:
         """Do nothing: memory does not outlive the process."""
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Keep, and later discard, all that is appended within this block together."""
-        self._open = _Entry()
-        try:
-            yield
-        finally:
-            entry, self._open = self._open, None
-            if entry is not None:
-                self._keep(entry)
-
     def define(self, records: bytes) -> None:
         """Do nothing: definitions are written when the content is."""
 
-    def chunk(self, chunk: Chunk) -> None:
-        """Keep a chunk."""
-        packed = PackedChunk.of(chunk, self._compression)
-        if self._open is not None:
-            self._open.chunk = packed
-        else:
-            self._keep(_Entry(packed))
-
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep an attachment."""
-        each = (name, media_type, data)
-        if self._open is not None:
-            self._open.attachments.append(each)
-        else:
-            self._keep(_Entry(attachments=[each]))
+    def chunk(self, chunk: Chunk, companions: Companions) -> None:
+        """Keep a chunk with what belongs to it."""
+        self._keep(_Entry(PackedChunk.of(chunk, self._compression), companions))
 
     def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Keep a metadata record."""
-        each = (name, dict(mapping))
-        if self._open is not None:
-            self._open.notes.append(each)
-        else:
-            self._keep(_Entry(notes=[each]))
+        self._keep(_Entry(None, Companions(note=(name, dict(mapping)))))
 
     def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
         """Do nothing: what was not wanted as a file is discarded."""

@@ -43,3 +43,13 @@ def test_topics_without_number_do_not_fill_the_record(monkeypatch: pytest.Monkey
 )
 def test_damage_is_no_account(record: dict[str, str]) -> None:
     assert account_of(record) is None
+
+
+def test_several_accounts_are_added_and_their_topics_renamed():
+    first = Account({"/a": 2, "/b": 1}, {"disk": {"/a": 1}}, {"paused": {"/b": 3}})
+    second = Account({"/a": 5}, {"disk": {"/a": 2}, "missed": {"/b": 4}})
+    total = Account.total_of([first, second])
+    assert total == Account({"/a": 7, "/b": 1}, {"disk": {"/a": 3}, "missed": {"/b": 4}}, {"paused": {"/b": 3}})
+    assert total.renamed({"/a": "/x", "/b": "/x"}).recorded == {"/x": 8}
+    assert total.renamed({"/a": "/x"}).lost == {"disk": {"/x": 3}, "missed": {}}
+    assert Account.total_of([]) == Account()

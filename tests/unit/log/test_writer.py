@@ -340,9 +340,9 @@ class Stuck:
         self.free = threading.Event()
         whole = McapFile.chunk
 
-        def chunk(file, data):
+        def chunk(file, *arguments):
             assert self.free.wait(30)
-            whole(file, data)
+            whole(file, *arguments)
 
         monkeypatch.setattr(McapFile, "chunk", chunk)
 

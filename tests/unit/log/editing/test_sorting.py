@@ -82,5 +82,5 @@ def test_batches_are_put_together_with_what_belongs_to_them():
     assert found.extras is not None
     assert found.extras.tolist() == [None, None, {"a": b"x"}]
     assert (found.notes, found.changed) == (None, None)
-    assert found.course.tolist() == [0, 0, 1]
+    assert found.edit.tolist() == [0, 0, 1]
     assert len(gathered([])) == 0

@@ -18,7 +18,7 @@ def draft(rows: list[tuple[int, int, int, bytes]], definitions: list[bytes]) -> 
         builder.define(record)
     assert not builder.fill(iter([(c, s, t, t, payload, None) for c, s, t, payload in rows]), 1 << 30)
     assert builder.count == len(rows)
-    found = builder.take()
+    found = builder.end()
     assert (builder.count, builder.size) == (0, 0)
     return found
 
@@ -67,6 +67,6 @@ def test_a_chunk_is_full_by_its_bytes_attachments_included() -> None:
     rows = iter([(1, 0, 0, 0, bytes(10), None), (1, 0, 0, 0, b"", {"a": bytes(100)}), (1, 0, 0, 0, b"", None)])
     assert builder.fill(rows, 150)
     assert builder.count == 2
-    assert builder.take().extras == [(1, {"a": bytes(100)})]
+    assert builder.end().extras == [(1, {"a": bytes(100)})]
     assert not builder.fill(rows, 150)
     assert builder.count == 1

@@ -32,7 +32,7 @@ def packed(*payloads: bytes, compression: str = "zstd") -> PackedChunk:
     builder = ChunkBuilder()
     builder.define(b"a definition")
     builder.fill(iter([(1, n, n, n, payload, None) for n, payload in enumerate(payloads)]), 1 << 40)
-    chunk = builder.take().chunk()
+    chunk = builder.end().chunk()
     found = PackedChunk.of(chunk, compression)
     records = b"".join(pieces_of(chunk.data))
     assert UNPACK[found.compression](b"".join(pieces_of(found.data))) == records
