@@ -79,10 +79,8 @@ class Account:
         return {
             "version": str(_VERSION),
             "recorded": json.dumps(_few(self.recorded)),
-            "lost": json.dumps({reason: _few(topics) for reason, topics in self.lost.items() if any(topics.values())}),
-            "left_out": json.dumps(
-                {reason: _few(each) for reason, each in self.left_out.items() if any(each.values())}
-            ),
+            "lost": _by_reason(self.lost),
+            "left_out": _by_reason(self.left_out),
         }
 
 

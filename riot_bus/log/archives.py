@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.log.engine.umask import new_file_mode
 from riot_bus.log.loss import Loss
+from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.capabilities import ConvertsFiles
@@ -20,7 +17,9 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_y
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from riot_bus.types.capabilities import Unpacker
     from riot_bus.types.model import Adapter
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["ArchiveDone", "archive_endings", "export_archive", "import_archive"]
 
@@ -81,7 +80,7 @@ def export_archive(
     registry = TypeRegistry(adapters)
     wanted = None if topics is None else [registry.key_expression(topic) for topic in topics]
     written = skipped = 0
-    with LogReader(log, salvage=salvage) as reader, _finished(out, force=force, source=Path(log)) as temporary:
+    with LogReader(log, salvage=salvage) as reader, new_file(out, force=force, source=Path(log)) as temporary:
         try:
             with open(temporary, "wb") as file:
                 for message in reader.messages(topics=wanted, start=start, end=end):
@@ -117,22 +116,24 @@ def import_archive(
     unpacker = _owner(file, adapters).unpacker()
     count = 0
     registry = TypeRegistry(adapters)
-    with _finished(out, force=force, source=file) as temporary:
+    with new_file(out, force=force, source=file) as temporary:
         with LogWriter(temporary, registry=registry, metadata={"imported": file.name}) as writer:
-            try:
-                with open(file, "rb") as source:
-                    while data := source.read(_PIECE):
-                        for message in unpacker.feed(data):
-                            writer.write(message)
-                            count += 1
-            except OSError as error:
-                raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(file)) from error
-            for message in unpacker.end():
+            for message in _unpacked(file, unpacker):
                 writer.write(message)
                 count += 1
         if not count:
             raise ConfigError(f"there is nothing in it that a file {file.suffix} holds", where=str(file))
     return ArchiveDone(count, damage=unpacker.loss())
+
+
+def _unpacked(file: Path, unpacker: Unpacker) -> Iterator[Message]:
+    try:
+        with open(file, "rb") as source:
+            while data := source.read(_PIECE):
+                yield from unpacker.feed(data)
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(file)) from error
+    yield from unpacker.end()
 
 
 def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
@@ -142,24 +143,3 @@ def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
     known = archive_endings(adapters)
     hint = did_you_mean(file.suffix, known) or "its adapter is not installed; .tlog: pip install 'riot-bus[mavlink]'"
     raise ConfigError(f"unknown kind of file {file.suffix!r}", where=str(file), hint=hint)
-
-
-@contextmanager
-def _finished(out: Path, *, force: bool, source: Path) -> Iterator[str]:
-    """Yield the name of a temporary file that replaces `out` if no error occurs."""
-    if out.exists() and not force:
-        raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
-    if out.exists() and source.exists() and os.path.samefile(source, out):
-        raise ConfigError("this is the input itself", where=str(out), hint="choose another name")
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent)
-    except OSError as error:
-        raise EnvironmentFaultError(f"cannot write: {error.strerror or error}", where=str(out)) from error
-    os.close(handle)
-    try:
-        yield temporary
-        os.chmod(temporary, new_file_mode())
-        os.replace(temporary, out)
-    except BaseException:
-        os.unlink(temporary)
-        raise

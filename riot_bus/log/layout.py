@@ -19,7 +19,6 @@ import zstandard
 
 from riot_bus.log.engine.chunk import Companions
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
-from riot_bus.log.engine.scan import read_attachment
 from riot_bus.pipeline.event import Change
 from riot_bus.types.serve import Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
@@ -27,7 +26,6 @@ from riot_bus.vocabulary.message import Message, Qos
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from riot_bus.log.engine.blocks import Block
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Constants", "Provenance", "Role"]
@@ -41,6 +39,13 @@ _CALL_PREFIX = "riot/"
 RUN, PROVENANCE = "riot_bus.run", "riot_bus.provenance"
 GRAPH = "riot_bus.graph"
 LIBRARY = "riot_bus"
+_PLAIN_EXTRAS: tuple[tuple[str, str, type], ...] = (
+    ("a", "attachment", bytes),
+    ("e", "encoding", str),
+    ("s", "segment", str),
+    ("n", "sequence", int),
+    ("r", "parameters", str),
+)
 _MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22  # unpacked without checks: 4 MiB of empty maps take 300 MB
 
 
@@ -125,7 +130,7 @@ def channel_name(topic: str, role: Role) -> str:
 
 def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
     """Put extras into the arguments of a `Message`; unknown or damaged ones are left out."""
-    for name, attribute, kind in (("a", "attachment", bytes), ("e", "encoding", str), ("s", "segment", str)):
+    for name, attribute, kind in _PLAIN_EXTRAS:
         if isinstance(extras.get(name), kind):
             fields[attribute] = extras[name]
     if "q" in extras:
@@ -134,10 +139,6 @@ def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
         fields["kind"] = "delete"
     if isinstance(extras.get("p"), str) and re.fullmatch(r"-?\d{1,20}", extras["p"]):
         fields["publish_time"] = int(extras["p"])
-    if isinstance(extras.get("n"), int):
-        fields["sequence"] = extras["n"]
-    if isinstance(extras.get("r"), str):
-        fields["parameters"] = extras["r"]
 
 
 def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
@@ -149,21 +150,6 @@ def companions(extras: Sequence[tuple[int, dict[str, Any]]], provenance: Sequenc
     """Return the records that belong to a chunk and stand before it: extras and provenance, if there are any."""
     note = (PROVENANCE, {"changes": pack_provenance(provenance)}) if provenance else None
     return Companions(pack_extras(extras) if extras else b"", note)
-
-
-def load_extras(file: int, block: Block, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
-    """Load the extras of a block's messages by place in the block.
-
-    Args:
-        file: Descriptor of the log.
-        block: Block of the log.
-        most: Largest number of messages that the block can have.
-        limits: Limits of what is read.
-
-    Raises:
-        ValueError: They are damaged or, as BeyondLimitError, too large.
-    """
-    return {} if block.extras is None else unpack_extras(read_attachment(file, block.extras, limits), most, limits)
 
 
 def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
 from riot_bus.log.engine.salvage import salvage
-from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_metadata, scan_file
+from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_attachment, read_metadata, scan_file
 from riot_bus.log.engine.sorting import Waiting
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.log.limits import LogLimits, lifted
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Span
     from riot_bus.log.loss import Loss
 
-__all__ = ["ChannelSource", "LogReader", "channel_source", "open_log", "read_log"]
+__all__ = ["ChannelSource", "LogReader", "channel_source", "message_of", "open_log", "read_log"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,10 @@ class ChannelSource:
     constants: Constants
     schema: Schema
     encoding: str
+
+    def recorded(self, details: Mapping[str, str]) -> RecordedTopic:
+        """Return all that the file tells about the channel, with its metadata as details."""
+        return RecordedTopic(self.topic, self.key, self.own, self.schema, self.encoding, dict(details))
 
     def chosen(self, topics: Sequence[str] | None) -> bool:
         """Return whether one of these topic names and key expressions includes it; None includes all."""
@@ -165,8 +169,7 @@ class LogReader:
         """Yield all that the file tells about each channel of delivered messages; a topic may have several."""
         for number, source in self.sources().items():
             if source.role == "delivered":
-                details = dict(self._channels[number].metadata)
-                yield RecordedTopic(source.topic, source.key, source.own, source.schema, source.encoding, details)
+                yield source.recorded(self._channels[number].metadata)
 
     @property
     def latest(self) -> int:
@@ -198,7 +201,7 @@ class LogReader:
         for entry in self._entries(low, high):
             found = wanted.get(entry.channel)
             if found is not None and low <= entry.time < high:
-                yield _message(entry, found)
+                yield message_of(entry, found)
 
     def originals(
         self, *, topics: Sequence[str] | None = None, start: int | None = None, end: int | None = None
@@ -280,7 +283,9 @@ class LogReader:
             most: Largest number of messages that the block can have (`Records.most_written`).
         """
         try:
-            return layout.load_extras(self._file, block, most, self.limits)
+            if block.extras is None:
+                return {}
+            return layout.unpack_extras(read_attachment(self._file, block.extras, self.limits), most, self.limits)
         except (ValueError, OSError) as error:
             self._lost.note_detail(block, error)
             return {}
@@ -402,7 +407,8 @@ def read_log(path: Path | str) -> tuple[Message, ...]:
         return tuple(reader.messages())
 
 
-def _message(entry: MessageEntry, source: ChannelSource) -> Message:
+def message_of(entry: MessageEntry, source: ChannelSource) -> Message:
+    """Return a message of a channel as it was on the bus."""
     constants = source.constants
     published = None if source.own and entry.published == entry.time else entry.published
     if entry.extras is None:

@@ -7,23 +7,29 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.log.editing.selection import Selection, parse_clauses
 from riot_bus.types.model import parse_path
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Assignment", "parse_assignment"]
 
 Operator = Literal["=", "+=", "-=", "*=", "/="]
+_OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
+    "+=": operator.add,
+    "-=": operator.sub,
+    "*=": operator.mul,
+    "/=": operator.truediv,
+}
 
 _TEXT = re.compile(
     r"\s*(?P<topic>\S(?:.*?\S)?)\s*:(?P<field>(?:len\()?[A-Za-z_\[][^:=/\s]*?)\s*(?P<op>[-+*/]?=)(?!=)\s*(?P<rest>\S.*)",
@@ -85,15 +91,18 @@ class Assignment:
         if self.operator == "=":
             return _fitted(self.value, before)
         if isinstance(before, bool | str | bytes) or not isinstance(self.value, int | float):
-            raise PayloadError(f"{before!r} is no number", where=self.field)
+            raise PayloadError(f"{before!r} is not a number", where=self.field)
+        operation = _OPERATIONS[self.operator]
         if isinstance(before, int) and isinstance(self.value, int) and self.operator != "/=":
-            return _integer(self.operator, before, self.value)
+            return int(operation(before, self.value))
         try:
-            after = _float(self.operator, float(before), float(self.value))
+            after = float(operation(float(before), float(self.value)))
             return round(after) if isinstance(before, int) else after
         except OverflowError:
             if isinstance(before, int):
-                raise PayloadError(f"{before} {self.operator} {self.value} is no integer", where=self.field) from None
+                raise PayloadError(
+                    f"{before} {self.operator} {self.value} is not an integer", where=self.field
+                ) from None
             return math.inf
         except ValueError:
             raise PayloadError(f"{self.value} does not fit into an integer", where=self.field) from None
@@ -113,20 +122,20 @@ def parse_assignment(text: str, option: str) -> Assignment:
     parts = _VALUE.fullmatch(match["rest"]) if match else None
     if match is None or parts is None or not parts["value"]:
         raise ConfigError(f"{text!r} does not say what to set", where=option, hint=_HINT)
-    field, operator, value = match["field"], match["op"], _value(parts["value"], option)
+    field, operation, value = match["field"], match["op"], _value(parts["value"], option)
     try:
         parsed = parse_path(field.replace("[*]", "[0]"))
     except PayloadError as error:
         raise ConfigError(error.message, where=option, hint=error.hint) from None
     if parsed.length:
         raise ConfigError(f"{field}: a length cannot be changed", where=option)
-    if operator != "=":
+    if operation != "=":
         if isinstance(value, str | bool | bytes) or not math.isfinite(value):
-            raise ConfigError(f"{parts['value']} in {text!r} is no number to calculate with", where=option)
-        if operator == "/=" and not value:
+            raise ConfigError(f"{parts['value']} in {text!r} is not a number to calculate with", where=option)
+        if operation == "/=" and not value:
             raise ConfigError(f"{text!r} divides by zero", where=option)
     selection = parse_clauses(match["topic"], parts["clauses"] or "", text, option)
-    return Assignment(text, selection, field, operator, value)  # type: ignore[arg-type]
+    return Assignment(text, selection, field, operation, value)  # type: ignore[arg-type]
 
 
 def _value(text: str, option: str) -> Scalar:
@@ -150,7 +159,7 @@ def _value(text: str, option: str) -> Scalar:
 def _fitted(value: Scalar, before: Scalar) -> Scalar:
     """Convert a value to the field's kind: `nan` becomes a number if the field is one, 2.0 an integer."""
     if isinstance(before, str):
-        return value if isinstance(value, str) else _spelt(value)
+        return str(value).lower() if isinstance(value, bool) else str(value)
     if isinstance(before, float):
         if isinstance(value, str) and value.strip().lower() in _NUMBERS:
             return float(value)
@@ -160,26 +169,6 @@ def _fitted(value: Scalar, before: Scalar) -> Scalar:
     if isinstance(before, int) and isinstance(value, float) and value.is_integer():
         return int(value)
     return value
-
-
-def _spelt(value: Scalar) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _integer(operator: str, before: int, value: int) -> int:
-    return before + value if operator == "+=" else before - value if operator == "-=" else before * value
-
-
-def _float(operator: str, before: float, value: float) -> float:
-    match operator:
-        case "+=":
-            return before + value
-        case "-=":
-            return before - value
-        case "*=":
-            return before * value
-        case _:
-            return before / value
 
 
 def _elements(field: str) -> re.Pattern[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.inputs import InputLog
     from riot_bus.log.engine.blocks import Block
 
-__all__ = ["Batch", "gathered", "renumbered", "runs_of", "shifted"]
+__all__ = ["Batch", "gathered", "renumbered", "runs_of", "shifted", "with_records"]
 
 _CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record: see blocks.MESSAGE
 
@@ -58,16 +58,8 @@ class Batch:
 
     def take(self, rows: NDArray[Any] | slice) -> Batch:
         """Return some of the messages, by mask, by number or by range."""
-        return Batch(
-            self.buffer,
-            self.start[rows],
-            self.end[rows],
-            self.edit[rows],
-            self.time[rows],
-            None if self.extras is None else self.extras[rows],
-            None if self.notes is None else self.notes[rows],
-            None if self.changed is None else self.changed[rows],
-        )
+        details: Any = [None if each is None else each[rows] for each in (self.extras, self.notes, self.changed)]
+        return Batch(self.buffer, self.start[rows], self.end[rows], self.edit[rows], self.time[rows], *details)
 
     def where(self, mask: NDArray[np.bool_]) -> Batch:
         """Return the messages for which a mask is true; the same batch if these are all."""
@@ -85,6 +77,15 @@ class Batch:
             self.buffer = bytearray(self.buffer)
         self.whole = None
         return self.buffer
+
+
+def with_records(batch: Batch, rows: Sequence[int], records: Sequence[bytes]) -> Batch:
+    """Return a batch with other records in some rows; these lie behind all others in the buffer."""
+    lengths = np.array([len(record) for record in records], np.int64)
+    start, end = batch.start.copy(), batch.end.copy()
+    end[rows] = len(batch.buffer) + np.cumsum(lengths)
+    start[rows] = end[rows] - lengths
+    return replace(batch, buffer=b"".join([batch.buffer, *records]), start=start, end=end, whole=None)
 
 
 def gathered(batches: Sequence[Batch]) -> Batch:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.assignment import Assignment
     from riot_bus.log.editing.result import EditCounts
     from riot_bus.log.editing.selection import Condition, Selection
+    from riot_bus.log.reader import ChannelSource
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter, MessageType
 
@@ -122,10 +123,10 @@ class ChannelEdit:
 
     Attributes:
         topic: Topic as it was recorded.
+        source: Common properties of the messages as they were recorded.
         target: Channel that they are written to; None if all are dropped.
         channel: Number of the channel in its input, -1 if it has none.
         counts: Counts of the topic.
-        original: Whether it holds originals.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.
         drop: Conditions of which none may be met.
@@ -135,11 +136,11 @@ class ChannelEdit:
     """
 
     topic: RecordedTopic
+    source: ChannelSource
     target: OutputChannel | None
     channel: int
     counts: EditCounts
     kinds: Kinds
-    original: bool = False
     shift: int = 0
     keep: list[tuple[EditStep, Condition]] | None = None
     drop: list[tuple[EditStep, Condition]] = field(default_factory=list)
@@ -148,6 +149,11 @@ class ChannelEdit:
     numbers: list[int] = field(default_factory=lambda: [0])
     _kind: MessageType | None = None
     _actions: dict[int, Callable[[bytes], bytes]] = field(default_factory=dict)
+
+    @property
+    def original(self) -> bool:
+        """Whether it holds originals."""
+        return self.source.role == "original"
 
     @property
     def choosy(self) -> bool:
@@ -162,7 +168,7 @@ class ChannelEdit:
     def kind(self, payload: bytes) -> MessageType:
         """Return the type of the messages; raises PayloadError if it is unknown."""
         if self._kind is None:
-            encoding = self.target.constants.encoding if self.target is not None else ""
+            encoding = self.target.source.constants.encoding if self.target is not None else ""
             self._kind = self.kinds.of(self.topic, encoding or self.topic.encoding, payload)
         return self._kind
 
@@ -202,20 +208,10 @@ def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep
 
 
 def _holds(edit: ChannelEdit, step: EditStep, condition: Condition, time: int, number: int, payload: bytes) -> bool:
-    if condition.where is None:
-        return condition.holds(time, number, _nothing)
     try:
-        found = condition.holds(time, number, partial(_read, edit, payload))
+        found = condition.holds(time, number, lambda path: edit.kind(payload).read(payload, path))
     except PayloadError as error:
         step.reading.fail(error)
         return False
     step.reading.succeeded += 1
     return found
-
-
-def _read(edit: ChannelEdit, payload: bytes, path: str) -> bool | int | float | str | bytes:
-    return edit.kind(payload).read(payload, path)
-
-
-def _nothing(path: str) -> bool:
-    raise PayloadError("nothing is read", where=path)

@@ -15,8 +15,7 @@ from riot_bus.log.editing.result import EditCounts
 from riot_bus.log.editing.targets import OutputChannel, Targets, new_identity
 from riot_bus.log.layout import Constants
 from riot_bus.log.naming import in_full, means, renamed
-from riot_bus.types.capabilities import RecordedTopic
-from riot_bus.types.model import Schema
+from riot_bus.log.reader import channel_source
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -92,7 +91,7 @@ class ChannelTable:
 
     def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
         """Return the design with short names of topics replaced by keys."""
-        topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channel_records.values()]
+        topics = [log.recorded_topic(number) for log in inputs for number in log.channel_records]
 
         def full(text: str) -> str:
             return in_full(text, topics, lambda: self.adapters)
@@ -165,10 +164,10 @@ class ChannelTable:
         return channel, SchemaRecord(id=1, data=schema.data, encoding=schema.encoding, name=schema.name)
 
     def _add(self, channel: Channel, schema: SchemaRecord | None, *, made: bool = False) -> int:
-        original = channel.metadata.get(layout.ROLE) == "original"
-        topic = _recorded(channel, schema)
+        source = channel_source(channel, schema)
+        topic, original = source.recorded(channel.metadata), source.role == "original"
         counts = self._counts.setdefault(topic.key, EditCounts(topic.name))
-        edit = ChannelEdit(topic, None, -1 if made else channel.id, counts, self._kinds, original)
+        edit = ChannelEdit(topic, source, None, -1 if made else channel.id, counts, self._kinds)
         edit.numbers = self._numbers.setdefault(topic.key, [0])
         if made or self._select(edit):
             shifts = (each.delta for each in self._design.shifts if each.topic is None or means(each.topic, topic))
@@ -221,18 +220,6 @@ class ChannelTable:
         for old in self._design.remaps:
             if not any(renamed(topic, {old: "x"}) is not None for topic in topics):
                 raise ConfigError(f"the logs have no topic {old!r}", where="--remap", hint=did_you_mean(old, names))
-
-
-def _recorded(channel: Channel, schema: SchemaRecord | None) -> RecordedTopic:
-    metadata = channel.metadata
-    return RecordedTopic(
-        metadata.get(layout.TOPIC, channel.topic),
-        metadata.get(layout.KEY, channel.topic),
-        layout.KEY in metadata,
-        Schema(schema.name, schema.encoding, schema.data) if schema is not None else Schema("", "", b""),
-        channel.message_encoding,
-        dict(metadata),
-    )
 
 
 def _selections(steps: Sequence[EditStep]) -> list[Selection]:

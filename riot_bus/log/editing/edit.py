@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.editing.batch import Batch, gathered, renumbered, shifted
+from riot_bus.log.editing.batch import Batch, gathered, renumbered, shifted, with_records
 from riot_bus.log.editing.channel_table import ChannelTable
 from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.editing.latched import LatchedMessages
@@ -17,7 +17,7 @@ from riot_bus.log.editing.output_set import OutputSet
 from riot_bus.log.editing.piping import Piping
 from riot_bus.log.editing.result import EditResult
 from riot_bus.log.editing.sorting import Sorter
-from riot_bus.log.engine.blocks import MESSAGE_HEAD
+from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
@@ -57,7 +57,7 @@ def edit(
         EnvironmentFaultError: The disk is full or broken.
     """
     with ExitStack() as stack:
-        return _Editor(options, interceptors, stack).run(progress or _silent)
+        return _Editor(options, interceptors, stack).run(progress or (lambda done, total: None))
 
 
 class _Editor:
@@ -326,20 +326,11 @@ class _Editor:
 
 
 def _with_payloads(batch: Batch, payloads: dict[int, bytes]) -> Batch:
-    """Put payloads of other lengths into records, behind all others in the buffer."""
-    if not payloads:
-        return batch
-    start, end = batch.start.copy(), batch.end.copy()
-    size, pieces = len(batch.buffer), [bytes(batch.buffer)]
+    """Return a batch with payloads of other lengths in some rows."""
+    records = []
     for row, payload in payloads.items():
-        begin = int(start[row])
+        begin = int(batch.start[row])
         head = bytearray(batch.buffer[begin : begin + MESSAGE_HEAD])
-        head[1:9] = (len(payload) + MESSAGE_HEAD - 9).to_bytes(8, "little")
-        pieces += [bytes(head), payload]
-        start[row], end[row] = size, size + MESSAGE_HEAD + len(payload)
-        size = int(end[row])
-    return Batch(b"".join(pieces), start, end, batch.edit, batch.time, batch.extras, batch.notes, batch.changed)
-
-
-def _silent(done: int, total: int) -> None:
-    pass
+        head[: HEAD.size] = HEAD.pack(head[0], len(payload) + SHORTEST_MESSAGE)
+        records.append(bytes(head) + payload)
+    return with_records(batch, list(payloads), records) if payloads else batch

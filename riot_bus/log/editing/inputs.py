@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.targets import OutputChannel
     from riot_bus.log.engine.blocks import Block, Span
     from riot_bus.log.layout import Role
+    from riot_bus.types.capabilities import RecordedTopic
 
 __all__ = ["InputLog"]
 
@@ -71,6 +72,11 @@ class InputLog(LogReader):
     def schema(self, channel: Channel) -> Schema | None:
         """Return the schema of a channel."""
         return self._scan.schemas.get(channel.schema_id)
+
+    def recorded_topic(self, number: int) -> RecordedTopic:
+        """Return all that the file tells about a channel, by its number."""
+        channel = self._channels[number]
+        return self._source(number, channel).recorded(channel.metadata)
 
     @property
     def counts(self) -> Mapping[int, int] | None:

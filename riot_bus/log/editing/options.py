@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,8 @@ __all__ = ["Design", "EditOptions", "Shift"]
 
 _LONGEST_S = 9e9  # 285 years: shifts are nanoseconds in 64 bits with a sign, which span 292
 _LARGEST_CHUNK = 1 << 28  # as in record.options: memory holds whole chunks; readers refuse more than 1 GiB
+_UNRECORDED = {"inputs", "output", "originals", "chunk_bytes", "definitions", "force", "dry_run"}
+_RECORDED_AS = {"changes": "set", "shifts": "shift"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,29 +146,8 @@ class EditOptions:
 
     def to_json(self) -> dict[str, Any]:
         """Return the options as JSON values, for the record that the output holds."""
-        found: dict[str, Any] = {
-            "start": self.start,
-            "end": self.end,
-            "duration": self.duration,
-            "latched": self.latched,
-            "align": self.align,
-            "keep": list(self.keep),
-            "drop": list(self.drop),
-            "set": list(self.changes),
-            "interceptors": list(self.interceptors),
-            "plan": self.plan,
-            "seed": self.seed,
-            "shift": list(self.shifts),
-            "remap": list(self.remap),
-            "without_originals": not self.originals or self.folder,
-            "salvage": self.salvage,
-            "sort": self.sort,
-            "compression": self.compression,
-            "split_seconds": self.split_seconds,
-            "split_bytes": self.split_bytes,
-            "split_topics": self.split_topics,
-            "types": dict(self.types),
-        }
+        found = {_RECORDED_AS.get(name, name): value for name, value in asdict(self).items() if name not in _UNRECORDED}
+        found["without_originals"] = not self.originals or self.folder
         return {name: value for name, value in found.items() if value}
 
 

@@ -245,7 +245,7 @@ class OutputFile:
                     assert target is not None
                     number = batch.extras[row].get("n") if batch.extras is not None and batch.extras[row] else None
                     sequence = number if isinstance(number, int) else int(heads["sequence"][row])
-                    note = Provenance(sequence, target.key, int(batch.time[row]), target.role, changes)
+                    note = Provenance(sequence, target.source.key, int(batch.time[row]), target.source.role, changes)
                     self._draft.provenance.append(note)
 
     def _end_chunk(self) -> None:

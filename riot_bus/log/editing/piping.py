@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from riot_bus.log import layout
-from riot_bus.log.editing.batch import Batch, gathered
+from riot_bus.log.editing.batch import Batch, gathered, with_records
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of, message_bytes
-from riot_bus.vocabulary.message import Message
+from riot_bus.log.engine.scan import MessageEntry
+from riot_bus.log.reader import message_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.log.editing.channel_edit import ChannelEdit
     from riot_bus.log.editing.channel_table import ChannelTable
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission, Pipeline
@@ -91,7 +91,7 @@ class Piping:
     ) -> bool:
         """Feed one message; return whether it stays at its position, changed or not."""
         edit = self._edits[int(batch.edit[row])]
-        message = _message(batch, row, head, edit)
+        message = message_of(_entry(batch, row, head), edit.source)
         before: tuple[Change, ...] = () if batch.notes is None else batch.notes[row] or ()
         own = int(batch.edit[row])
         stays = emitted = False
@@ -131,11 +131,11 @@ class Piping:
         if not 0 <= emission.due < _TIMES:
             return _Item(b"", number, None, None, changed)
         message = emission.message.with_(time=emission.due)
-        extras = layout.extras_of(message, target.constants)
+        extras = layout.extras_of(message, target.source.constants)
         published = message.publish_time
         if published is None or not 0 <= published < _TIMES:
             published = message.time
-        elif extras is not None and not target.own:
+        elif extras is not None and not target.source.own:
             extras.pop("p", None)  # files of other tools hold it in the record
         sequence = message.sequence & 0xFFFFFFFF
         record = message_bytes(target.channel.id, sequence, message.time, published, message.payload)
@@ -154,21 +154,11 @@ class Piping:
         return both.take(np.lexsort((orders, both.time)))
 
 
-def _message(batch: Batch, row: int, head: Any, edit: ChannelEdit) -> Message:
-    assert edit.target is not None
-    constants = edit.target.constants
-    time, published = int(batch.time[row]), int(head["published"])
-    fields: dict[str, Any] = {
-        "encoding": constants.encoding,
-        "qos": constants.qos,
-        "segment": constants.segment,
-        "sequence": int(head["sequence"]),
-        "publish_time": None if edit.target.own and published == time else published,
-    }
-    if batch.extras is not None and batch.extras[row] is not None:
-        layout.apply_extras(fields, batch.extras[row])
+def _entry(batch: Batch, row: int, head: Any) -> MessageEntry:
     payload = bytes(batch.buffer[int(batch.start[row]) + MESSAGE_HEAD : int(batch.end[row])])
-    return layout.message_of(time, edit.topic.key, payload, fields)
+    extras = None if batch.extras is None else batch.extras[row]
+    channel, sequence, published = int(head["channel"]), int(head["sequence"]), int(head["published"])
+    return MessageEntry(int(batch.time[row]), row, channel, sequence, published, payload, extras)
 
 
 def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:
@@ -192,20 +182,16 @@ def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:
 def _with_replaced(batch: Batch, replaced: dict[int, _Item]) -> Batch:
     if not replaced:
         return batch
-    rows = np.array(list(replaced), np.int64)
+    rows = list(replaced)
     new = _of_items([(0, item) for item in replaced.values()])
-    size = len(batch.buffer)
-    start, end, edit = batch.start.copy(), batch.end.copy(), batch.edit.copy()
-    start[rows], end[rows], edit[rows] = new.start + size, new.end + size, new.edit
-    return Batch(
-        bytes(batch.buffer) + new.buffer,
-        start,
-        end,
-        edit,
-        batch.time,
-        _overlaid(batch.extras, new.extras, rows, len(batch)),
-        _overlaid(batch.notes, new.notes, rows, len(batch)),
-        _overlaid(batch.changed, new.changed, rows, len(batch), nothing=-1, kind=np.int32),
+    edit = batch.edit.copy()
+    edit[rows] = new.edit
+    return replace(
+        with_records(batch, rows, [item.record for item in replaced.values()]),
+        edit=edit,
+        extras=_overlaid(batch.extras, new.extras, rows, len(batch)),
+        notes=_overlaid(batch.notes, new.notes, rows, len(batch)),
+        changed=_overlaid(batch.changed, new.changed, rows, len(batch), nothing=-1, kind=np.int32),
     )
 
 

@@ -7,7 +7,7 @@ end may be left out, and the last one is not included. `every 5` means the numbe
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.log.naming import parse_time
@@ -77,31 +77,25 @@ class Selection:
         text: Text as it was written.
         topic: Name or key expression.
         during: Texts of two times, empty for an open end; None for all the time.
-        first: First number within the topic.
-        last: Last number, exclusive; None for no limit.
-        every: Divisor of the selected numbers.
-        where: Predicate on the fields.
+        at_any_time: Condition apart from the time.
         option: Option in which it was written, for errors.
     """
 
     text: str
     topic: str
     during: tuple[str, str] | None = None
-    first: int = 0
-    last: int | None = None
-    every: int = 1
-    where: Predicate | None = None
+    at_any_time: Condition = _ALWAYS
     option: str = ""
 
     @property
     def whole(self) -> bool:
         """Whether all messages of the topic are selected."""
-        return (self.during, self.first, self.last, self.every, self.where) == (None, 0, None, 1, None)
+        return self.during is None and self.follows_time
 
     @property
     def follows_time(self) -> bool:
         """Whether it depends only on topic and time."""
-        return (self.first, self.last, self.every, self.where) == (0, None, 1, None)
+        return self.at_any_time.always
 
     def condition(self, origin: Callable[[], int]) -> Condition:
         """Return the condition, with times in nanoseconds.
@@ -119,7 +113,7 @@ class Selection:
             high = parse_time(end, origin(), where=self.option) if end else high
             if high <= low:
                 raise ConfigError(f"{end} is not after {begin}", where=f"{self.option} {self.text!r}")
-        return Condition(low, high, self.first, self.last, self.every, self.where)
+        return replace(self.at_any_time, low=low, high=high)
 
 
 def parse_selection(text: str, option: str) -> Selection:
@@ -172,12 +166,12 @@ def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection
     first, last = _numbers(found.get("index"), text, option)
     every = found.get("every", "1")
     if not every.isdecimal() or not 0 < int(every) < 1 << 32:
-        raise ConfigError(f"every {every} in {text!r} is no number above 0", where=option)
+        raise ConfigError(f"every {every} in {text!r} is not a number above 0", where=option)
     during: tuple[str, str] | None = None
     if "during" in found:
         begin, dots, end = found["during"].partition("..")
         if not dots or not (begin or end):
-            raise ConfigError(f"{found['during']!r} in {text!r} is no span of time", where=option, hint="write 5..9")
+            raise ConfigError(f"{found['during']!r} in {text!r} is not a span of time", where=option, hint="write 5..9")
         during = begin, end
     where: Predicate | None = None
     if has_predicate:
@@ -185,7 +179,8 @@ def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection
             where = parse_predicate(predicate.strip())
         except ConfigError as error:
             raise ConfigError(error.message, where=f"{option}, {error.where}", hint=error.hint) from None
-    return Selection(text, topic, during, first, last, int(every), where, option)
+    condition = Condition(first=first, last=last, every=int(every), where=where)
+    return Selection(text, topic, during, condition, option)
 
 
 def _numbers(text: str | None, whole: str, option: str) -> tuple[int, int | None]:
@@ -194,7 +189,7 @@ def _numbers(text: str | None, whole: str, option: str) -> tuple[int, int | None
     begin, dots, end = text.partition("..")
     if not all(part.isdecimal() and len(part) < 16 for part in (begin, end) if part) or not (begin or end):
         hint = "write index 10..20, index 10.., index ..20 or index 7"
-        raise ConfigError(f"{text!r} in {whole!r} are no numbers of messages", where=option, hint=hint)
+        raise ConfigError(f"{text!r} in {whole!r} are not numbers of messages", where=option, hint=hint)
     first = int(begin) if begin else 0
     if not dots:
         return first, first + 1

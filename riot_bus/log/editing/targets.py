@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
-
-from mcap.records import Channel, Schema
 
 from riot_bus.log import layout
 from riot_bus.log.engine.mcap_file import record_bytes
-from riot_bus.log.layout import Constants, Role
+from riot_bus.log.reader import ChannelSource, channel_source
 from riot_bus.types.capabilities import PublishesAs
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
+
+    from mcap.records import Channel, Schema
 
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
@@ -33,20 +33,17 @@ class OutputChannel:
     Attributes:
         channel: Record of the channel.
         schema: Record of its schema, None if it has none.
-        key: Key of its messages.
-        name: Name of its topic shown to users.
-        role: Whether it holds originals.
-        own: Whether it has the metadata that riot_bus writes.
-        constants: Properties that its messages have in common.
+        source: Common properties of its messages.
     """
 
     channel: Channel
     schema: Schema | None
-    key: str
-    name: str
-    role: Role
-    own: bool
-    constants: Constants
+    source: ChannelSource
+
+    @property
+    def name(self) -> str:
+        """Name of its topic shown to users."""
+        return self.source.topic
 
     def definition(self) -> bytes:
         """Return the records that define the channel."""
@@ -75,34 +72,15 @@ class Targets:
         identity = channel.topic, channel.message_encoding, frozenset(channel.metadata.items()), number
         found = self._known.get(identity)
         if found is None:
-            metadata = channel.metadata
-            role: Role = "original" if metadata.get(layout.ROLE) == "original" else "delivered"
-            record = Channel(
-                id=_free(channel.id, self._channel_numbers),
-                topic=channel.topic,
-                message_encoding=channel.message_encoding,
-                metadata=metadata,
-                schema_id=number,
-            )
-            found = self._known[identity] = OutputChannel(
-                record,
-                own_schema,
-                metadata.get(layout.KEY, channel.topic),
-                metadata.get(layout.TOPIC, channel.topic),
-                role,
-                layout.KEY in metadata,
-                Constants.from_metadata(metadata),
-            )
+            record = replace(channel, id=_free(channel.id, self._channel_numbers), schema_id=number)
+            found = self._known[identity] = OutputChannel(record, own_schema, channel_source(record, own_schema))
         return found
 
     def _schema(self, schema: Schema) -> Schema:
         identity = schema.name, schema.encoding, schema.data
         found = self._schemas.get(identity)
         if found is None:
-            number = _free(schema.id, self._schema_numbers)
-            found = self._schemas[identity] = Schema(
-                id=number, data=schema.data, encoding=schema.encoding, name=schema.name
-            )
+            found = self._schemas[identity] = replace(schema, id=_free(schema.id, self._schema_numbers))
         return found
 
 
@@ -118,15 +96,14 @@ def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Se
     Raises:
         ConfigError: No topic can have this name.
     """
-    metadata: dict[str, str] = dict(channel.metadata)
     if not topic.keyed:
         new = name if name.startswith("/") or not topic.name.startswith("/") else f"/{name}"
-        return _renamed(channel, new, metadata)
+        return replace(channel, topic=new)
     key = _new_key(topic, name, adapters)
     shown = next((found.name for each in adapters if (found := each.topic(key)) is not None), key)
-    metadata |= {layout.KEY: key, layout.TOPIC: shown}
+    metadata = {**channel.metadata, layout.KEY: key, layout.TOPIC: shown}
     original = metadata.get(layout.ROLE) == "original"
-    return _renamed(channel, layout.ORIGINAL_PREFIX + shown.lstrip("/") if original else shown, metadata)
+    return replace(channel, topic=layout.ORIGINAL_PREFIX + shown.lstrip("/") if original else shown, metadata=metadata)
 
 
 def _new_key(topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> str:
@@ -136,18 +113,10 @@ def _new_key(topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> st
             return offer.key
     key = name.strip("/")
     if _NO_KEY.search(key):
-        raise ConfigError(f"{name!r} is no name of a topic", where="--remap", hint="give it one without wildcards")
+        raise ConfigError(
+            f"{name!r} cannot be the name of a topic", where="--remap", hint="give it one without wildcards"
+        )
     return key
-
-
-def _renamed(channel: Channel, topic: str, metadata: Mapping[str, str]) -> Channel:
-    return Channel(
-        id=channel.id,
-        topic=topic,
-        message_encoding=channel.message_encoding,
-        metadata=dict(metadata),
-        schema_id=channel.schema_id,
-    )
 
 
 def _free(wish: int, taken: set[int]) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from riot_bus.log.engine.umask import new_file_mode
 from riot_bus.log.loss import Loss
+from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
@@ -100,16 +98,12 @@ def export_table(
     """
     out = Path(out)
     make = _writer_for(out, raw=raw)
-    if out.exists() and not force:
-        raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
-    if out.exists() and os.path.samefile(log, out):
-        raise ConfigError("this is the log itself", where=str(out), hint="choose another name")
-    with LogReader(log, salvage=salvage) as reader:
+    with LogReader(log, salvage=salvage) as reader, new_file(out, force=force, source=Path(log)) as temporary:
         registry = log_registry(reader) if registry is None else registry
         kinds = _kinds(reader, selectors, registry)
         parts = column_parts(reader, selectors, start=start, end=end, memory=memory, registry=registry)
         try:
-            return _write_all(reader, parts, kinds, out, make)
+            return _write_all(reader, parts, kinds, temporary, make)
         except OSError as error:
             raise EnvironmentFaultError(f"cannot write: {error.strerror or error}", where=str(out)) from error
 
@@ -118,17 +112,14 @@ def _write_all(
     reader: LogReader,
     parts: Iterable[Columns],
     kinds: dict[str, Kind],
-    out: Path,
+    path: str,
     make: Callable[[str, dict[str, Kind]], TableWriter],
 ) -> Exported:
     names = _names(list(kinds))
-    handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent)
-    os.close(handle)
     counts = dict.fromkeys(names.values(), 0)
     rows = 0
-    writer: TableWriter | None = None
+    writer = make(path, {names[selector]: kind for selector, kind in kinds.items()})
     try:
-        writer = make(temporary, {names[selector]: kind for selector, kind in kinds.items()})
         topics = {source.key: source.topic for source in reader.sources().values()}
         for batch in _batches(parts, topics):
             writer.write(batch)
@@ -136,13 +127,9 @@ def _write_all(
             for name, valid in zip(counts, batch.valid, strict=True):
                 counts[name] += int(np.count_nonzero(valid))
         writer.close()
-        os.chmod(temporary, new_file_mode())
-        os.replace(temporary, out)
     except BaseException:
-        if writer is not None:
-            with suppress(OSError):
-                writer.close()
-        os.unlink(temporary)
+        with suppress(OSError):
+            writer.close()
         raise
     return Exported(rows, counts, reader.loss)
 

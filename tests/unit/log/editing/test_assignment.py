@@ -48,9 +48,9 @@ def test_spelling(text, topic, field, operator, value):
 def test_conditions_may_follow():
     found = parse_assignment("/odom:x = nan during 5..9 every 2 where y == 1 and z != 'a'", "--set")
     assert found.selection.during == ("5", "9")
-    assert found.selection.every == 2
-    assert found.selection.where is not None
-    assert found.selection.where.fields == ("y", "z")
+    assert found.selection.at_any_time.every == 2
+    assert found.selection.at_any_time.where is not None
+    assert found.selection.at_any_time.where.fields == ("y", "z")
 
 
 @pytest.mark.parametrize(
@@ -102,14 +102,14 @@ def test_what_cannot_be_done_with_a_payload(text):
         ("/odom:x =", "does not say what to set"),
         ("/odom:x == 3", "does not say what to set"),
         ("odom = 3", "does not say what to set"),
-        ("/odom:x += text", "no number to calculate with"),
-        ("/odom:x += inf", "no number to calculate with"),
-        ("/odom:x += true", "no number to calculate with"),
+        ("/odom:x += text", "not a number to calculate with"),
+        ("/odom:x += inf", "not a number to calculate with"),
+        ("/odom:x += true", "not a number to calculate with"),
         ("/odom:x /= 0", "divides by zero"),
         ("/odom:len(x) = 3", "length cannot be changed"),
         ("/odom:a..b = 3", "not a field path"),
         ('/odom:x = "\\x"', "not a quoted text"),
-        ("/odom:x = 3 during 5", "no span of time"),
+        ("/odom:x = 3 during 5", "not a span of time"),
     ],
 )
 def test_mistakes_are_explained(text, problem):

@@ -179,7 +179,7 @@ def test_messages_that_cannot_be_changed_stay_and_are_told(tmp_path):
         ({"changes": ["aa:v = 1"]}, "no topic 'aa'"),
         ({"shifts": ["aa=1"]}, "no topic 'aa'"),
         ({"remap": ["aa:=c"]}, "no topic 'aa'"),
-        ({"remap": ["a:=c*"]}, "no name of a topic"),
+        ({"remap": ["a:=c*"]}, "cannot be the name of a topic"),
         ({"remap": ["a"]}, "does not say what to rename"),
         ({"shifts": ["a=x"]}, "how far in seconds"),
         ({"start": "5", "end": "4"}, "not after"),
