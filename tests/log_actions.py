@@ -45,7 +45,7 @@ def read(path: Path) -> dict[str, Any]:
         for name in ("riot_bus.graph", "riot_bus.lost", "x"):
             for _ in reader.notes(name):
                 pass
-        _ = reader.metadata, reader.profile, reader.library, reader.schemas, list(reader.channels())
+        _ = reader.metadata, reader.profile, reader.library, reader.schemas, reader.sources()
         return {"messages": count, "originals": originals, "loss": str(reader.loss), "lossy": bool(reader.loss)}
 
 

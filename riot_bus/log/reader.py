@@ -152,14 +152,9 @@ class LogReader:
     def schemas(self) -> Mapping[str, tuple[Schema, str]]:
         """By topic: the type's definition (empty if there is none) and the message encoding."""
         found: dict[str, tuple[Schema, str]] = {}
-        for topic, _, schema, encoding in self.channels():
-            found.setdefault(topic, (schema, encoding))
-        return found
-
-    def channels(self) -> Iterator[tuple[str, str, Schema, str]]:
-        """Yield topic, key, schema and message encoding of every channel."""
         for source in self.sources().values():
-            yield source.topic, source.key, source.schema, source.encoding
+            found.setdefault(source.topic, (source.schema, source.encoding))
+        return found
 
     def sources(self) -> Mapping[int, ChannelSource]:
         """Return the properties of each channel's messages, by the channel's number in the file."""

@@ -8,7 +8,7 @@ import threading
 from collections import Counter, deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from time import monotonic
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from mcap.records import Channel, Schema
 
@@ -24,16 +24,15 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from mcap.records import Statistics
-
-    from riot_bus.log.engine.chunk import Chunk, Companions, Draft, Row
+    from riot_bus.log.engine.chunk import Draft, Row
+    from riot_bus.log.engine.ring import Ring
     from riot_bus.pipeline.event import Change
     from riot_bus.types.model import Schema as Definition
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ChannelWriter", "LogWriter", "LostMessagesError", "Storage"]
+__all__ = ["ChannelWriter", "LogWriter", "LostMessagesError"]
 
 _LOG = logging.getLogger(__name__)
 _MAX_CHANNELS = 65_000  # just below what the 16 bits of MCAP's channel numbers allow
@@ -95,39 +94,6 @@ class LostMessagesError(EnvironmentFaultError):
             self.reasons[reason] = self.reasons.get(reason, Counter()) + lost
 
 
-class Storage(Protocol):
-    """Destination of chunks: a file or memory (`riot_bus.log.engine.ring`); all but `close` may raise OSError."""
-
-    @property
-    def size(self) -> int:
-        """Size in bytes."""
-
-    @property
-    def statistics(self) -> Statistics:
-        """MCAP statistics of the content."""
-
-    def is_linked(self) -> bool:
-        """Return whether the file still exists under its name."""
-
-    def sync(self) -> None:
-        """Return once the written data would survive a crash of the machine."""
-
-    def define(self, records: bytes) -> None:
-        """Write definitions before the next chunk."""
-
-    def chunk(self, chunk: Chunk, companions: Companions) -> None:
-        """Append a chunk with what belongs to it, or nothing of both."""
-
-    def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Append a metadata record."""
-
-    def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
-        """Append a summary."""
-
-    def close(self) -> None:
-        """Release the storage."""
-
-
 class ChannelWriter(NamedTuple):
     """What `append` needs to know about a channel: its number, and what its messages have in common."""
 
@@ -186,7 +152,7 @@ class LogWriter:
             wait for as long as it takes.
         patience: Seconds to wait for room in the queue, unless `append` is told not to. After a wait in vain, no call
             waits until the queue is at most half full, so that many chunks in a row cannot stall the caller together.
-        storage: Destination of chunks instead of the file; the path is then only used in error messages.
+        storage: Memory that keeps chunks instead of the file; the path is then only used in error messages.
         epilogue: Function that returns a metadata record to write last, when all messages are in the file.
 
     Attributes:
@@ -217,7 +183,7 @@ class LogWriter:
         durable: bool = False,
         queue_bytes: int | None = None,
         patience: float = 1.0,
-        storage: Storage | None = None,
+        storage: Ring | None = None,
         epilogue: Callable[[LogWriter], tuple[str, Mapping[str, str]]] | None = None,
     ) -> None:
         self.path = str(path)
@@ -245,7 +211,7 @@ class LogWriter:
         self._pending: deque[tuple[Future[None], int]] = deque()
         self._queued = 0
         self._queue_bytes, self._patience, self._overrun = queue_bytes, patience, False
-        self._file: Storage = storage or McapFile(
+        self._file: McapFile | Ring = storage or McapFile(
             path, profile=self.profile, library=layout.LIBRARY, compression=compression
         )
         self._linked = self._file.is_linked()  # not all file systems can tell

@@ -160,7 +160,8 @@ def recorded(bag: Path) -> dict[str, tuple[str, list[list[Any]]]]:
     with LogReader(bag) as reader:
         registry = TypeRegistry(load_adapters())
         kinds = {
-            topic: registry.add_schema(topic, schema, encoding) for topic, _, schema, encoding in reader.channels()
+            source.topic: registry.add_schema(source.topic, source.schema, source.encoding)
+            for source in reader.sources().values()
         }
         for message in reader.messages():
             kind = kinds[message.key]

@@ -481,7 +481,7 @@ def test_requests_and_replies_are_recorded_and_belong_together(tmp_path: Path) -
     recorder.close()
     with LogReader(path) as reader:
         assert not reader.loss
-        assert {topic for topic, _, _, _ in reader.channels()} == {REQUEST, REPLY, ERROR}
+        assert {source.topic for source in reader.sources().values()} == {REQUEST, REPLY, ERROR}
         messages = list(reader.messages())
         originals = list(reader.originals())
         changes = list(reader.provenance())

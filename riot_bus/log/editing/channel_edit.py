@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.editing.targets import OutputChannel
 from riot_bus.log.naming import means
-from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from riot_bus.log.editing.assignment import Assignment
     from riot_bus.log.editing.result import EditCounts
     from riot_bus.log.editing.selection import Condition, Selection
     from riot_bus.log.reader import ChannelSource
     from riot_bus.types.capabilities import RecordedTopic
-    from riot_bus.types.model import Adapter, MessageType
+    from riot_bus.types.model import MessageType
 
-__all__ = ["ChannelEdit", "EditStep", "Kinds", "concerning"]
+__all__ = ["ChannelEdit", "EditStep", "concerning"]
 
 _HOPELESS = 1000  # failures without a success: a misspelt field ends an edit early; a guess
 
@@ -86,37 +84,6 @@ class EditStep:
         return found
 
 
-class Kinds:
-    """Finds the types of channels.
-
-    Args:
-        adapters: Function that returns the adapters, which are not loaded before it is called.
-        declared: Type names by topic.
-        definitions: Files that define types.
-    """
-
-    def __init__(
-        self, adapters: Callable[[], Sequence[Adapter]], declared: dict[str, str], definitions: Sequence[Path]
-    ) -> None:
-        self._adapters = adapters
-        self._declared = declared
-        self._definitions = definitions
-
-    def of(self, topic: RecordedTopic, encoding: str, payload: bytes) -> MessageType:
-        """Return the type of a channel; raises PayloadError if it is unknown."""
-        registry = TypeRegistry(self._adapters(), declared=self._declared, definitions=self._definitions)
-        for name in {topic.key, topic.name}:
-            if topic.schema.name or topic.encoding:
-                registry.add_schema(name, topic.schema, topic.encoding)
-        found = registry.type_of(topic.key, payload=payload, encoding=encoding)
-        if found is None:
-            hint = "name it: --type TOPIC=TYPE"
-            raise PayloadError(
-                "the type of these messages is unknown, so its fields are too", where=topic.name, hint=hint
-            )
-        return found
-
-
 @dataclass(slots=True, eq=False)
 class ChannelEdit:
     """What happens to the messages of one channel.
@@ -127,6 +94,7 @@ class ChannelEdit:
         target: Channel that they are written to; None if all are dropped.
         channel: Number of the channel in its input, -1 if it has none.
         counts: Counts of the topic.
+        find_type: Function that returns the type of a topic, given the encoding and payload of a message.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.
         drop: Conditions of which none may be met.
@@ -140,7 +108,7 @@ class ChannelEdit:
     target: OutputChannel | None
     channel: int
     counts: EditCounts
-    kinds: Kinds
+    find_type: Callable[[RecordedTopic, str, bytes], MessageType]
     shift: int = 0
     keep: list[tuple[EditStep, Condition]] | None = None
     drop: list[tuple[EditStep, Condition]] = field(default_factory=list)
@@ -169,7 +137,7 @@ class ChannelEdit:
         """Return the type of the messages; raises PayloadError if it is unknown."""
         if self._kind is None:
             encoding = self.target.source.constants.encoding if self.target is not None else ""
-            self._kind = self.kinds.of(self.topic, encoding or self.topic.encoding, payload)
+            self._kind = self.find_type(self.topic, encoding or self.topic.encoding, payload)
         return self._kind
 
     def chosen(self, time: int, number: int, payload: bytes) -> bool:

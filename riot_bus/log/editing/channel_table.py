@@ -10,14 +10,14 @@ from mcap.records import Channel
 from mcap.records import Schema as SchemaRecord
 
 from riot_bus.log import layout
-from riot_bus.log.editing.channel_edit import ChannelEdit, EditStep, Kinds, concerning
+from riot_bus.log.editing.channel_edit import ChannelEdit, EditStep, concerning
 from riot_bus.log.editing.result import EditCounts
 from riot_bus.log.editing.targets import OutputChannel, Targets, new_identity
 from riot_bus.log.layout import Constants
 from riot_bus.log.naming import in_full, means, renamed
 from riot_bus.log.reader import channel_source
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.inputs import InputLog
     from riot_bus.log.editing.options import Design, EditOptions
     from riot_bus.log.editing.selection import Selection
-    from riot_bus.types.model import Adapter
+    from riot_bus.types.capabilities import RecordedTopic
+    from riot_bus.types.model import Adapter, MessageType
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["ChannelTable"]
@@ -60,7 +61,6 @@ class ChannelTable:
         self._changes = [EditStep(each.selection, each) for each in design.changes]
         self.steps = [*self._keep, *self._drop, *self._changes]
         self._targets = Targets()
-        self._kinds = Kinds(lambda: self.adapters, dict(options.types), options.definitions)
         self._counts: dict[str, EditCounts] = {}
         self._numbers: dict[str, list[int]] = {}
         self._by_key: dict[str, int] = {}
@@ -81,12 +81,21 @@ class ChannelTable:
     @cached_property
     def registry(self) -> TypeRegistry:
         """Registry of topics and types by the keys of the inputs."""
+        return self._registry_of([edit.topic for edit in self.edits])
+
+    def _registry_of(self, topics: Sequence[RecordedTopic]) -> TypeRegistry:
         found = TypeRegistry(self.adapters, declared=self._options.types, definitions=self._options.definitions)
-        for edit in self.edits:
-            topic = edit.topic
-            for name in {topic.key, topic.name}:
-                if topic.schema.name or topic.encoding:
-                    found.add_schema(name, topic.schema, topic.encoding)
+        for topic in topics:
+            for name in {topic.key, topic.name} if topic.schema.name or topic.encoding else ():
+                found.add_schema(name, topic.schema, topic.encoding)
+        return found
+
+    def _type_of(self, topic: RecordedTopic, encoding: str, payload: bytes) -> MessageType:
+        """Return the type of a channel's messages; raises PayloadError if it is unknown."""
+        found = self._registry_of([topic]).type_of(topic.key, payload=payload, encoding=encoding)
+        if found is None:
+            problem, hint = "the type of these messages is unknown, so its fields are too", "name it: --type TOPIC=TYPE"
+            raise PayloadError(problem, where=topic.name, hint=hint)
         return found
 
     def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
@@ -167,7 +176,7 @@ class ChannelTable:
         source = channel_source(channel, schema)
         topic, original = source.recorded(channel.metadata), source.role == "original"
         counts = self._counts.setdefault(topic.key, EditCounts(topic.name))
-        edit = ChannelEdit(topic, source, None, -1 if made else channel.id, counts, self._kinds)
+        edit = ChannelEdit(topic, source, None, -1 if made else channel.id, counts, self._type_of)
         edit.numbers = self._numbers.setdefault(topic.key, [0])
         if made or self._select(edit):
             shifts = (each.delta for each in self._design.shifts if each.topic is None or means(each.topic, topic))
@@ -208,18 +217,16 @@ class ChannelTable:
         topics = [edit.topic for edit in self.edits]
         if not topics:
             return
-        names = {topic.name for topic in topics}
-        for step in self.steps:
-            if not step.matched:
-                hint = did_you_mean(step.selection.topic, names)
-                raise ConfigError(f"the logs have no topic {step.selection.topic!r}", where=step.name, hint=hint)
-        asked = {each.topic: "--shift" for each in self._design.shifts if each.topic is not None}
-        for text in asked:
-            if not any(means(text, topic) for topic in topics):
-                raise ConfigError(f"the logs have no topic {text!r}", where="--shift", hint=did_you_mean(text, names))
-        for old in self._design.remaps:
-            if not any(renamed(topic, {old: "x"}) is not None for topic in topics):
-                raise ConfigError(f"the logs have no topic {old!r}", where="--remap", hint=did_you_mean(old, names))
+        shifts = [each.topic for each in self._design.shifts if each.topic is not None]
+        named = [
+            *((step.selection.topic, step.name, step.matched) for step in self.steps),
+            *((text, "--shift", any(means(text, topic) for topic in topics)) for text in shifts),
+            *((old, "--remap", any(renamed(topic, {old: "x"}) for topic in topics)) for old in self._design.remaps),
+        ]
+        for text, where, known in named:
+            if not known:
+                hint = did_you_mean(text, {topic.name for topic in topics})
+                raise ConfigError(f"the logs have no topic {text!r}", where=where, hint=hint)
 
 
 def _selections(steps: Sequence[EditStep]) -> list[Selection]:

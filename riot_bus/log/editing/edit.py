@@ -12,7 +12,6 @@ from riot_bus.log.editing.batch import Batch, gathered, renumbered, shifted, wit
 from riot_bus.log.editing.channel_table import ChannelTable
 from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.editing.latched import LatchedMessages
-from riot_bus.log.editing.output_file import ReadyChunk
 from riot_bus.log.editing.output_set import OutputSet
 from riot_bus.log.editing.piping import Piping
 from riot_bus.log.editing.result import EditResult
@@ -245,11 +244,7 @@ class _Editor:
 
     def _emit_rest(self, rank: int) -> None:
         if self._piping is not None:
-            rest = self._addressed(self._piping.rest())
-            if self._reorder is None:
-                self._write(rest)
-            else:
-                self._reorder.add((rank, 0), rest)
+            self._emit(self._piping.rest(), None, rank)
         if self._reorder is not None:
             self._write(self._reorder.ready(None))
 
@@ -274,15 +269,11 @@ class _Editor:
         if batch is None or not len(batch):
             return
         self._count_written(batch)
-        ready = partial(self._ready, *batch.whole) if batch.whole is not None else None
+        ready = None
+        if batch.whole is not None:
+            log, block = batch.whole
+            ready = partial(log.packed, block, self._table.targets())
         self._output.write(batch, self._table.target_list(), ready)
-
-    def _ready(self, log: InputLog, block: Block) -> ReadyChunk | None:
-        """Return a chunk if it can be copied unchanged, otherwise None."""
-        if not log.agrees(block, self._table.targets()):
-            return None
-        found = log.packed(block)
-        return None if found is None else ReadyChunk(*found)
 
     def _count(self, batch: Batch, name: str) -> None:
         edits = self._table.edits

@@ -158,13 +158,16 @@ class InputLog(LogReader):
             batch = batch.where(fits)
         return batch
 
-    def agrees(self, block: Block, targets: Sequence[OutputChannel]) -> bool:
-        """Return whether the definitions in the block that was loaded last are those of an output.
+    def packed(self, block: Block, targets: Sequence[OutputChannel]) -> tuple[str, bytes] | None:
+        """Return the compression of a chunk and its compressed data; None if it cannot be copied unchanged.
 
         Args:
             block: Block that was loaded last.
-            targets: All channels of the output.
+            targets: All channels of the output; those that the block defines must be the same.
         """
+        return read_packed(self._file, block) if self._agrees(block, targets) else None
+
+    def _agrees(self, block: Block, targets: Sequence[OutputChannel]) -> bool:
         number, definitions = self._definitions
         if number != block.number or definitions is None:
             return False
@@ -176,10 +179,6 @@ class InputLog(LogReader):
             if record is None or (schemas if is_schema else channels).get(record.id) != record:
                 return False
         return True
-
-    def packed(self, block: Block) -> tuple[str, bytes] | None:
-        """Return the compression of a chunk and its compressed data; None if the compression is unknown."""
-        return read_packed(self._file, block)
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attachments of other tools."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,17 +31,10 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.targets import OutputChannel
     from riot_bus.log.engine.chunk import Companions
 
-__all__ = ["OutputFile", "ReadyChunk"]
+__all__ = ["OutputFile"]
 
 _MOST_PENDING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
 _SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
-
-
-class ReadyChunk(NamedTuple):
-    """A chunk that may be copied as it is: how it is compressed, and its data."""
-
-    compression: str
-    data: bytes
 
 
 @dataclass(slots=True)
@@ -151,7 +144,7 @@ class OutputFile:
                 self._end_chunk()
             position = following
 
-    def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: ReadyChunk) -> bool:
+    def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: tuple[str, bytes]) -> bool:
         """Write a whole chunk unchanged; return whether that was done.
 
         Args:
@@ -161,17 +154,18 @@ class OutputFile:
         """
         if 0 < self._draft.size < self._chunk_bytes // _SMALL:
             return False
-        if ready.compression != self.compression:
+        compression, data = ready
+        if compression != self.compression:
             large = _large(batch.buffer, batch.start, batch.end - batch.start)
-            if ready.compression != worthwhile(self.compression, large, len(batch.buffer)):
+            if compression != worthwhile(self.compression, large, len(batch.buffer)):
                 return False
         self._end_chunk()
         for number in np.unique(batch.edit).tolist():
             self._define(targets[number])
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
-            ready.compression,
-            ready.data,
+            compression,
+            data,
             len(batch.buffer),
             crc32(batch.buffer),
             int(batch.time.min()),

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.channel_table import ChannelTable
     from riot_bus.log.editing.inputs import InputLog
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.log.editing.output_file import ReadyChunk
     from riot_bus.log.editing.targets import OutputChannel
 
 __all__ = ["EDIT", "OutputSet"]
@@ -99,14 +98,17 @@ class OutputSet:
                 first.attachment(attachment)
 
     def write(
-        self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
+        self,
+        batch: Batch,
+        targets: Sequence[OutputChannel | None],
+        ready: Callable[[], tuple[str, bytes] | None] | None,
     ) -> None:
         """Write messages to the files that they belong to.
 
         Args:
             batch: Messages to write.
             targets: Channels of the output, by number of the channel edit.
-            ready: Function that returns the chunk that holds exactly these messages, if there is one.
+            ready: Function that returns compression and data of the chunk that holds exactly these messages, if any.
         """
         if self._options.dry_run:
             return

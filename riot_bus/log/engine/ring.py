@@ -100,7 +100,7 @@ class RingContent:
 
 
 class Ring:
-    """Implements `riot_bus.log.writer.Storage` in bounded memory; thread-safe.
+    """Keeps the chunks of a `LogWriter` in bounded memory, in place of a `McapFile`; thread-safe.
 
     Args:
         seconds: Least time span that is kept, by the times of messages, as long as there is room.

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,24 +26,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from riot_bus.log.tables.export_csv import CsvWriter
+    from riot_bus.log.tables.export_parquet import ParquetTableWriter
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Exported", "TableWriter", "export_table"]
+    TableWriter = CsvWriter | ParquetTableWriter
+
+__all__ = ["Exported", "export_table"]
 
 _BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
 _MEMORY = 1 << 28  # as for `iter_columns`, so that a log may have any size
-
-
-class TableWriter(Protocol):
-    """Writes a table into a file."""
-
-    def write(self, rows: Rows) -> None:
-        """Append rows."""
-        ...
-
-    def close(self) -> None:
-        """Finish the file; safe to call twice."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

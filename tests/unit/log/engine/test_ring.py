@@ -48,7 +48,7 @@ def test_the_last_seconds_become_a_log_that_every_tool_reads(tmp_path: Path, com
         assert not reader.loss
         assert [each.attachment for each in reader.messages()] == [b"x" if number % 2 else None for number in found]
         assert list(reader.notes("n")) == [{"a": "b"}]
-        assert {topic for topic, *_ in reader.channels()} == {"k0", "k1", "k2"}
+        assert {source.topic for source in reader.sources().values()} == {"k0", "k1", "k2"}
     with path.open("rb") as file:
         summary = make_reader(file, validate_crcs=True).get_summary()
         assert summary is not None
