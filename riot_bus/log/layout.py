@@ -110,11 +110,6 @@ def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
     return extras or None
 
 
-def message_of(time: int, key: str, payload: bytes, fields: Mapping[str, Any]) -> Message:
-    """Return the message with these further attributes; a `Request` if they include parameters."""
-    return (Request if "parameters" in fields else Message)(time, key, payload, **fields)
-
-
 def channel_name(topic: str, role: Role) -> str:
     """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools.
 

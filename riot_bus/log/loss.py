@@ -15,6 +15,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Loss", "LossNotes"]
 
+_TEXTS = {
+    "bytes": "bytes that are not a whole record",
+    "chunks": "damaged chunks",
+    "salvaged": "messages of them salvaged, unverified",
+    "salvageable": "messages of them could be salvaged",
+    "messages": "messages of unknown channels",
+    "details": "damaged attachments, notes or definitions",
+    "conflicts": "channels defined in different ways",
+    "unsorted": "messages out of order",
+    "beyond": "chunks beyond the limits",
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Loss:
@@ -60,20 +72,10 @@ class Loss:
         return "riot edit, play and export take what an index confirms of damaged chunks with --salvage"
 
     def __str__(self) -> str:
-        parts = [
-            "the file was not closed" if self.unfinished else "",
-            f"{self.bytes} bytes that are no whole record" if self.bytes else "",
-            f"{self.chunks} damaged chunks" if self.chunks else "",
-            f"{self.salvaged} messages of them salvaged, unverified" if self.salvaged else "",
-            f"{self.salvageable} messages of them could be salvaged" if self.salvageable else "",
-            f"{self.messages} messages of unknown channels" if self.messages else "",
-            f"{self.details} damaged attachments, notes or definitions" if self.details else "",
-            f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
-            f"{self.unsorted} messages out of order" if self.unsorted else "",
-            f"{self.beyond} chunks beyond the limits" if self.beyond else "",
-        ]
+        parts = ["the file was not closed"] if self.unfinished else []
+        parts += [f"{number} {text}" for name, text in _TEXTS.items() if (number := getattr(self, name))]
         reason = f" ({self.limit})" if self.limit else ""
-        return ", ".join(part for part in parts if part) + reason or "nothing lost"
+        return ", ".join(parts) + reason or "nothing lost"
 
 
 @dataclass(slots=True)

@@ -20,6 +20,7 @@ from riot_bus.log.limits import LogLimits, lifted
 from riot_bus.log.loss import LossNotes
 from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
+from riot_bus.types.serve import Request
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
@@ -58,6 +59,11 @@ class ChannelSource:
     constants: Constants
     schema: Schema
     encoding: str
+
+    @property
+    def payload_encoding(self) -> str:
+        """Encoding of the payloads as on the bus, otherwise MCAP's."""
+        return self.constants.encoding or self.encoding
 
     def recorded(self, details: Mapping[str, str]) -> RecordedTopic:
         """Return all that the file tells about the channel, with its metadata as details."""
@@ -427,4 +433,4 @@ def message_of(entry: MessageEntry, source: ChannelSource) -> Message:
         "publish_time": published,
     }
     layout.apply_extras(fields, entry.extras)
-    return layout.message_of(entry.time, source.key, entry.payload, fields)
+    return (Request if "parameters" in fields else Message)(entry.time, source.key, entry.payload, **fields)

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import textwrap
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -193,11 +193,9 @@ def _merged(files: Iterable[BagFile]) -> list[BagTopic]:
     found: dict[tuple[str, str], BagTopic] = {}
     for file in files:
         for each in file.topics:
-            former = found.get((each.name, each.type_name))
-            messages = each.messages + (former.messages if former is not None else 0)
-            found[each.name, each.type_name] = BagTopic(
-                each.name, each.type_name, each.encoding, each.qos, each.type_hash, messages
-            )
+            known = found.get((each.name, each.type_name))
+            messages = each.messages + (known.messages if known is not None else 0)
+            found[each.name, each.type_name] = replace(each, messages=messages)
     return list(found.values())
 
 

@@ -100,25 +100,8 @@ class InputLog(LogReader):
 
     def first(self) -> int | None:
         """Return the time of the first delivered message (of any, if there are no others), None if it is empty."""
-        low: int | None = None
-        lowest: int | None = None
-        originals = [number for number, source in self.sources().items() if source.role == "original"]
-        for block in sorted(self._scan.blocks, key=lambda block: block.start):
-            if low is not None and block.start >= low:
-                break
-            records = self._load_or_salvage(block)
-            if records is None:
-                continue
-            heads = heads_of(records.data, records.messages)
-            delivered = heads["time"][~np.isin(heads["channel"], originals)]
-            for times, is_delivered in ((heads["time"], False), (delivered, True)):
-                if len(times):
-                    least = int(times.min())
-                    lowest = least if lowest is None else min(least, lowest)
-                    if is_delivered:
-                        low = least if low is None else min(least, low)
-        found = lowest if low is None else low
-        return None if found is None else found + self.shift
+        found = next(self.messages(), None) or next(self.originals(), None)
+        return None if found is None else found.time + self.shift
 
     def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch | None:
         """Return the messages of a block in the order of the file; None if there are none.

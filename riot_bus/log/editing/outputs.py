@@ -136,8 +136,7 @@ class Outputs:
             return
         except OSError as error:
             raise ConfigError(f"cannot write there: {error.strerror}", where=str(path)) from error
-        if any(os.path.samestat(there, each) for each in self._inputs):
-            raise ConfigError("input and output are the same", where=str(path), hint="name another output")
+        self._check_other(path, there)
         if path.is_dir():
             if not self._folder or path != self._output:
                 raise ConfigError("this is a folder", where=str(path), hint="name a file that ends in .mcap")
@@ -153,7 +152,11 @@ class Outputs:
         if path.name != METADATA and path.suffix != ".mcap":
             hint = "name a folder that does not exist"
             raise ConfigError(f"this folder holds other things than a bag: {path.name}", where=str(path), hint=hint)
-        if any(os.path.samestat(os.stat(path), each) for each in self._inputs):
+        self._check_other(path, os.stat(path))
+
+    def _check_other(self, path: Path, status: os.stat_result) -> None:
+        """Raise ConfigError if a file is one of the inputs."""
+        if any(os.path.samestat(status, each) for each in self._inputs):
             raise ConfigError("input and output are the same", where=str(path), hint="name another output")
 
     def _remove_former(self) -> None:

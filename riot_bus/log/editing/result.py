@@ -65,11 +65,8 @@ class EditResult:
 
     def total(self) -> EditCounts:
         """Return the sums over all topics."""
-        found = EditCounts("")
-        for each in self.topics:
-            for name in ("read", "kept", "changed", "dropped", "added", "originals"):
-                setattr(found, name, getattr(found, name) + getattr(each, name))
-        return found
+        names = ("read", "kept", "changed", "dropped", "added", "originals")
+        return EditCounts("", **{name: sum(getattr(each, name) for each in self.topics) for name in names})
 
     def document(self) -> dict[str, Any]:
         """Return the result as JSON values."""

@@ -25,6 +25,7 @@ from riot_bus.log.engine.blocks import (
     Records,
     heads_of,
     unzstd,
+    walk,
 )
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 
@@ -121,12 +122,10 @@ def _joined(
 def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]], bool]:
     """Return start and end of each schema and channel, and whether there is nothing else."""
     found: list[tuple[int, int]] = []
-    while position + HEAD.size <= end and len(found) <= MOST_OTHERS:
-        opcode, length = HEAD.unpack_from(data, position) if position + HEAD.size <= len(data) else (0, 0)
-        following = position + HEAD.size + length
-        if following > end or opcode not in DEFINITIONS:
+    for opcode, begin, following in walk(data, position, end):
+        if opcode not in DEFINITIONS or len(found) > MOST_OTHERS:
             break
-        found.append((position, following))
+        found.append((begin - HEAD.size, following))
         position = following
     return found, position == end
 

@@ -101,6 +101,10 @@ class Scan:
     joins: bool = False
     """Whether a message outside of chunks belongs to the last block: there is nothing but definitions between them."""
 
+    def refuse(self, problem: str, limit: str, present: int, needed: int) -> None:
+        """Note that something is left out because of a limit, unless another limit was noted before."""
+        self.refused = self.refused or BeyondLimitError(problem, limit, present, needed)
+
     @property
     def missing_chunks(self) -> int:
         """Number of chunks that the summary counts, but that are missing."""
@@ -165,7 +169,7 @@ def _walk(file: int, scan: Scan) -> Scan:
 def _stop(file: int, scan: Scan, position: int) -> int:
     """Note that there are too many chunks; return where to continue: at the summary, but only once."""
     most, footer = scan.limits.chunks_of(scan.size), _footer(file, scan)
-    scan.refused = scan.refused or BeyondLimitError(f"more than {most} chunks", "chunks", scan.limits.chunks, 4 * most)
+    scan.refuse(f"more than {most} chunks", "chunks", scan.limits.chunks, 4 * most)
     again, scan.stopped = scan.stopped, True
     if again or footer is None:
         return scan.size
@@ -258,8 +262,7 @@ def _has_room(scan: Scan, body: bytes) -> bool:
 def _refuse(scan: Scan, needed: int, mark: int) -> None:
     """Note a definition that is too large; the mark identifies it."""
     scan.damaged.add(mark)
-    most = scan.limits.definitions
-    scan.refused = scan.refused or BeyondLimitError(f"{needed} bytes of definitions", "definitions", most, needed)
+    scan.refuse(f"{needed} bytes of definitions", "definitions", scan.limits.definitions, needed)
 
 
 def _has_place(scan: Scan, among: Sequence[object]) -> bool:
@@ -268,7 +271,7 @@ def _has_place(scan: Scan, among: Sequence[object]) -> bool:
     if len(among) < most:
         return True
     scan.damaged.add(0)
-    scan.refused = scan.refused or BeyondLimitError(f"more than {most} such records", "chunks", most, 4 * most)
+    scan.refuse(f"more than {most} such records", "chunks", most, 4 * most)
     return False
 
 

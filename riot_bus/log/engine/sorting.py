@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Waiting:
                 self.held -= run.weight
                 parts.append(entries[run.place :] if run.place else entries)
                 continue
-            end = bisect_left(entries, before, run.place, key=_time_of)
+            end = bisect_left(entries, before, run.place, key=attrgetter("time"))
             parts.append(entries[run.place : end])
             run.place = end
             if 2 * end > len(entries):
@@ -83,7 +84,3 @@ class Waiting:
         self.held -= run.weight
         run.weight = sum(len(entry.payload) + _ENTRY_BYTES for entry in run.entries)
         self.held += run.weight
-
-
-def _time_of(entry: MessageEntry) -> int:
-    return entry.time

@@ -5,18 +5,14 @@ from __future__ import annotations
 import os
 import struct
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, MetadataIndex, Schema, Statistics
 
-from riot_bus.log.engine.blocks import HEAD, MAGIC, Span
+from riot_bus.log.engine.blocks import HEAD, MAGIC, Span, walk
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.log.engine.scan import FOOTER_BYTES, parse, parse_footer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 __all__ = ["Summary", "read_summary"]
 
@@ -55,7 +51,7 @@ class ChunkIndexes:
     ends: tuple[Span, Span] | None = None
     end: int = len(MAGIC)
 
-    def take(self, body: bytes) -> bool:
+    def add(self, body: bytes) -> bool:
         """Add an index; return whether it is whole, after the previous chunk, and not one too many."""
         if len(body) < _INDEX.size:
             return False
@@ -134,11 +130,13 @@ def _parse(data: bytes, size: int, header: Header, limits: LogLimits) -> Summary
     metadata: list[tuple[str, Span]] = []
     most, defined = limits.chunks_of(size), 0
     chunks = ChunkIndexes(most)
-    for opcode, body in _records(data):
+    position = 0
+    for opcode, begin, position in walk(data):
+        body = data[begin:position]
         defined += len(body) if opcode in _DEFINING else 0
         if opcode not in _OPCODES or defined > limits.definitions or len(metadata) > most:
             return None
-        if opcode == Opcode.CHUNK_INDEX and not chunks.take(body):
+        if opcode == Opcode.CHUNK_INDEX and not chunks.add(body):
             return None
         if opcode == Opcode.SCHEMA and (schema := parse(Schema, body)) is not None:
             schemas[schema.id] = schema
@@ -148,22 +146,9 @@ def _parse(data: bytes, size: int, header: Header, limits: LogLimits) -> Summary
             statistics = parse(Statistics, body)
         elif opcode == Opcode.METADATA_INDEX and (index := parse(MetadataIndex, body)) is not None:
             metadata.append((index.name, Span(index.offset + HEAD.size, max(0, index.length - HEAD.size))))
-    if statistics is None:
+    if statistics is None or position != len(data):
         return None
     return Summary(size, header, statistics, schemas, channels, chunks, metadata)
-
-
-def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    position = 0
-    while position + HEAD.size <= len(data):
-        opcode, length = HEAD.unpack_from(data, position)
-        following = position + HEAD.size + length
-        if following > len(data):
-            break
-        yield opcode, data[position + HEAD.size : following]
-        position = following
-    if position != len(data):
-        yield 0, b""
 
 
 def _is_sound(file: int, summary: Summary, end: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from heapq import merge
+from itertools import takewhile
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
@@ -108,13 +109,7 @@ class MergedSource:
         each = [source.messages(low) for source in self._sources]
         merged = each[0] if len(each) == 1 else merge(*each, key=attrgetter("time"))
         limit = self._limit
-        if limit is None:
-            yield from merged
-            return
-        for message in merged:
-            if message.time >= limit:
-                return
-            yield message
+        yield from merged if limit is None else takewhile(lambda message: message.time < limit, merged)
 
 
 class PipedSource:

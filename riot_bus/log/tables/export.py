@@ -13,12 +13,12 @@ import numpy as np
 from riot_bus.log.loss import Loss
 from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
-from riot_bus.log.tables.plan import log_registry, plan_columns
+from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
-from riot_bus.types.payloads import Gathered, Payloads
+from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
 if TYPE_CHECKING:
@@ -150,14 +150,13 @@ def _names(selectors: Sequence[str]) -> dict[str, str]:
 def _kinds(reader: LogReader, selectors: Sequence[str], registry: TypeRegistry) -> dict[str, Kind]:
     """Return what each column will hold; an extra pass reads the payloads where only they can tell."""
     wishes, feeds = plan_columns(reader, selectors, registry)
-    nothing = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
     seen: dict[str, set[Kind]] = {wish.text: set() for wish in wishes}
     unknown: set[str] = set()
     for feed in feeds:
         for wish in (wishes[place] for place in feed.wishes):
             kind = feed.kind
             if kind is not None and isinstance(kind, GathersFields):
-                dtype = gather(kind, nothing, wish.path).values.dtype
+                dtype = gather(kind, NOTHING, wish.path).values.dtype
                 seen[wish.text].add("text" if dtype == np.object_ else dtype.name)
             else:
                 unknown.add(wish.text)
@@ -187,17 +186,16 @@ def _common(kinds: set[Kind]) -> Kind:
 
 
 def _batches(parts: Iterable[Columns], topics: dict[str, str]) -> Iterable[Rows]:
-    waiting: list[Rows] = []
+    pending: list[Rows] = []
     count = 0
     for part in parts:
-        rows = _merged(part, topics)
-        waiting.append(rows)
-        count += len(rows.times)
+        pending.append(_merged(part, topics))
+        count += len(pending[-1].times)
         if count >= _BATCH:
-            yield _joined(waiting)
-            waiting, count = [], 0
-    if waiting:
-        yield _joined(waiting)
+            yield _joined(pending)
+            pending, count = [], 0
+    if pending:
+        yield _joined(pending)
 
 
 def _merged(part: Columns, topics: dict[str, str]) -> Rows:

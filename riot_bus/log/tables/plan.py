@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -20,17 +21,17 @@ from riot_bus.vocabulary.predicate import Predicate, parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from riot_bus.log.reader import ChannelSource, LogReader
     from riot_bus.types.model import MessageType
-    from riot_bus.types.payloads import Gathered
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = [
+    "NOTHING",
     "Feed",
     "Wish",
     "chosen_rows",
@@ -44,7 +45,8 @@ __all__ = [
 _SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
 _MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read
 _INDEX = re.compile(r"\[\d+\]")
-_NOTHING = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
+NOTHING = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
+"""No payloads: gathering a field of them tells its type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +79,7 @@ class Feed:
         """Return the type of these messages, derived from the first payloads if it is unknown."""
         if self.kind is None and len(payloads):
             for payload in payloads.take(np.arange(min(len(payloads), _SAMPLES))):
-                self.kind = registry.type_of(
-                    self.source.key, payload=payload, encoding=self.source.constants.encoding or self.source.encoding
-                )
+                self.kind = registry.type_of(self.source.key, payload=payload, encoding=self.source.payload_encoding)
                 if self.kind is not None:
                     break
         return self.kind
@@ -184,10 +184,7 @@ def topic_types(
         ConfigError: The log has no such topic.
     """
     sources = delivered_sources(reader, registry, topics).values()
-    kinds = {
-        source.key: registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
-        for source in sources
-    }
+    kinds = {source.key: registry.type_of(source.key, encoding=source.payload_encoding) for source in sources}
     samples = _samples(reader, {key for key, kind in kinds.items() if not isinstance(kind, DescribesFields)})
     found: dict[tuple[str, str], TypeListing] = {}
     for source in sources:
@@ -249,7 +246,7 @@ def _check(feed: Feed, wish: Wish, registry: TypeRegistry) -> None:
     """Raise an error if messages of a channel cannot have the fields of a wish."""
     source = feed.source
     if feed.kind is None:
-        feed.kind = registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
+        feed.kind = registry.type_of(source.key, encoding=source.payload_encoding)
     if feed.kind is None:
         if source.schema.name:
             raise ConfigError(
@@ -259,30 +256,24 @@ def _check(feed: Feed, wish: Wish, registry: TypeRegistry) -> None:
         return
     if isinstance(feed.kind, GathersFields):
         for path in (wish.path, *(wish.where.fields if wish.where is not None else ())):
-            gather(feed.kind, _NOTHING, path)
+            gather(feed.kind, NOTHING, path)
 
 
 def chosen_rows(kind: MessageType, payloads: Payloads, where: Predicate) -> NDArray[np.bool_]:
     """Return which payloads meet a predicate; those that lack its fields do not."""
-    columns = {path: _lists(gather(kind, payloads, path)) for path in where.fields}
+    gathered = {path: gather(kind, payloads, path) for path in where.fields}
+    columns = {path: (found.values.tolist(), found.valid.tolist()) for path, found in gathered.items()}
     chosen = np.zeros(len(payloads), np.bool_)
     for row in range(len(payloads)):
         try:
-            chosen[row] = where(_reader(columns, row))
+            chosen[row] = where(partial(_read, columns, row))
         except (PayloadError, TypeError):  # such as bytes, which cannot be ordered with text
             continue
     return chosen
 
 
-def _lists(found: Gathered) -> tuple[list[Scalar], list[bool]]:
-    return found.values.tolist(), found.valid.tolist()
-
-
-def _reader(columns: dict[str, tuple[list[Scalar], list[bool]]], row: int) -> Callable[[str], Scalar]:
-    def read(path: str) -> Scalar:
-        values, valid = columns[path]
-        if not valid[row]:
-            raise PayloadError("no such field", where=path)
-        return values[row]
-
-    return read
+def _read(columns: dict[str, tuple[list[Scalar], list[bool]]], row: int, path: str) -> Scalar:
+    values, valid = columns[path]
+    if not valid[row]:
+        raise PayloadError("no such field", where=path)
+    return values[row]

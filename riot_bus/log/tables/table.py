@@ -194,24 +194,24 @@ def column_parts(
 ) -> Iterator[Columns]:
     """Yield what `iter_columns` yields, for a log that is already open."""
     work = _Work(reader, selectors, registry)
-    waiting: list[list[_Rows]] = [[] for _ in work.wishes]
+    pending: list[list[_Rows]] = [[] for _ in work.wishes]
     held, bound = 0, 0
     for block in work.blocks(start, end, memory, 2, threads):
         late = [np.zeros(0, np.int64)]
         for place, rows in work.rows(block):
             held += rows.weight
-            waiting[place].append(rows)
+            pending[place].append(rows)
             late.append(rows.order[rows.times < bound])
         reader.count_unsorted(block.block, len(np.unique(np.concatenate(late))))
         following = work.following_start(block.block)
         limit = None if following is None or 2 * held > memory else following
-        part, waiting = _split(work, waiting, limit)
-        held = sum(rows.weight for rows_of in waiting for rows in rows_of)
+        part, pending = _split(pending, limit)
+        held = sum(rows.weight for rows_of in pending for rows in rows_of)
         times = [rows.times[-1] for rows in part if len(rows.times)]
         if times:
             bound = max(bound, int(max(times)))
             yield work.columns(part)
-    part, _ = _split(work, waiting, None)
+    part, _ = _split(pending, None)
     yield work.columns(part)
 
 
@@ -232,7 +232,7 @@ class _Work:
     def blocks(
         self, start: int | None, end: int | None, memory: int, share: int, threads: int | None
     ) -> Iterator[LoadedBlock]:
-        """Yield the blocks that may hold wanted messages, by time; waiting blocks take 1/`share` of `memory`."""
+        """Yield the blocks that may hold wanted messages, by time; blocks loaded ahead take 1/`share` of `memory`."""
         self._low, self._high = max(start or 0, 0), 1 << 64 if end is None else end
         blocks = self._reader.blocks(self._low, self._high)
         self._following = {one.number: other.start for one, other in pairwise(blocks)}
@@ -303,11 +303,11 @@ def _sorted(parts: Sequence[_Rows]) -> _Rows:
     return rows if (order[1:] > order[:-1]).all() else rows.take(order)
 
 
-def _split(work: _Work, waiting: list[list[_Rows]], limit: int | None) -> tuple[list[_Rows], list[list[_Rows]]]:
-    """Return the rows earlier than the limit, sorted, and the rows that still wait."""
+def _split(pending: list[list[_Rows]], limit: int | None) -> tuple[list[_Rows], list[list[_Rows]]]:
+    """Return the rows earlier than the limit, sorted, and the rows that are still pending."""
     ready: list[_Rows] = []
     rest: list[list[_Rows]] = []
-    for parts in waiting:
+    for parts in pending:
         rows = _sorted(parts)
         if limit is None or not len(rows.times):
             ready.append(rows)
