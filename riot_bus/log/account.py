@@ -1,4 +1,4 @@
-"""What a recording contains and lacks, stored in the log itself as the metadata record `riot_bus.lost`."""
+"""Counts what a recording contains and lacks; the log itself holds them as the metadata record `riot_bus.lost`."""
 
 from __future__ import annotations
 

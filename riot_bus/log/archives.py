@@ -1,4 +1,4 @@
-"""Conversion of logs from and to file formats of other tools that adapters know (`riot_bus.types.capabilities`)."""
+"""Converts logs from and to file formats of other tools that adapters know (`riot_bus.types.capabilities`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Topics and time span of a log, as a player needs them."""
+"""Returns the topics and the time span of a log, as a player needs them."""
 
 from __future__ import annotations
 

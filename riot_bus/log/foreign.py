@@ -1,4 +1,4 @@
-"""Messages of files without keys, such as ROS 2 bags, as they would arrive from the bus."""
+"""Yields messages of files without keys, such as ROS 2 bags, as they would arrive from the bus."""
 
 from __future__ import annotations
 

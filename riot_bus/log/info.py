@@ -1,4 +1,4 @@
-"""An overview of a log, from its summary or by reading all of it."""
+"""Gives an overview of a log, from its summary or by reading all of it."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
     read = 0
     for block in load_ahead(reader, reader.blocks(), memory=reader.limits.held, threads=2, largest=reader.limits.chunk):
         _count(block, sources, topics)
-        numbers.take(block, sources, topics, reader.extras_of(block.block, block.records.most_written))
+        numbers.add(block, sources, topics, reader.extras_of(block.block, block.records.most_written))
         read += block.block.body.length
         if progress is not None:
             progress(read, reader.size)
@@ -255,7 +255,7 @@ class _Numbers:
         self._adapters: Sequence[ReadsMetadata] | None = None
         self._known: dict[tuple[str, bytes], _Publisher] = {}
 
-    def take(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
+    def add(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
         """Process the messages of a block that have an attachment."""
         channels = block.channels
         for place, extra in extras.items():

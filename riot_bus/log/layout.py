@@ -1,4 +1,4 @@
-"""What riot_bus stores in an MCAP file besides messages; docs/log-format.md describes it for users.
+"""Encodes and decodes what riot_bus stores in an MCAP file besides messages; docs/log-format.md is for users.
 
 An MCAP message has a channel, two times, a number and data. Other properties of a message on the bus are stored in the
 channel if all messages share them, and otherwise in *extras*: one MCAP attachment before each chunk that needs it.

@@ -1,4 +1,4 @@
-"""What could not be read of a log, and the notes that a reader takes of it while reading."""
+"""Counts what a reader could not read of a log."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class Loss:
         details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
             their payload.
         conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
-        unsorted: Messages that come later than their time: chunks state wrong times, or so many of them overlap that
-            sorting would take too much memory.
+        unsorted: Messages that come later than their time: chunks state wrong times, or sorting the chunks that
+            overlap would take too much memory.
         salvaged: Messages of damaged chunks that were taken because an index confirms them; their payloads may still
             be damaged.
         salvageable: Messages of damaged chunks that could be salvaged in this way, if they were counted.

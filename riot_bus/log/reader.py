@@ -1,4 +1,4 @@
-"""Reading of logs in bounded memory, whole or damaged, written by riot_bus or as a ROS 2 bag."""
+"""Reads logs in bounded memory, whole or damaged, written by riot_bus or as a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
 from riot_bus.log.engine.salvage import salvage
 from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_attachment, read_metadata, scan_file
-from riot_bus.log.engine.sorting import Waiting
+from riot_bus.log.engine.sorting import OverlapSorter
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.log.limits import LogLimits, lifted
 from riot_bus.log.loss import LossNotes
@@ -337,22 +337,22 @@ class LogReader:
 
     def _entries(self, low: int, high: int) -> Iterator[MessageEntry]:
         blocks = self.blocks(low, high)
-        waiting, bound = Waiting(), 0
+        sorter, bound = OverlapSorter(), 0
         for place, block in enumerate(blocks):
             loaded = self._load(block)
-            waiting.add(loaded, self._loaded_bytes)
+            sorter.add(loaded, self._loaded_bytes)
             if loaded and loaded[0].time < bound:
                 self.count_unsorted(block, bisect_left(loaded, bound, key=attrgetter("time")))
             del loaded
             if place + 1 < len(blocks):
-                ready = waiting.take(blocks[place + 1].start)
-                if waiting.held > self.limits.held:
-                    ready += waiting.take()
+                ready = sorter.release(blocks[place + 1].start)
+                if sorter.held > self.limits.held:
+                    ready += sorter.release()
                 if ready:
                     bound = max(bound, ready[-1].time)
                     yield from ready
                 del ready  # before the next block is loaded
-        yield from waiting.take()
+        yield from sorter.release()
 
     def _load(self, block: Block) -> list[MessageEntry]:
         try:

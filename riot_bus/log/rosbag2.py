@@ -1,4 +1,4 @@
-"""The metadata that rosbag2 needs of a bag: `metadata.yaml` beside its files, and the same text in each file.
+"""Writes the metadata that rosbag2 needs of a bag: `metadata.yaml` beside its files, and the same text in each file.
 
 Written in version 8 of the format, with QoS as numbers in a text, which every ROS 2 release since Humble reads. Where
 the channels of an edited bag have QoS as names, it is version 9.

@@ -1,4 +1,4 @@
-"""A readable view of a short log: its messages field by field, with changed values beside the original ones."""
+"""Shows a short log field by field, with changed values beside the original ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a log: an MCAP file that ROS 2 tools and Foxglove read, and that is readable after a kill -9."""
+"""Writes a log: an MCAP file that ROS 2 tools and Foxglove read, and that is readable after a kill -9."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class LogWriter:
         return self._file.size + self._queued + self._builder.size
 
     @property
-    def waiting(self) -> int:
+    def queued_bytes(self) -> int:
         """Bytes that wait to be written, without the chunk under construction."""
         return self._queued
 

@@ -138,7 +138,7 @@ class RingSink(RecordingSink):
         return {
             "file": str(self.path or ""),
             "bytes": self._ring.size,
-            "waiting_bytes": self.writer.waiting,
+            "waiting_bytes": self.writer.queued_bytes,
             "problem": self.problem,
             "ring": {
                 "messages": sum(content.messages.values()),

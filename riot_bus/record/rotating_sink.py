@@ -162,7 +162,7 @@ class RotatingSink(RecordingSink):
         return {
             "file": str(file.path),
             "bytes": file.writer.size,
-            "waiting_bytes": file.writer.waiting,
+            "waiting_bytes": file.writer.queued_bytes,
             "problem": self.problem,
         }
 
@@ -257,9 +257,9 @@ class RotatingSink(RecordingSink):
     def _look(self) -> None:
         """Report whether the problem persists, and try another file where that may help."""
         file, now = self._file, time.monotonic()
-        slow = file.writer.waiting > _SLOW * self._options.queue_bytes
+        slow = file.writer.queued_bytes > _SLOW * self._options.queue_bytes
         if slow and not self._slow:
-            self._alarm(f"the disk is slow: {file.writer.waiting >> 20} MiB wait to be written")
+            self._alarm(f"the disk is slow: {file.writer.queued_bytes >> 20} MiB wait to be written")
         self._slow = slow
         problem = file.writer.problem
         if not problem:

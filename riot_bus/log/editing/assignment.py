@@ -1,4 +1,4 @@
-"""Changes of fields: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number; conditions may follow.
+"""Parses and applies changes of fields: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number, and conditions.
 
 Integers wrap to the bits of their type and floats become infinite when they overflow, as `MessageType.rebuild` says.
 """

@@ -1,4 +1,4 @@
-"""What happens to the messages of one channel."""
+"""Selects and changes the messages of one channel."""
 
 from __future__ import annotations
 
@@ -176,6 +176,8 @@ def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep
 
 
 def _holds(edit: ChannelEdit, step: EditStep, condition: Condition, time: int, number: int, payload: bytes) -> bool:
+    if condition.where is None:
+        return condition.holds(time, number)
     try:
         found = condition.holds(time, number, lambda path: edit.kind(payload).read(payload, path))
     except PayloadError as error:

@@ -1,4 +1,4 @@
-"""The channels of an edit: a `ChannelEdit` for each, made when the channel becomes known."""
+"""Makes a `ChannelEdit` for each channel of the inputs, when the channel becomes known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edit logs: read blocks, choose and change messages, put them in order, write them."""
+"""Edits logs: reads blocks, selects and changes messages, sorts and writes them."""
 
 from __future__ import annotations
 

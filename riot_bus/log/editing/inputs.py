@@ -1,4 +1,4 @@
-"""A log that is edited: its blocks as batches, and its losses."""
+"""Reads a log that is edited as batches of records, and copies its other records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a late joiner would have received: the last messages of latched topics from before the start of a slice."""
+"""Begins a slice with the last earlier messages of latched topics, which a late joiner would have received."""
 
 from __future__ import annotations
 

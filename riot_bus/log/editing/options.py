@@ -1,4 +1,4 @@
-"""The options of an edit, as plain values; `EditOptions.design` parses them."""
+"""Options of an edit, as plain values; `EditOptions.design` parses them."""
 
 from __future__ import annotations
 

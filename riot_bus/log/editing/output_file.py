@@ -1,4 +1,4 @@
-"""One file of the output while it is written: chunks are packed and written on a thread of its own."""
+"""Writes one file of the output of an edit; a separate thread compresses and writes chunks."""
 
 from __future__ import annotations
 

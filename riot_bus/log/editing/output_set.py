@@ -1,4 +1,4 @@
-"""The output of an edit: files with messages by time, size or topic, other records of the inputs, and what was done."""
+"""Writes the output of an edit: messages split by time, size or topic, other records of the inputs, and a summary."""
 
 from __future__ import annotations
 

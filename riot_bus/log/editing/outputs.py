@@ -1,4 +1,4 @@
-"""The files of an edit: written under temporary names, and renamed when all are complete."""
+"""Names the files of an edit: they get temporary names, and are renamed when all are complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interceptors in an edit: the output of a pipeline is merged with the messages that did not pass through it."""
+"""Passes messages of an edit through interceptors, and merges the results with the messages that skip them."""
 
 from __future__ import annotations
 

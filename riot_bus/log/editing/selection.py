@@ -1,4 +1,4 @@
-"""Selections of messages: `TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]`.
+"""Parses selections of messages: `TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]`.
 
 `A..B` are times as `riot_bus.log.naming.parse_time` takes them, `I..J` numbers of a topic's messages from 0 on; either
 end may be left out, and the last one is not included. `every 5` means the numbers 0, 5, 10 ...
@@ -52,13 +52,22 @@ class Condition:
         """Whether it holds for all messages."""
         return self == _ALWAYS
 
-    def holds(self, time: int, number: int, read: Callable[[str], Scalar]) -> bool:
-        """Return whether a message is selected; raises PayloadError if its fields cannot be read or compared."""
+    def holds(self, time: int, number: int, read: Callable[[str], Scalar] | None = None) -> bool:
+        """Return whether a message is selected.
+
+        Args:
+            time: Time of the message, nanoseconds.
+            number: Number of the message within its topic.
+            read: Function that returns the value of a field; None only if there is no predicate.
+
+        Raises:
+            PayloadError: Its fields cannot be read or compared.
+        """
         if not self.low <= time < self.high or number % self.every:
             return False
         if number < self.first or (self.last is not None and number >= self.last):
             return False
-        if self.where is None:
+        if self.where is None or read is None:
             return True
         try:
             return self.where(read)

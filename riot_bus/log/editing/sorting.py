@@ -1,4 +1,4 @@
-"""Sorting by time of messages of blocks that overlap in time, in bounded memory."""
+"""Sorts messages of blocks that overlap in time, in bounded memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Sorter:
     """
 
     def __init__(self, most: int = _MOST_BYTES) -> None:
-        self._waiting: list[tuple[tuple[int, int], Batch]] = []
+        self._pending: list[tuple[tuple[int, int], Batch]] = []
         self._most = most
         self._held = 0
 
@@ -40,7 +40,7 @@ class Sorter:
             batch: Messages, in any order.
         """
         if len(batch):
-            self._waiting.append((rank, batch.by_time()))
+            self._pending.append((rank, batch.by_time()))
             self._held += _weight(batch)
 
     def ready(self, bound: int | None) -> Batch | None:
@@ -54,7 +54,7 @@ class Sorter:
             limit = max(limit, self._median())
         parts: list[tuple[tuple[int, int], Batch]] = []
         kept: list[tuple[tuple[int, int], Batch]] = []
-        for rank, batch in self._waiting:
+        for rank, batch in self._pending:
             count = len(batch) if limit > _LAST else int(np.searchsorted(batch.time, _stamp(limit), side="left"))
             if count == len(batch):
                 parts.append((rank, batch))
@@ -62,7 +62,7 @@ class Sorter:
                 if count:
                     parts.append((rank, batch.take(slice(0, count))))
                 kept.append((rank, batch.take(slice(count, None)) if count else batch))
-        self._waiting = kept
+        self._pending = kept
         self._held = sum(_weight(batch) for _, batch in kept)
         if not parts:
             return None
@@ -70,7 +70,7 @@ class Sorter:
         return gathered([batch for _, batch in parts]).by_time()
 
     def _median(self) -> int:
-        times: NDArray[np.uint64] = np.concatenate([batch.time for _, batch in self._waiting])
+        times: NDArray[np.uint64] = np.concatenate([batch.time for _, batch in self._pending])
         return int(np.partition(times, len(times) // 2)[len(times) // 2]) + 1
 
 

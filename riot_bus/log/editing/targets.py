@@ -1,4 +1,4 @@
-"""The channels of the output: those of the inputs, unless something has to be different."""
+"""Defines the channels of the output: those of the inputs, unless something has to be different."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The content of a block of a log: its uncompressed bytes, and the positions of its records."""
+"""Reads a block of a log: its uncompressed bytes, and the positions of its records."""
 
 from __future__ import annotations
 
@@ -137,22 +137,15 @@ def heads_of(data: bytes | bytearray, places: NDArray[np.int64]) -> NDArray[Any]
     import numpy as np
 
     # In place where messages are equally long, otherwise by gathering whole heads: a loop would take 100 times as long.
-    stride, raw = _stride(places), f"V{MESSAGE_HEAD}"
-    if stride:
+    raw, steps = f"V{MESSAGE_HEAD}", np.diff(places)
+    stride = int(steps[0]) if len(steps) and (steps == steps[0]).all() else 0
+    if stride > 0:
         heads = np.ndarray((len(places),), raw, data, int(places[0]), (stride,)).copy()
     elif len(places):
         heads = np.ndarray((len(data) - MESSAGE_HEAD + 1,), raw, data, 0, (1,))[places]
     else:
         heads = np.empty(0, raw)
     return heads.view(head_type())
-
-
-def _stride(places: NDArray[np.int64]) -> int:
-    """Return the distance between successive offsets, 0 if it varies or is not positive."""
-    import numpy as np
-
-    steps = np.diff(places)
-    return max(0, int(steps[0])) if len(steps) and (steps == steps[0]).all() else 0
 
 
 def walk(data: bytes, position: int = 0, end: int | None = None) -> Iterator[tuple[int, int, int]]:

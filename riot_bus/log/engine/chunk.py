@@ -1,4 +1,4 @@
-"""One chunk of a log while it is filled: messages, their definitions, and their positions."""
+"""Collects one chunk of a log: messages, their definitions, and an index of them."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class LogLimits:
             raise BeyondLimitError(f"more than {self.messages} messages", "messages", self.messages, 4 * self.messages)
 
     def chunks_of(self, size: int) -> int:
-        """Return how many chunks a file of so many bytes may have."""
+        """Return how many chunks a file of this size (bytes) may have."""
         return self.chunks + size // _PER_CHUNK
 
 

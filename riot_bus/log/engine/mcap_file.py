@@ -1,4 +1,4 @@
-"""The MCAP file under a log that is being written: whole records only, and a summary at the end."""
+"""Writes an MCAP file: whole records only, and a summary at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compression of chunks, where it is worthwhile."""
+"""Compresses chunks, where it is worthwhile."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ COMPRESSIONS: dict[str, Callable[[Sequence[bytes]], tuple[bytes, ...]]] = {"zstd
 
 
 def check_compression(name: str, where: str) -> None:
-    """Raise ConfigError if there is no such compression."""
+    """Raise ConfigError if a compression is unknown."""
     if name not in COMPRESSIONS:
         raise ConfigError(f"unknown compression {name!r}", where=where, hint=did_you_mean(name, COMPRESSIONS))
 

@@ -1,4 +1,4 @@
-"""Search for the next record of an MCAP file after a damaged one, where the walk over the file can continue."""
+"""Searches for the next record of an MCAP file after a damaged one, where the walk over the file can continue."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22  # most damage is short; the search ta
 _NAMES = (b"", b"lz4", b"zstd")
 _CHUNK_HEAD = HEAD.size + CHUNK.size + len(b"zstd") + 8
 _NAME_LENGTH = HEAD.size + CHUNK.size - 4
-_CHAIN = 3  # this many records in a row are no accident
+_CHAIN = 3  # this many whole records in a row do not occur by accident in noise
 
 
 def next_record(file: int, start: int, size: int, channels: Container[int]) -> int | None:

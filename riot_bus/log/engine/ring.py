@@ -1,4 +1,4 @@
-"""The last seconds of a recording, kept in memory as compressed chunks until they are wanted as a file."""
+"""Keeps the last seconds of a recording in memory, as compressed chunks, until they are requested as a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left of a damaged chunk: the messages that its index confirms.
+"""Recovers the messages of a damaged chunk that its index confirms.
 
 The checksum of a chunk shows that something is wrong, but not where. The index after the chunk has the position, the
 channel and the time of each message. A message is taken if all of these agree, and if it ends where the next record

@@ -1,4 +1,4 @@
-"""Find and load the parts of an MCAP file, whoever wrote it and however it ends.
+"""Finds and loads the parts of an MCAP file from any writer, however it ends.
 
 The file is walked once from record to record, skipping the data of chunks, so damage or a missing summary costs nothing
 but the damaged part, and memory holds one entry per chunk. After a record whose length is damaged, the walk continues
@@ -156,7 +156,7 @@ def _walk(file: int, scan: Scan) -> Scan:
             scan.blocks.append(Block(len(scan.blocks), span, start, end, chunked=True, cut=cut, extras=extras))
             extras = None
         if not cut:
-            extras = _take(file, scan, opcode, position, body, inside) or extras
+            extras = _process(file, scan, opcode, position, body, inside) or extras
         if opcode != Opcode.MESSAGE or length < SHORTEST_MESSAGE or cut:
             scan.joins = scan.joins and not cut and (opcode in DEFINITIONS or opcode > Opcode.DATA_END)
         if len(scan.blocks) > most:
@@ -177,7 +177,7 @@ def _stop(file: int, scan: Scan, position: int) -> int:
     return footer.summary_start if footer.summary_start > position else scan.size
 
 
-def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
+def _process(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
     """Process a record; return its span if it holds extras."""
     length = body.length
     match opcode:

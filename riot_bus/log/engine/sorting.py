@@ -1,4 +1,4 @@
-"""Messages of blocks that overlap in time, sorted without looking at those that still have to wait."""
+"""Sorts messages of blocks that overlap in time, without looking at those that are not due yet."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from riot_bus.log.engine.scan import MessageEntry
 
-__all__ = ["Waiting"]
+__all__ = ["OverlapSorter"]
 
 _ENTRY_BYTES = 200  # a `MessageEntry`, its integers and its payload's header take about this
 
 
 @dataclass(slots=True)
 class _Run:
-    """The messages of one block, sorted by time; those before `place` have been taken."""
+    """The messages of one block, sorted by time; those before `place` are released."""
 
     entries: list[MessageEntry]
     place: int
     weight: int
 
 
-class Waiting:
-    """Messages that wait for earlier ones of other blocks.
+class OverlapSorter:
+    """Holds messages until no earlier ones of other blocks can follow.
 
     Each message costs about as many steps as the logarithm of the blocks that overlap, however these overlap.
 
@@ -52,7 +52,7 @@ class Waiting:
         self.held += run.weight
         heappush(self._runs, (entries[0].time, entries[0].order, run))
 
-    def take(self, before: int | None = None) -> list[MessageEntry]:
+    def release(self, before: int | None = None) -> list[MessageEntry]:
         """Remove and return the messages before this time (None: all), sorted."""
         parts: list[list[MessageEntry]] = []
         runs = self._runs
@@ -78,7 +78,7 @@ class Waiting:
         return found
 
     def _shorten(self, run: _Run) -> None:
-        """Discard the messages that have been taken."""
+        """Discard the messages that are released."""
         del run.entries[: run.place]
         run.place = 0
         self.held -= run.weight

@@ -1,4 +1,4 @@
-"""The summary at the end of an MCAP file: what is known of a log without reading it, if the summary is sound."""
+"""Reads the summary at the end of an MCAP file: an overview of a log without reading it, if the summary is sound."""
 
 from __future__ import annotations
 

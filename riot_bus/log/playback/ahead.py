@@ -1,4 +1,4 @@
-"""Read ahead on a thread, so that decompressing a chunk does not make the messages before it late."""
+"""Reads ahead on a thread, so that decompressing a chunk does not make the messages before it late."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late messages were, as a histogram of constant size."""
+"""Measures how late messages were, as a histogram of constant size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time for a player: a clock on which commands can interrupt a wait."""
+"""Provides time to a player: a clock on which commands can interrupt a wait."""
 
 from __future__ import annotations
 

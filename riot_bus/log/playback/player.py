@@ -1,4 +1,4 @@
-"""Play messages in their order, at their own pace or as fast as possible.
+"""Plays messages in their order, at their own pace or as fast as possible.
 
 `play` does so from beginning to end. A `Player` can be paused, stepped, sought and sped up while it plays.
 """

@@ -1,4 +1,4 @@
-"""Latched topics in a play that begins in the middle: first comes what a late joiner would have received."""
+"""Begins a play in the middle of a log with the last earlier messages of latched topics, as for a late joiner."""
 
 from __future__ import annotations
 

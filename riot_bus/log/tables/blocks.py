@@ -1,4 +1,4 @@
-"""Blocks of a log as numpy arrays: decompressed ahead by threads, their records found without a loop over messages."""
+"""Loads blocks of a log as numpy arrays: threads decompress ahead, and records are found without a loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables as CSV (RFC 4180), UTF-8 with a header."""
+"""Writes tables as CSV (RFC 4180), UTF-8 with a header."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.tables.rows import Kind, Rows
+    from riot_bus.log.tables.export import Kind, Rows
 
 __all__ = ["CsvWriter"]
 

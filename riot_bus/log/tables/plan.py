@@ -1,4 +1,4 @@
-"""Choice of the channels of a log, and of their types, from which selected fields are read."""
+"""Chooses the channels of a log from which selected fields are read, and their types."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every field of a log with its type and the range of its values, in bounded memory."""
+"""Lists every field of a log with its type and the range of its values, in bounded memory."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class FieldRange:
     examples: list[str] = field(default_factory=list)
     partial: bool = False
 
-    def take(self, values: NDArray[Any]) -> None:
+    def add(self, values: NDArray[Any]) -> None:
         """Extend the range by some values."""
         self.count += len(values)
         if not len(values):
@@ -75,11 +75,11 @@ class FieldRange:
                 if not len(values):
                     return
         elif values.dtype == np.object_:
-            self._take_objects(values)
+            self._add_objects(values)
             return
         self._widen(values.min().item(), values.max().item())
 
-    def _take_objects(self, values: NDArray[Any]) -> None:
+    def _add_objects(self, values: NDArray[Any]) -> None:
         for value in values.tolist():
             if isinstance(value, int | float):
                 if value != value:
@@ -160,7 +160,7 @@ def field_ranges(
                 place = source.key, id(kind)
                 if place not in surveys:
                     surveys[place] = _Survey(kind)
-                topic.unreadable += surveys[place].take(payloads)
+                topic.unreadable += surveys[place].add(payloads)
         read += block.block.body.length
         if progress is not None:
             progress(read, reader.size)
@@ -191,7 +191,7 @@ class _Survey:
             partial = "[*]" in each.path and not of_numbers(each)
             self.ranges[each.path] = FieldRange(each.path, each.type, partial=partial)
 
-    def take(self, payloads: Payloads) -> int:
+    def add(self, payloads: Payloads) -> int:
         """Survey some messages, and return how many cannot be decoded."""
         if self._described is None:
             return self._one_by_one(payloads)
@@ -200,16 +200,16 @@ class _Survey:
             known = self.ranges[each.path]
             if of_numbers(each):
                 for values in self._described.elements(payloads, each.path.removesuffix("[*]")):
-                    known.take(values)
+                    known.add(values)
             elif "[*]" in each.path:
                 for path in _places(each.path):
                     some = gather(self._kind, payloads, path)
-                    known.take(some.values[some.valid])
+                    known.add(some.values[some.valid])
                     if not some.valid.any():
                         break
             else:
                 some = gather(self._kind, payloads, each.path)
-                known.take(some.values[some.valid])
+                known.add(some.values[some.valid])
                 whole &= some.valid
         return int(np.count_nonzero(~whole))
 
@@ -233,7 +233,7 @@ class _Survey:
                     known.type += f"|{leaf.type}"
                 values.setdefault(path, []).append(leaf.value)
         for path, some in values.items():
-            self.ranges[path].take(as_array(some).values)
+            self.ranges[path].add(as_array(some).values)
         return unreadable
 
 

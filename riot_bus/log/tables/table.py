@@ -1,4 +1,4 @@
-"""Fields of a log as numpy arrays: `columns` at once, `iter_columns` piece by piece."""
+"""Reads fields of a log as numpy arrays: `columns` at once, `iter_columns` piece by piece."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def columns(
         A `Column` for each selector.
 
     Raises:
-        ConfigError: The file is no log, a selector does not fit it, a type is unknown, or the arrays would need more
+        ConfigError: The file is not a log, a selector does not fit it, a type is unknown, or the arrays would need more
             than `memory`.
         PayloadError: A type has no such field.
     """
@@ -173,8 +173,8 @@ def iter_columns(
 ) -> Iterator[Columns]:
     """Yield the result of `columns` piece by piece, in order of time, for logs of any size.
 
-    The type of the values of JSON and MessagePack fields may differ from piece to piece. Where so many chunks overlap
-    in time that sorting them would need more than `memory`, messages are yielded late and counted in `loss.unsorted`.
+    The type of the values of JSON and MessagePack fields may differ from piece to piece. If sorting the chunks that
+    overlap in time would need more than `memory`, messages are yielded late and counted in `loss.unsorted`.
     """
     with LogReader(path, salvage=salvage) as reader:
         yield from column_parts(

@@ -362,13 +362,13 @@ def test_a_disk_that_is_too_slow_costs_what_is_counted_and_stalls_nobody(tmp_pat
     path = tmp_path / "a.mcap"
     writer = LogWriter(path, chunk_bytes=1000, threaded=True, queue_bytes=5000, patience=3600.0)
     offer(writer, "a", 20, lost, patient=False)
-    assert writer.waiting <= 5000
+    assert writer.queued_bytes <= 5000
     assert "too slow" in writer.problem
     offer(writer, "b", 1, lost, patient=True)  # which would take an hour, but waiting was in vain before
     assert 10 < lost["a", "delivered"] < 20
     assert lost["b", "delivered"] == 1
     disk.free.set()
-    assert eventually(lambda: not (writer.tick() or writer.waiting))
+    assert eventually(lambda: not (writer.tick() or writer.queued_bytes))
     offer(writer, "b", 3, lost, patient=False)
     writer.close()
     assert writer.problem == ""
@@ -384,7 +384,7 @@ def test_who_is_patient_waits_for_room(tmp_path, monkeypatch):
     writer = LogWriter(tmp_path / "a.mcap", chunk_bytes=1000, threaded=True, queue_bytes=3000, patience=30.0)
     thread = threading.Thread(target=offer, args=(writer, "a", 20, lost), kwargs={"patient": True})
     thread.start()
-    assert eventually(lambda: writer.waiting > 2000)
+    assert eventually(lambda: writer.queued_bytes > 2000)
     disk.free.set()
     thread.join()
     writer.close()
