@@ -7,17 +7,17 @@ attributes of the injection, all others are among its `options`. Which messages 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from pydantic import Field
 
 from riot_bus.inject.formula import evaluate, parse_formula
-from riot_bus.inject.values import fit_value, set_elements
 from riot_bus.pipeline.event import Change
 from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
 from riot_bus.types.capabilities import OmitsFields
+from riot_bus.types.values import fit_value, set_elements
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
@@ -85,7 +85,7 @@ class SetFault:
         if kind is None:
             event.read(path)  # raises the right error
             return
-        payload = set_elements(kind, event.payload, path, value)
+        payload = set_elements(kind, event.payload, path, partial(fit_value, value))
         event.patched(payload, Change(event.interceptor, "set", path, None, value))
 
 

@@ -8,7 +8,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.faults import fault_of
-from riot_bus.inject.values import fit_value
+from riot_bus.types.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate

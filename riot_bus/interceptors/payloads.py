@@ -7,9 +7,9 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
-from riot_bus.inject.values import fit_value
 from riot_bus.interceptors.per_topic import PerTopic
 from riot_bus.pipeline.event import Change
+from riot_bus.types.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.log.editing.selection import Selection, parse_clauses
 from riot_bus.types.model import parse_path
+from riot_bus.types.values import fit_value, set_elements
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
@@ -38,9 +39,7 @@ _TEXT = re.compile(
 _VALUE = re.compile(
     r"""(?P<value>"(?:[^"\\]|\\.)*"|'[^']*'|.*?)\s*(?P<clauses>(?<=\s)(?:during|index|every|where)\s.*)?""", re.DOTALL
 )
-_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 _HINT = "write TOPIC:FIELD=VALUE, such as '/odom:twist.twist.linear.x = nan where pose.pose.position.x > 3'"
-_ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +64,7 @@ class Assignment:
         """Return the payload with the field changed; raises PayloadError if it is missing or the value does not fit."""
         if "[*]" not in self.field:
             return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
-        pattern = _elements(self.field)
-        leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS + 1) if pattern.fullmatch(leaf.path)]
-        if len(leaves) > _ALL_ELEMENTS:
-            raise PayloadError(f"more than {_ALL_ELEMENTS} elements cannot be set", where=self.field)
-        if not leaves:
-            kind.read(payload, f"len({self.field.partition('[*]')[0]})")  # raises if there is no such array
-            return payload
-        return kind.rebuild(payload, {leaf.path: self._changed(leaf.value) for leaf in leaves})
+        return set_elements(kind, payload, self.field, self._changed)
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return a faster equivalent if all messages get one value at one place, otherwise None.
@@ -89,7 +81,9 @@ class Assignment:
 
     def _changed(self, before: Scalar) -> Scalar:
         if self.operator == "=":
-            return _fitted(self.value, before)
+            if isinstance(before, str) and not isinstance(self.value, str):
+                return str(self.value).lower() if isinstance(self.value, bool) else str(self.value)
+            return fit_value(self.value, before)
         if isinstance(before, bool | str | bytes) or not isinstance(self.value, int | float):
             raise PayloadError(f"{before!r} is not a number", where=self.field)
         operation = _OPERATIONS[self.operator]
@@ -154,22 +148,3 @@ def _value(text: str, option: str) -> Scalar:
         except ValueError:
             continue
     return text
-
-
-def _fitted(value: Scalar, before: Scalar) -> Scalar:
-    """Convert a value to the field's kind: `nan` becomes a number if the field is one, 2.0 an integer."""
-    if isinstance(before, str):
-        return str(value).lower() if isinstance(value, bool) else str(value)
-    if isinstance(before, float):
-        if isinstance(value, str) and value.strip().lower() in _NUMBERS:
-            return float(value)
-        return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
-    if isinstance(before, bool):
-        return bool(value) if isinstance(value, int) else value
-    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
-        return int(value)
-    return value
-
-
-def _elements(field: str) -> re.Pattern[str]:
-    return re.compile(re.escape(field).replace(r"\[\*\]", r"\[\d+\]"))

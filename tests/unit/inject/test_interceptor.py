@@ -5,13 +5,10 @@ import struct
 
 import pytest
 
-from riot_bus.inject import values as module
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector
-from riot_bus.inject.values import set_elements
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Injection, Signal
@@ -97,17 +94,6 @@ def test_star_on_fields_that_are_not_there(field, document, problem):
 def test_star_on_empty_arrays(field, document):
     out, _ = run(log(1, **document), Injection("a", field, 5.5))
     assert out[0].payload == log(1, **document)[0].payload
-
-
-def test_star_on_more_elements_than_anybody_sets(monkeypatch):
-    monkeypatch.setattr(module, "_ALL_ELEMENTS", 3)
-    kind = JsonType()
-    assert set_elements(kind, b'{"a": [{"b": [1, 2, 3]}, {"b": [4]}], "c": [1, 2, 3, 4]}', "a[*].b[*]", 0) == (
-        b'{"a": [{"b": [0, 0, 0]}, {"b": [0]}], "c": [1, 2, 3, 4]}'
-    )
-    for path in ("a[*].b[*]", "a[*].d"):
-        with pytest.raises(PayloadError, match="4 elements are more than the 3"):
-            set_elements(kind, b'{"a": [{"b": [1]}, {"b": [1, 2, 3, 4]}, {"d": 1}, {"d": 2}]}', path, 0)
 
 
 def test_timing_faults():

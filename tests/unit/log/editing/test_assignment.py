@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.log.editing import assignment
 from riot_bus.log.editing.assignment import parse_assignment
+from riot_bus.types import values
 from riot_bus.types.json_type import JsonType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from tests.unit.log.editing.edit_tools import NUMBER, cdr
@@ -82,9 +82,9 @@ def test_all_elements():
 
 
 def test_more_elements_than_memory_should_hold_are_refused(monkeypatch):
-    monkeypatch.setattr(assignment, "_ALL_ELEMENTS", 3)
+    monkeypatch.setattr(values, "_ALL_ELEMENTS", 3)
     assert applied("a:v[*] = 0", {"v": [1, 2, 3]}) == {"v": [0, 0, 0]}
-    with pytest.raises(PayloadError, match="more than 3 elements"):
+    with pytest.raises(PayloadError, match="4 elements are more than the 3"):
         applied("a:v[*] = 0", {"v": [1, 2, 3, 4]})
 
 

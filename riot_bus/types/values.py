@@ -1,4 +1,4 @@
-"""Values of plans, fitted to the fields that they are for; and setting many elements of arrays at once."""
+"""Fits values to the fields that they are for, and sets many elements of arrays at once."""
 
 from __future__ import annotations
 
@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Scalar
 
 __all__ = ["fit_value", "set_elements"]
 
 _ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
-_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
+_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 
 
-def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
+def set_elements(kind: MessageType, payload: bytes, path: str, change: Callable[[Scalar], Scalar]) -> bytes:
     """Return a payload in which all fields that a path with `[*]` stands for are set.
+
+    Args:
+        kind: Type of the message.
+        payload: Its payload.
+        path: Path with one or more `[*]`.
+        change: Function that returns the new value of a field, given the present one.
 
     Raises:
         PayloadError: There are no such fields (other than for an empty array) or too many, or the value does not fit.
@@ -28,7 +36,7 @@ def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) ->
     changes = {}
     for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS):
         if fields.fullmatch(leaf.path):
-            changes[leaf.path] = fit_value(value, leaf.value)
+            changes[leaf.path] = change(leaf.value)
         elif isinstance(leaf.value, int) and leaf.value > _ALL_ELEMENTS and lengths.fullmatch(leaf.path):
             raise PayloadError(f"{leaf.value} elements are more than the {_ALL_ELEMENTS} that can be set", where=path)
     if not changes:
@@ -57,7 +65,7 @@ def _check_elements(kind: MessageType, payload: bytes, path: str) -> None:
 
 
 def fit_value(value: Scalar, before: Scalar) -> Scalar:
-    """Convert a plan's value to the field's kind: `"nan"` becomes a number if the field is one."""
+    """Convert a value to the field's kind: `"nan"` becomes a number if the field is one, 2.0 an integer."""
     if isinstance(before, float):
         if isinstance(value, str) and value.strip().lower() in _NUMBERS:
             return float(value)
