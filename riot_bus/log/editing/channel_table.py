@@ -204,7 +204,9 @@ class ChannelTable:
             return False
         if (self._keep and not keeping) or any(step.selection.whole for step in dropping):
             return False
-        if keeping and not any(each.whole or (original and not each.follows_time) for each in _selections(keeping)):
+        if keeping and not any(
+            each.whole or (original and not each.follows_time) for each in (step.selection for step in keeping)
+        ):
             edit.keep = [(step, step.selection.condition(self._origin)) for step in keeping]
         edit.drop = [(step, step.selection.condition(self._origin)) for step in dropping]
         for step in changing:
@@ -227,7 +229,3 @@ class ChannelTable:
             if not known:
                 hint = did_you_mean(text, {topic.name for topic in topics})
                 raise ConfigError(f"the logs have no topic {text!r}", where=where, hint=hint)
-
-
-def _selections(steps: Sequence[EditStep]) -> list[Selection]:
-    return [step.selection for step in steps]

@@ -55,7 +55,9 @@ class Sorter:
         parts: list[tuple[tuple[int, int], Batch]] = []
         kept: list[tuple[tuple[int, int], Batch]] = []
         for rank, batch in self._pending:
-            count = len(batch) if limit > _LAST else int(np.searchsorted(batch.time, _stamp(limit), side="left"))
+            count = (
+                len(batch) if limit > _LAST else int(np.searchsorted(batch.time, np.uint64(max(0, limit)), side="left"))
+            )
             if count == len(batch):
                 parts.append((rank, batch))
             else:
@@ -76,7 +78,3 @@ class Sorter:
 
 def _weight(batch: Batch) -> int:
     return batch.weight + _ROW_BYTES * len(batch)
-
-
-def _stamp(time: int) -> np.uint64:
-    return np.uint64(max(0, time))

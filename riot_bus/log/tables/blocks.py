@@ -117,9 +117,7 @@ def load_ahead(
                     rest = reader.salvage(block, error, memory=limit)
                     loaded = None if rest is None else _arrays(block, rest)
                 if loaded is not None:
-                    reader.define(loaded.records)
-                    lost = ~known[loaded.channels] | (loaded.times < 0)
-                    reader.count_unknown(block, int(np.count_nonzero(lost)))
+                    _account(reader, loaded, known)
                     yield loaded
                 del loaded, future  # before others are loaded: memory holds one block besides those ahead
                 held -= size
@@ -131,6 +129,16 @@ def load_ahead(
 
 def _load(reader: LogReader, block: Block, memory: int) -> LoadedBlock:
     return _arrays(block, reader.load(block, memory=memory))
+
+
+def _account(reader: LogReader, loaded: LoadedBlock, known: NDArray[np.bool_]) -> None:
+    """Add the definitions in a block to those of the log, and count messages of unknown channels or late times.
+
+    A function of its own, so that its arrays are freed before another block is decompressed into their place.
+    """
+    reader.define(loaded.records)
+    lost = ~known[loaded.channels] | (loaded.times < 0)
+    reader.count_unknown(loaded.block, int(np.count_nonzero(lost)))
 
 
 def _arrays(block: Block, records: Records) -> LoadedBlock:

@@ -14,6 +14,7 @@ from riot_bus.log.loss import Loss
 from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
+from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
@@ -31,33 +32,10 @@ if TYPE_CHECKING:
 
     TableWriter = CsvWriter | ParquetTableWriter
 
-__all__ = ["Exported", "Kind", "Rows", "export_table"]
+__all__ = ["Exported", "export_table"]
 
 _BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
 _MEMORY = 1 << 28  # as for `iter_columns`, so that a log may have any size
-
-
-Kind = str
-"""What a column holds: the name of a numpy type, `text` or `bytes`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Some rows of the table.
-
-    Attributes:
-        times: Times of reception, nanoseconds since the Unix epoch, shape (n,).
-        publish_times: Times at the source, nanoseconds since the Unix epoch, shape (n,).
-        topics: Topic of each message, shape (n,).
-        values: Values of each field, shape (n,) each.
-        valid: Whether each value is present, shape (n,) for each field.
-    """
-
-    times: NDArray[np.int64]
-    publish_times: NDArray[np.int64]
-    topics: NDArray[Any]
-    values: list[NDArray[Any]]
-    valid: list[NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True)

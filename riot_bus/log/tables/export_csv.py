@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.tables.export import Kind, Rows
+    from riot_bus.log.tables.rows import Kind, Rows
 
 __all__ = ["CsvWriter"]
 
