@@ -82,7 +82,7 @@ class InnerPort:
         self._bus, self._segment = bus, segment
         self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
         self.endpoint = redacted(bus.endpoint(segment))
-        self._ramp = bus.ramp(segment)
+        self._ingress = bus.local_ingress(segment)
         # Recorders of a router with one segment listen on this same session, and so does this port.
         self._speaking = threading.local() if len(bus.sessions) == 1 else None
 
@@ -95,13 +95,15 @@ class InnerPort:
         audience = Audience(
             self._session, key, qos=qos, encoding=encoding, changed=changed, everybody=speaking is not None
         )
-        return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
+        return InnerOutlet(
+            audience, self._ingress.declare(key, qos, encoding), owns=self._ingress.owns, speaking=speaking
+        )
 
     def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
         """Publish many messages with one attachment; return how many could not be published."""
         if self._speaking is not None:
             return put_one_by_one(outlets, payloads, attachment)
-        self._ramp.put_all([outlet.track for outlet in outlets], payloads, attachment)
+        self._ingress.put_all([outlet.track for outlet in outlets], payloads, attachment)
         failed = 0
         for outlet, payload in zip(outlets, payloads, strict=True):
             try:

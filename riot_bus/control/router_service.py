@@ -252,7 +252,7 @@ class RouterService:
             "controlled_from": list(self.settings.controlled_from),
             "intercepted": [self._registry.topic(each) for each in bus.intercepted],
             "services": [self._registry.topic(each) for each in bus.services],
-            "interceptors": status.interceptor_rows(bus.gate.pipeline),
+            "interceptors": status.interceptor_rows(bus.executor.pipeline),
             "plan": status.plan_row(self._interception.plan),
             "recording": self._recordings.status(),
             "counts": counts,

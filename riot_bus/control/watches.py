@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.router.advanced.worker import Worker
+from riot_bus.router.worker import Worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,7 @@ class Watches:
         self._changed(graph)
 
     def _tell(self, hook: str, component: ConnectedComponent) -> None:
-        gate, hooks = self._bus.gate, self._hooks
-        for stage in gate.pipeline.stages:
+        executor, hooks = self._bus.executor, self._hooks
+        for stage in executor.pipeline.stages:
             if stage.hook(hook) is not None:
-                hooks.do(partial(gate.call, stage, hook, component, holder=hooks))
+                hooks.do(partial(executor.call, stage, hook, component, worker=hooks))

@@ -63,6 +63,11 @@ class Emission:
     changes: tuple[Change, ...] = ()
     targets: tuple[str, ...] | None = None
 
+    @property
+    def counted_key(self) -> str:
+        """The key under which the pipeline has counted it, even if its message has another key by now."""
+        return (self.original or self.message).key
+
 
 @dataclass(frozen=True, slots=True)
 class Result:

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.source import announced
-from riot_bus.router.advanced.worker import Worker
+from riot_bus.router.worker import Worker
 from riot_bus.zenoh.convert import is_delete
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release

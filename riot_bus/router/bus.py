@@ -1,4 +1,4 @@
-"""The bus: isolated segments, a junction that routes between them, and lanes for the keys that the junction cuts."""
+"""The bus: isolated segments, a junction that joins them, and forwarders of the keys that the junction cuts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
 _ALIVE_INTERVAL_S = 0.02  # how late a component's end is noticed; a subscription ends the wait at once
 _HEARD_S = 10.0  # ten interceptors may block one after the other, each for `BUDGET_S`, 1 s
-_QUIET_POLLS = 3  # 1 ms apart: an idle lane may hold a message not counted yet
+_QUIET_POLLS = 3  # 1 ms apart: an idle forwarder may hold a message not counted yet
 
 
 class BusPublisher:
@@ -110,9 +110,9 @@ class Bus:
         self._sequence = itertools.count(1)
         self._outlets: dict[str, Outlets] = {}
         self._converters = {name: Converter(name, self._sequence) for name in network.settings}
-        self._lanes: dict[str, list[Forwarder]] = {}
+        self._forwarders: dict[str, list[Forwarder]] = {}
         self._retired: list[Forwarder] = []
-        self._ramps: list[LocalIngress] = []
+        self._ingresses: list[LocalIngress] = []
         self._taps: list[Tap] = []
         self._tokens: dict[str, Any] = {}
         self._claims = Claims(canonical(intercept))
@@ -121,17 +121,17 @@ class Bus:
         self._recorder = recorder
         self._recorders: list[Recorder] = [recorder] if recorder is not None else []
         self._changing = threading.RLock()
-        self.gate = PipelineExecutor(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
+        self.executor = PipelineExecutor(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
         """The access to the interceptors, to run or to change them."""
-        self._crossing = DeliveryQueue(
-            self.gate,
+        self._deliveries = DeliveryQueue(
+            self.executor,
             self._outlets,
             targets={name: tuple(other for other in network.settings if other != name) for name in network.settings},
             owned=lambda key: self._claims.owner(key) is not None,
             sequence=self._sequence,
             topic=self._registry.topic,
         )
-        self._crossing.recorder = recorder
+        self._deliveries.recorder = recorder
         self._advanced: PublisherProxies | None = None
         self._services: Services | None = None
         self._probes: dict[tuple[str, str], zenoh.Publisher] = {}
@@ -151,7 +151,7 @@ class Bus:
             ConfigError: Zenoh refuses a configuration.
             EnvironmentFaultError: A port is in use, or the machine is too slow.
         """
-        self._check_ways(self.gate.pipeline.stages)
+        self._check_ways(self.executor.pipeline.stages)
         with ExitStack() as stack:
             self._network.open(self._claims.expressions, self._selected)
             if self._owns_network:
@@ -159,21 +159,21 @@ class Bus:
             self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
             self._watch = self._watched()
             stack.callback(self._watch.stop)
-            stack.callback(self.gate.close)
-            if len(self._segments) > 1 or self._claims.expressions or self._selected or self.gate.pipeline.stages:
+            stack.callback(self.executor.close)
+            if len(self._segments) > 1 or self._claims.expressions or self._selected or self.executor.pipeline.stages:
                 self._start_threads()
-            self.gate.change(Pipeline.start)
+            self.executor.change(Pipeline.start)
             if len(self._segments) > 1:
-                self._advanced = self._crossing.advanced = PublisherProxies(
+                self._advanced = self._deliveries.advanced = PublisherProxies(
                     self.sessions,
                     self._outlets,
                     self._converters,
-                    crossing=self._crossing,
+                    deliveries=self._deliveries,
                     changed=self._forget,
                     fence=self._fence,
                 )
                 spaces = [text for each in self._registry.service_adapters() for text in each.services]
-                self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)
+                self._services = Services(self.sessions, self._deliveries, sequence=self._sequence, spaces=spaces)
             stack.callback(self._stop)
             self._intercept(self._claims.expressions, self._selected, again=False)
             self._stack = stack.pop_all()
@@ -181,8 +181,8 @@ class Bus:
 
     def _start_threads(self) -> None:
         """Start the threads of the pipeline, which a single segment without interception does not need."""
-        self.gate.start()
-        self._crossing.start()
+        self.executor.start()
+        self._deliveries.start()
 
     def close(self) -> None:
         """Forward the messages in transit, then close everything but a network of others; safe to call twice."""
@@ -205,17 +205,17 @@ class Bus:
         return watch
 
     def _stop(self) -> None:
-        for ramp in self._ramps:
-            ramp.close()
+        for ingress in self._ingresses:
+            ingress.close()
         release(*self._taps, *self._probes.values())
         self._taps.clear()
         if self._services is not None:
             self._services.close()
-        for expression in list(self._lanes):
+        for expression in list(self._forwarders):
             self._retire(expression)
         if self._advanced is not None:
             self._advanced.close()
-        self._crossing.close()
+        self._deliveries.close()
         self._dispatcher.close()
         for outlets in self._outlets.values():
             outlets.close()
@@ -273,8 +273,8 @@ class Bus:
             record: Key expressions that are recorded without being intercepted.
         """
         with self._changing:
-            self._recorder = self._crossing.recorder = recorder
-            self.gate.pipeline.provenance = recorder is not None
+            self._recorder = self._deliveries.recorder = recorder
+            self.executor.pipeline.provenance = recorder is not None
             if recorder is not None:
                 self._recorders.append(recorder)
             self._record = Claims(canonical(record))
@@ -290,17 +290,17 @@ class Bus:
         with self._changing:
             self._check_ways(stages_of(interceptors))
             self._start_threads()
-            self.gate.replace(interceptors)
+            self.executor.replace(interceptors)
             self._forget()
 
     def restart(self) -> None:
         """Restart the time and the numbers of intercepted messages at the next message."""
-        self.gate.change(Pipeline.restart)
+        self.executor.change(Pipeline.restart)
         self._forget()
 
     def renew(self) -> None:
         """Look up the properties of keys again, since the type of a key has become known."""
-        self.gate.change(Pipeline.forget)
+        self.executor.change(Pipeline.forget)
         self._forget()
 
     def _check_ways(self, stages: Iterable[Stage]) -> None:
@@ -311,14 +311,14 @@ class Bus:
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
     def _intercept(self, expressions: list[str], services: list[str], *, again: bool) -> None:
-        """Cut these; lanes stay as long as they may have messages, since a new lane would start with a gap."""
+        """Cut these; forwarders stay as long as they may have messages, since a new one would start with a gap."""
         if self._junction is not None:
             self._junction.settle()  # while everything still crosses
-        kept = [text for text in self._lanes if any(intersects(each, text) for each in expressions)]
+        kept = [text for text in self._forwarders if any(intersects(each, text) for each in expressions)]
         new = [text for text in expressions if not any(includes(each, text) for each in kept)]
         self._claims = Claims(expressions, owners=kept, within=self._claims)  # what was intercepted and will be
         self._forget()
-        for expression in self._lanes.keys() - set(kept):
+        for expression in self._forwarders.keys() - set(kept):
             self._retire(expression)
         if self._advanced is not None:
             self._watch_advanced(expressions, self._advanced.watched, within=True, again=again)
@@ -331,13 +331,13 @@ class Bus:
             self._services.select(services)
         self._claims = Claims(expressions, owners=[*kept, *new])
         for expression in new:
-            self._lanes[expression] = [
+            self._forwarders[expression] = [
                 Forwarder(
                     name,
                     segment.session,
                     expression,
-                    crossing=self._crossing,
-                    convert=self._converters[name],
+                    deliveries=self._deliveries,
+                    converter=self._converters[name],
                     owner=lambda key: self._claims.owner(key),
                 )
                 for name, segment in self._segments.items()
@@ -358,13 +358,13 @@ class Bus:
                 self._advanced.unwatch(text)
 
     def _retire(self, expression: str) -> None:
-        for lane in self._lanes.pop(expression):
-            lane.close()
-            self._retired.append(lane)
+        for forwarder in self._forwarders.pop(expression):
+            forwarder.close()
+            self._retired.append(forwarder)
 
     def _forget(self) -> None:
-        for way in self._present_ways():
-            way.forget()
+        for source in self._present_sources():
+            source.forget()
 
     def _observe(self) -> None:
         release(*self._taps)  # harmless for the taps of a former junction, which have already ended
@@ -424,7 +424,7 @@ class Bus:
         """
         self.segment(segment)
         if self._claims.owner(message.key) is not None:
-            self._crossing.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
+            self._deliveries.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
         self._outlets[segment].publish(message)
 
     def deliver(self, segment: str, message: Message) -> bool:
@@ -459,22 +459,22 @@ class Bus:
         self._outlets[segment].publisher(key, qos)
         return BusPublisher(self, segment, key, qos)
 
-    def ramp(self, segment: str) -> LocalIngress:
-        """Return a ramp to the other segments for a bridge in this process; it is closed with the bus.
+    def local_ingress(self, segment: str) -> LocalIngress:
+        """Return the path to the other segments for a bridge in this process; it is closed with the bus.
 
         Args:
             segment: Name of the segment that the messages come from.
         """
         self.segment(segment)
-        ramp = LocalIngress(
+        ingress = LocalIngress(
             segment,
-            self._crossing,
+            self._deliveries,
             self.sessions,
             owner=lambda key: self._claims.owner(key),
             sequence=self._sequence,
         )
-        self._ramps.append(ramp)
-        return ramp
+        self._ingresses.append(ingress)
+        return ingress
 
     def show(self, links: Callable[[], Collection[BridgedLink]]) -> None:
         """Include the links of a bridge in this process in graphs of this bus.
@@ -485,7 +485,7 @@ class Bus:
         self._bridged = links
 
     def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
-        """Let ramps of other segments directly call a bridge in this process that listens to a segment.
+        """Let local ingresses of other segments directly call a bridge in this process that listens to a segment.
 
         Args:
             segment: Name of the segment.
@@ -494,15 +494,17 @@ class Bus:
         Returns:
             A function that ends the direct calls.
         """
-        crossing = self._crossing
+        deliveries = self._deliveries
         with self._changing:
-            crossing.inner[segment] = (*crossing.inner.get(segment, ()), inner)
+            deliveries.inner[segment] = (*deliveries.inner.get(segment, ()), inner)
             self._forget()
 
         def end() -> None:
-            wait_until(lambda: all(ramp.idle() for ramp in self._ramps), _HEARD_S)  # it still gets what was put before
+            wait_until(
+                lambda: all(ingress.idle() for ingress in self._ingresses), _HEARD_S
+            )  # it still gets what was put before
             with self._changing:
-                crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
+                deliveries.inner[segment] = tuple(each for each in deliveries.inner[segment] if each is not inner)
                 self._forget()
 
         return end
@@ -525,7 +527,7 @@ class Bus:
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
         only_stored = StoreFilter(self.segment(segment).zid)
-        self._crossing.observed.add(segment)
+        self._deliveries.observed.add(segment)
         self._forget()
 
         def take(sample: zenoh.Sample) -> None:
@@ -614,8 +616,8 @@ class Bus:
 
         def drained() -> bool:
             nonlocal quiet, before
-            lanes = list(itertools.chain(*self._lanes.values()))
-            received = sum(lane.received for lane in lanes)
+            forwarders = list(itertools.chain(*self._forwarders.values()))
+            received = sum(forwarder.received for forwarder in forwarders)
             arrived, before = received - before, received
             quiet = quiet + 1 if not arrived and self.idle() else 0
             return quiet >= _QUIET_POLLS
@@ -624,13 +626,13 @@ class Bus:
 
     def give_up_delayed(self) -> None:
         """Discard the messages that interceptors have delayed so far, and count them as lost."""
-        self._crossing.give_up()
+        self._deliveries.give_up()
 
     def idle(self) -> bool:
         """Return whether no received message is still waiting here; more may be on their way."""
         return (
-            all(way.idle() for way in (*self._present_ways(), *self._taps))
-            and not self._crossing.held()
+            all(source.idle() for source in (*self._present_sources(), *self._taps))
+            and not self._deliveries.held()
             and self._dispatcher.idle()
             and (self._advanced is None or self._advanced.idle())
             and (self._services is None or self._services.idle())
@@ -652,15 +654,15 @@ class Bus:
     def counts(self) -> dict[str, TopicCounts]:
         """Return, by topic, the counts of intercepted messages so far, and of all messages recorded."""
         undelivered: Counter[str] = Counter()
-        for topics in self._crossing.losses().values():
+        for topics in self._deliveries.losses().values():
             undelivered.update(topics)
-        passed = self._by_topic(way.passed() for way in self._all_ways())
+        passed = self._by_topic(source.passed() for source in self._all_sources())
         return count(
-            self.gate.pipeline.counts,
+            self.executor.pipeline.counts,
             passed=passed,
             shed=self._shed(),
             undelivered=undelivered,
-            held=self._crossing.held() + self._by_topic([] if self._services is None else [self._services.held()]),
+            held=self._deliveries.held() + self._by_topic([] if self._services is None else [self._services.held()]),
             recorded=self._recordings("recorded"),
             unrecorded=self._recordings("lost"),
         )
@@ -668,9 +670,9 @@ class Bus:
     def flows(self) -> dict[tuple[str, str], int]:
         """Return the number of intercepted messages received so far, by key and source segment."""
         total: Counter[tuple[str, str]] = Counter()
-        for way in self._all_ways():
-            for key, number in way.flows().items():
-                total[key, way.segment] += number
+        for source in self._all_sources():
+            for key, number in source.flows().items():
+                total[key, source.segment] += number
         return dict(total)
 
     def senders(self) -> dict[tuple[str, str], set[str]]:
@@ -679,24 +681,24 @@ class Bus:
         A component timestamps its messages only if its configuration says so (`timestamping/enabled`).
         """
         found: dict[tuple[str, str], set[str]] = {}
-        for lane in self._all_lanes():
-            for key, zids in lane.senders().items():
-                found.setdefault((key, lane.segment), set()).update(zids - self.ids)
+        for forwarder in self._all_forwarders():
+            for key, zids in forwarder.senders().items():
+                found.setdefault((key, forwarder.segment), set()).update(zids - self.ids)
         return found
 
     def _fence(self, segment: str) -> Callable[[], bool]:
-        """Return a function that tells if lanes took all messages of a segment received until now; call it twice."""
-        fences = [lane.fence() for lane in self._all_lanes() if lane.segment == segment]
+        """Return a test, to be asked twice, whether forwarders have taken all messages of a segment up to now."""
+        fences = [forwarder.fence() for forwarder in self._all_forwarders() if forwarder.segment == segment]
         return lambda: all(fence() for fence in fences)
 
-    def _all_lanes(self) -> list[Forwarder]:
-        return [*self._retired, *itertools.chain(*list(self._lanes.values()))]
+    def _all_forwarders(self) -> list[Forwarder]:
+        return [*self._retired, *itertools.chain(*list(self._forwarders.values()))]
 
-    def _present_ways(self) -> list[Forwarder | LocalIngress]:
-        return [*itertools.chain(*list(self._lanes.values())), *self._ramps]
+    def _present_sources(self) -> list[Forwarder | LocalIngress]:
+        return [*itertools.chain(*list(self._forwarders.values())), *self._ingresses]
 
-    def _all_ways(self) -> list[Forwarder | LocalIngress]:
-        return [*self._all_lanes(), *self._ramps]
+    def _all_sources(self) -> list[Forwarder | LocalIngress]:
+        return [*self._all_forwarders(), *self._ingresses]
 
     def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:
         total: Counter[str] = Counter()
@@ -707,7 +709,7 @@ class Bus:
 
     def _shed(self) -> Counter[str]:
         calls = [] if self._services is None else self._services.shed()
-        return self._by_topic([*(lane.shed for lane in self._all_lanes()), *calls])
+        return self._by_topic([*(forwarder.shed for forwarder in self._all_forwarders()), *calls])
 
     def _recordings(self, which: str) -> Counter[str]:
         total: Counter[str] = Counter()
@@ -726,7 +728,7 @@ class Bus:
     @property
     def losses(self) -> Losses:
         """The unintended losses so far."""
-        parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
+        parts = {reason: +topics for reason, topics in self._deliveries.losses().items()}
         parts["no room"] = self._shed()
         parts["observer too slow"] = +self._slow.copy()
         messages: Counter[str] = Counter()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import threading
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -9,12 +11,14 @@ from typing import TYPE_CHECKING
 from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from riot_bus.pipeline.runner import Counts
     from riot_bus.zenoh.link_watch import BrokenLink
 
-__all__ = ["BoundedCounts", "Losses", "TopicCounts", "count"]
+__all__ = ["BoundedCounts", "ForwarderCounts", "Losses", "RouteCounts", "TopicCounts", "count"]
+
+_LOG = logging.getLogger(__name__)
 
 
 class BoundedCounts(Counter[str]):
@@ -25,6 +29,73 @@ class BoundedCounts(Counter[str]):
         if topic not in self and len(self) >= MOST_TOPICS:
             topic = OTHER_TOPICS
         self[topic] += number
+
+
+class RouteCounts:
+    """Counts of the messages of one route; the thread that forwards them increments these, without a lock.
+
+    Attributes:
+        key: Key of the messages.
+        passed: Number of messages forwarded without inspection.
+        seen: Number of messages that the pipeline or the recorder inspected.
+        rewritten: Number of messages changed by a function that does all that the interceptors do.
+        reported: Number of rewritten messages that the pipeline has counted.
+    """
+
+    __slots__ = ("key", "passed", "reported", "rewritten", "seen")
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self.passed = self.seen = self.rewritten = self.reported = 0
+
+    @property
+    def received(self) -> int:
+        """Number of all intercepted messages."""
+        return self.passed + self.seen + self.rewritten
+
+
+class ForwarderCounts:
+    """Counts of a forwarder's messages by key: those of its present routes, and the sums of those that ended.
+
+    Args:
+        rewrote: Function that tells the pipeline how many messages of a key were rewritten.
+    """
+
+    def __init__(self, rewrote: Callable[[str, int], None]) -> None:
+        self._rewrote = rewrote
+        self._lock = threading.Lock()
+        self._passed, self._received = BoundedCounts(), BoundedCounts()
+
+    def report(self, route: RouteCounts) -> None:
+        """Tell the pipeline about the messages that were rewritten since the last report."""
+        with self._lock:
+            number = route.rewritten - route.reported
+            route.reported += number
+        if number:
+            try:
+                self._rewrote(route.key, number)
+            except Exception:  # the interceptor's fault, which must not end the forwarder's thread
+                _LOG.exception("an interceptor of %s could not count what it did", route.key)
+
+    def end(self, route: RouteCounts) -> None:
+        """Add up the counts of a route that is not used any more."""
+        self.report(route)
+        self._passed.add(route.key, route.passed)
+        self._received.add(route.key, route.received)
+
+    def passed(self, routes: Iterable[RouteCounts]) -> Counter[str]:
+        """Return how many messages per key were forwarded without inspection, including those of present routes."""
+        counts = Counter(self._passed)
+        for route in routes:
+            counts[route.key] += route.passed
+        return +counts
+
+    def received(self, routes: Iterable[RouteCounts]) -> Counter[str]:
+        """Return how many messages per key were received, including those of present routes."""
+        counts = Counter(self._received)
+        for route in routes:
+            counts[route.key] += route.received
+        return +counts
 
 
 @dataclass(slots=True)
@@ -96,30 +167,25 @@ def count(
         unrecorded: Messages that should have been recorded but were not.
     """
     table: dict[str, TopicCounts] = {}
-
-    def row(topic: str) -> TopicCounts:
-        return table.setdefault(topic, TopicCounts())
-
     for topic, each in list(looked_at.items()):
         if each.seen or each.added:
-            counts = row(topic)
-            counts.received, counts.changed, counts.dropped = each.seen, each.changed, each.dropped
-            counts.added = each.added + each.copies
-            counts.forwarded = each.delivered
-    for topic, number in passed.items():
-        row(topic).received += number
-        row(topic).forwarded += number
-    for topic, number in shed.items():
-        row(topic).received += number
-        row(topic).lost += number
-    for topic, number in undelivered.items():
-        row(topic).forwarded -= number
-        row(topic).lost += number
-    for topic, number in held.items():
-        row(topic).held += number
-        row(topic).forwarded -= number
-    for topic, number in recorded.items():
-        row(topic).recorded += number
-    for topic, number in unrecorded.items():
-        row(topic).unrecorded += number
+            table[topic] = TopicCounts(
+                received=each.seen,
+                changed=each.changed,
+                added=each.added + each.copies,
+                forwarded=each.delivered,
+                dropped=each.dropped,
+            )
+    for numbers, signs in (
+        (passed, {"received": 1, "forwarded": 1}),
+        (shed, {"received": 1, "lost": 1}),
+        (undelivered, {"lost": 1, "forwarded": -1}),
+        (held, {"held": 1, "forwarded": -1}),
+        (recorded, {"recorded": 1}),
+        (unrecorded, {"unrecorded": 1}),
+    ):
+        for topic, number in numbers.items():
+            counts = table.setdefault(topic, TopicCounts())
+            for name, sign in signs.items():
+                setattr(counts, name, getattr(counts, name) + sign * number)
     return dict(sorted(table.items()))

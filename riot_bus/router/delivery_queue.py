@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Emission, Result
@@ -23,13 +23,41 @@ if TYPE_CHECKING:
     from riot_bus.router.pipeline_executor import PipelineExecutor, PipelineWorker
     from riot_bus.router.recorder import Recorder
     from riot_bus.vocabulary.message import Message
-    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["DeliveryQueue"]
+__all__ = ["Answer", "DeliveryQueue", "Treatment"]
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
+
+
+class Answer(NamedTuple):
+    """What becomes of a received message that the pipeline has processed.
+
+    Attributes:
+        payload: New payload with which to forward it at once; None to forward it as it came.
+        result: All that has to be delivered instead; None if it is to be forwarded.
+    """
+
+    payload: bytes | None = None
+    result: Result | None = None
+
+
+_PASS = Answer()
+
+
+class Treatment(NamedTuple):
+    """How the messages of one key are processed.
+
+    Attributes:
+        inspected: Whether the pipeline or the recorder has to see them.
+        advanced: Whether the key has advanced publishers, which makes them inspected, too.
+        rewrite: Function that does all that the interceptors do to a payload, if there is such a function.
+    """
+
+    inspected: bool
+    advanced: bool = False
+    rewrite: Callable[[bytes], bytes] | None = None
 
 
 class DeliveryQueue:
@@ -39,7 +67,7 @@ class DeliveryQueue:
     plain router; a separate thread publishes what is due later.
 
     Args:
-        gate: Executor of the pipeline.
+        executor: Executor of the pipeline.
         outlets: Where to publish, by segment.
         targets: Target segments of messages, by source segment.
         owned: Function that returns whether a key is intercepted.
@@ -49,7 +77,7 @@ class DeliveryQueue:
 
     def __init__(
         self,
-        gate: PipelineExecutor,
+        executor: PipelineExecutor,
         outlets: Mapping[str, Outlets],
         *,
         targets: Mapping[str, tuple[str, ...]],
@@ -57,7 +85,7 @@ class DeliveryQueue:
         sequence: Iterator[int],
         topic: Callable[[str], str],
     ) -> None:
-        self.gate = gate
+        self.executor = executor
         self.outlets = outlets
         self.targets = targets
         self.recorder: Recorder | None = None
@@ -97,7 +125,7 @@ class DeliveryQueue:
         with self._condition:
             left = self._waiting.pop_due()
         for emission in left:
-            self.lose(_counted_key(emission), "held at the end")
+            self.lose(emission.counted_key, "held at the end")
             self._unhold(emission)
 
     def held(self) -> Counter[str]:
@@ -109,29 +137,24 @@ class DeliveryQueue:
                 held[self._topic(key)] += number
         return held
 
-    def send(self, message: Message, holder: PipelineWorker | None = None) -> None:
-        """Take a whole message through the pipeline and deliver it.
+    def treatment(self, key: str, payload: Callable[[], bytes], *, advanced: bool) -> Treatment:
+        """Return how the messages of a key are processed.
 
         Args:
-            message: Message of this process or of an advanced publisher.
-            holder: Worker that is notified if its thread gets stuck; see `PipelineExecutor.feed`.
+            key: Key of the messages.
+            payload: Function that returns one of their payloads, as an example.
+            advanced: Whether the key has advanced publishers.
         """
-        result = self.result(message, holder)
-        if holder is not None:
-            holder.flush()  # keeps the order of messages
-        self.deliver(result)
+        wanted = bool(self.executor.pipeline.route(key).stages)
+        if self.recorder is not None or advanced or not wanted:
+            return Treatment(self.recorder is not None or advanced or wanted, advanced)
+        return Treatment(inspected=True, rewrite=self.executor.rewriter(key, payload()))
 
-    def take(self, sample: zenoh.Sample, segment: str, holder: PipelineWorker) -> None:
-        """Take a sample of a key that has advanced publishers through the pipeline, and deliver it."""
-        assert self.advanced is not None
-        message = self.advanced.take(segment, sample)
-        if message is not None:
-            try:
-                self.send(message, holder)
-            finally:
-                self.advanced.through(message)
+    def send(self, message: Message, worker: PipelineWorker | None = None) -> None:
+        """Take a whole message of this process through the pipeline and deliver it; see `result`."""
+        self.deliver(self.result(message, worker))
 
-    def replay(self, message: Message, holder: PipelineWorker) -> Result:
+    def replay(self, message: Message, worker: PipelineWorker) -> Result:
         """Take a message of a history through the pipeline, to be stored rather than published.
 
         Messages that interceptors add on other keys are published, since nobody stores those.
@@ -139,7 +162,7 @@ class DeliveryQueue:
         Returns:
             The result that remains to be stored.
         """
-        result = self.result(message, holder)
+        result = self.result(message, worker)
         for emission in result.emissions:
             if emission.message.key != message.key:
                 self._publish(emission)
@@ -154,48 +177,42 @@ class DeliveryQueue:
             for emission in result.emissions:
                 self.recorder.delivered(emission.message, emission.changes)
 
-    def result(self, message: Message, holder: PipelineWorker | None, targets: tuple[str, ...] | None = None) -> Result:
+    def result(self, message: Message, worker: PipelineWorker | None, targets: tuple[str, ...] | None = None) -> Result:
         """Take a whole message through the pipeline, without delivering the result.
 
         Args:
             message: The received message.
-            holder: Worker that is notified if its thread gets stuck; see `PipelineExecutor.feed`.
+            worker: Worker that is notified if its thread gets stuck; see `PipelineExecutor.feed`.
             targets: Target segments; by default all others.
         """
-        event, result = self.gate.feed(
+        event, result = self.executor.feed(
             message.key,
             message.time,
             message=message,
             segment=message.segment,
             targets=self.targets.get(message.segment, ()) if targets is None else targets,
-            holder=holder,
+            worker=worker,
         )
         if result is None:
             changes = tuple(event.changes)
             result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
         return result
 
-    def feed(self, key: str, arrival: Arrival, holder: PipelineWorker) -> bytes | bool | None:
-        """Run a received message through the pipeline, and deliver the result unless it can simply be passed on.
-
-        Returns:
-            True to pass the message on unchanged, a payload to pass it on with that payload, None if it was delivered.
-        """
+    def feed(self, key: str, arrival: Arrival, worker: PipelineWorker) -> Answer:
+        """Run a received message through the pipeline; the caller forwards it, or delivers the answer's result."""
         segment = arrival.segment
-        event, result = self.gate.feed(
-            key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], holder=holder
+        event, result = self.executor.feed(
+            key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], worker=worker
         )
         if result is not None:
-            holder.flush()  # keeps the order of messages
-            self.deliver(result)
-            return None
-        payload = event.new_payload if event.touched else True  # before anybody looks at the whole message
+            return Answer(None, result)
+        answer = Answer(event.new_payload) if event.touched else _PASS  # before the recorder decodes the message
         recorder = self.recorder
         if recorder is not None:
             if event.changes:
                 recorder.original(event.original, event.changes)
             recorder.delivered(event.message, event.changes)
-        return payload
+        return answer
 
     def deliver(self, result: Result) -> None:
         """Record the original of what was changed, publish what is due, and keep the rest."""
@@ -208,13 +225,18 @@ class DeliveryQueue:
             else:
                 with self._condition:
                     self._waiting.push(emission)
-                    self._held[self._topic(_counted_key(emission))] += 1
+                    self._held[self._topic(emission.counted_key)] += 1
                     self._condition.notify()
 
     def lose(self, key: str, reason: str) -> None:
         """Count a message that is not delivered."""
         with self._lost_lock:
             self._lost.setdefault(reason, BoundedCounts()).add(self._topic(key))
+
+    def not_published(self, key: str, error: Exception) -> None:
+        """Count and report a message that could not be forwarded."""
+        _LOG.warning("a message of %s could not be forwarded: %s", key, error)
+        self.lose(key, "not published")
 
     def losses(self) -> dict[str, Counter[str]]:
         """Return how many messages were unintentionally not delivered, by reason and topic."""
@@ -232,25 +254,25 @@ class DeliveryQueue:
 
     def _publish(self, emission: Emission) -> None:
         key, advanced = emission.message.key, self.advanced
-        relay = None
+        state = None
         if advanced is not None and key in advanced.keys:
-            relay = advanced.relay_of(emission.original, emission.message)
-        if relay is None:
+            state = advanced.state_of(emission.original, emission.message)
+        if state is None:
             self._put(emission)
         else:
-            relay.deliver(key, partial(self._put, emission, relay))
+            state.deliver(key, partial(self._put, emission, state))
 
-    def _put(self, emission: Emission, relay: PublisherState | None = None) -> None:
+    def _put(self, emission: Emission, state: PublisherState | None = None) -> None:
         message = emission.message
         if emission.original is None:
             message = message.with_(sequence=next(self._sequence))
         try:
             for name in self.targets_of(emission):
-                if relay is None or not relay.publish(name, message):
+                if state is None or not state.publish(name, message):
                     self.outlets[name].publish(message)
         except Exception:
             _LOG.exception("a message of %s could not be published", message.key)
-            self.lose(_counted_key(emission), "not published")
+            self.lose(emission.counted_key, "not published")
             return
         if self.recorder is not None:
             if emission.due > message.time:
@@ -258,7 +280,7 @@ class DeliveryQueue:
             self.recorder.delivered(message, emission.changes)
 
     def _unhold(self, emission: Emission) -> None:
-        topic = self._topic(_counted_key(emission))
+        topic = self._topic(emission.counted_key)
         with self._condition:
             self._held[topic] -= 1
             if not self._held[topic]:
@@ -277,8 +299,3 @@ class DeliveryQueue:
             for emission in ready:
                 self._publish(emission)
                 self._unhold(emission)
-
-
-def _counted_key(emission: Emission) -> str:
-    """Return the key under which the pipeline has counted an emission, even if its message has another key by now."""
-    return (emission.original or emission.message).key

@@ -1,25 +1,26 @@
-"""A ramp: takes messages that the router's own process puts on a segment through the pipeline to the other segments.
+"""Takes messages that the router's own process puts on a segment through the pipeline to the other segments.
 
-A ramp serves a bridge in this process as lanes serve components elsewhere. Between processes a message passes several
-threads and two sockets; here it passes none of them, unless interceptors do more to it than a pure function does.
+This serves a bridge in this process as forwarders serve components elsewhere. Between processes a message passes
+several threads and two sockets; here it passes none of them, unless interceptors do more than a pure function does.
 """
 
 from __future__ import annotations
 
 import itertools
 import logging
-import queue
 import threading
 import time
-from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.pipeline.runner import AbandonedError
 from riot_bus.router.audience import Audience
-from riot_bus.router.counts import BoundedCounts
+from riot_bus.router.counts import ForwarderCounts, RouteCounts
+from riot_bus.router.worker import Worker
 from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
+    from collections import Counter
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from riot_bus.router.audience import Take
@@ -30,47 +31,41 @@ if TYPE_CHECKING:
 __all__ = ["IngressKey", "LocalIngress"]
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 4096  # beyond it, senders wait; a larger queue adds delay, and its bytes have no limit
-_TURN_S = 0.005  # how late `close` notices a replaced thread; a look costs microseconds
+_ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit
 
 
-class IngressKey:
-    """One key of a ramp; see `LocalIngress.track`. It is used by one thread at a time."""
+class IngressKey(RouteCounts):
+    """One key of a `LocalIngress` (see `declare`); it is used by one thread at a time."""
 
     __slots__ = (
-        "_ramp",
+        "_ingress",
         "audiences",
         "generation",
-        "key",
-        "looked_at",
+        "inspected",
         "native",
-        "passed",
         "puts",
         "qos",
         "rewrite",
-        "rewritten",
-        "seen",
         "takes",
         "text",
-        "told",
     )
 
-    def __init__(self, ramp: LocalIngress, key: str, qos: Qos, text: str) -> None:
-        self._ramp = ramp
-        self.key, self.qos, self.text = key, qos, text
+    def __init__(self, ingress: LocalIngress, key: str, qos: Qos, text: str) -> None:
+        super().__init__(key)
+        self._ingress = ingress
+        self.qos, self.text = qos, text
         self.generation = -1
-        self.native = self.looked_at = False
+        self.native = self.inspected = False
         self.rewrite: Callable[[bytes], bytes] | None = None  # all that interceptors do, if that is a function
         self.audiences: dict[str, Audience] = {}
         self.puts: list[Callable[[bytes, bytes | None], None]] = []
         self.takes: tuple[Take, ...] = ()
-        self.passed = self.seen = self.rewritten = self.told = 0
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         """Send a message to the other segments; waits if too many are queued, or receivers are slow."""
-        self._ramp.put_all([self], [payload], attachment)
+        self._ingress.put_all([self], [payload], attachment)
 
-    def straight(self, payload: bytes) -> bytes | None:
+    def forwarded(self, payload: bytes) -> bytes | None:
         """Return the payload to forward, and count the message; None if an interceptor has to see the message."""
         rewrite = self.rewrite
         if rewrite is not None:
@@ -79,7 +74,7 @@ class IngressKey:
             except Exception:  # reported when the interceptor processes the message
                 return None
             self.rewritten += 1
-        elif self.looked_at:
+        elif self.inspected:
             return None
         else:
             self.passed += not self.native
@@ -87,7 +82,7 @@ class IngressKey:
 
     def close(self) -> None:
         """Stop putting messages of the key; its counts stay."""
-        self._ramp.end(self)
+        self._ingress.end(self)
         for audience in self.audiences.values():
             audience.close()
 
@@ -95,25 +90,25 @@ class IngressKey:
 class LocalIngress:
     """Takes messages from one segment to the others; keeps the order of the messages of each key.
 
-    Interceptors run on a thread of the ramp's, which is abandoned to them if they block. Messages that pass unchanged
-    or with a field set are sent on the thread that puts them, unless earlier ones are still on the ramp's thread.
+    Interceptors run on a worker's thread, which is abandoned to them if they block. Messages that pass unchanged or
+    with a field set are sent on the thread that puts them, unless earlier ones are still in the queue.
 
     Args:
         segment: Name of the segment.
-        crossing: Queue that takes messages through the pipeline and delivers them.
+        deliveries: Queue that takes messages through the pipeline and delivers them.
         sessions: The segments' own sessions.
         owner: Function that returns which intercepted expression a key belongs to.
         sequence: Sequence numbers of messages.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
-        waiting: Queue of messages that interceptors have to see, or whose route is not known yet.
+        queued: Number of messages that interceptors have to see, or whose route is not known yet.
     """
 
     def __init__(
         self,
         segment: str,
-        crossing: DeliveryQueue,
+        deliveries: DeliveryQueue,
         sessions: Mapping[str, zenoh.Session],
         *,
         owner: Callable[[str], str | None],
@@ -122,16 +117,15 @@ class LocalIngress:
         self.segment = segment
         self._generations = itertools.count()
         self.generation = next(self._generations)
-        self.waiting: queue.Queue[tuple[IngressKey, bytes, bytes | None] | None] = queue.Queue(_ROOM)
-        self._crossing, self._sessions, self._owner, self._sequence = crossing, sessions, owner, sequence
-        self._tracks: dict[int, IngressKey] = {}
-        self._ended_passed, self._ended_flows = BoundedCounts(), BoundedCounts()
-        self._telling, self._changing = threading.Lock(), threading.Lock()
-        self._current: tuple[IngressKey, bytes, bytes | None] | None = None
-        self._turn = 0
-        self._thread = self._spawn()
+        self.queued = 0
+        self._room = threading.Semaphore(_ROOM)
+        self._deliveries, self._sessions, self._owner, self._sequence = deliveries, sessions, owner, sequence
+        self._keys: dict[int, IngressKey] = {}
+        self._counts = ForwarderCounts(deliveries.executor.rewrote)
+        self._changing = threading.Lock()
+        self._worker = Worker(f"riot-ingress-{segment}")
 
-    def track(self, key: str, qos: Qos, encoding: str) -> IngressKey:
+    def declare(self, key: str, qos: Qos, encoding: str) -> IngressKey:
         """Return an object that takes messages of a key.
 
         Args:
@@ -139,176 +133,148 @@ class LocalIngress:
             qos: Delivery settings of all these messages.
             encoding: Zenoh's encoding string, empty for its default.
         """
-        track = IngressKey(self, key, qos, encoding)
+        route = IngressKey(self, key, qos, encoding)
         with self._changing:
-            self._tracks[id(track)] = track
-        return track
+            self._keys[id(route)] = route
+        return route
 
-    def put_all(self, tracks: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
+    def put_all(self, routes: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
         """Send messages to the other segments; waits if too many are queued, or receivers are slow.
 
         Args:
-            tracks: For each message, the track of its key.
+            routes: Declared key of each message.
             payloads: Payload of each message.
             attachment: Attachment of all the messages.
         """
+        # Messages that need no inspection are sent in batches, as far as they have the same listeners.
         going: list[IngressKey] = []
         ready: list[tuple[bytes, bytes | None]] = []
-        for track, payload in zip(tracks, payloads, strict=True):
-            known = track.generation == self.generation and not self.waiting.unfinished_tasks
-            changed = track.straight(payload) if known else None
-            if going and (changed is None or (track.takes is not going[0].takes and track.takes != going[0].takes)):
-                self._go(going, ready)
+        for route, payload in zip(routes, payloads, strict=True):
+            known = route.generation == self.generation and not self.queued
+            changed = route.forwarded(payload) if known else None
+            if going and (changed is None or (route.takes is not going[0].takes and route.takes != going[0].takes)):
+                self._send(going, ready)
                 going, ready = [], []
             if changed is None:
-                self.waiting.put((track, payload, attachment))
+                self._enqueue(route, payload, attachment)
             else:
-                going.append(track)
+                going.append(route)
                 ready.append((changed, attachment))
         if going:
-            self._go(going, ready)
+            self._send(going, ready)
 
     def owns(self, key: str) -> bool:
-        """Return whether messages of a key go through this ramp; if not, they are routed natively."""
-        return bool(self._crossing.targets[self.segment]) and self._owner(key) is not None
+        """Return whether messages of a key are intercepted; if not, they are routed natively."""
+        return bool(self._deliveries.targets[self.segment]) and self._owner(key) is not None
 
     def forget(self) -> None:
         """Forget what is known of keys, since interceptors, recorder or claims have changed."""
         self.generation = next(self._generations)
 
     def idle(self) -> bool:
-        """Return whether no message is in the queue `waiting`, or being processed from it."""
-        return not self.waiting.unfinished_tasks
+        """Return whether no message is queued, or being processed from the queue."""
+        return not self.queued
 
     def passed(self) -> Counter[str]:
         """Return how many messages per key passed without inspection; report rewritten ones to the pipeline."""
         with self._changing:
-            counts, tracks = Counter(self._ended_passed), list(self._tracks.values())
-        for track in tracks:
-            self.tell(track)
-            if track.passed:
-                counts[track.key] += track.passed
-        return counts
+            routes = list(self._keys.values())
+        for route in routes:
+            self._counts.report(route)
+        with self._changing:
+            return self._counts.passed(self._keys.values())
 
     def flows(self) -> Counter[str]:
         """Return how many intercepted messages per key were received."""
         with self._changing:
-            counts, tracks = Counter(self._ended_flows), list(self._tracks.values())
-        for track in tracks:
-            counts[track.key] += track.passed + track.seen + track.rewritten
-        return +counts
+            return self._counts.received(self._keys.values())
 
-    def tell(self, track: IngressKey) -> None:
-        """Tell the pipeline how many messages of a key were rewritten."""
-        with self._telling:
-            count = track.rewritten - track.told
-            track.told += count
-        if count:
-            self._crossing.gate.rewrote(track.key, count)
-
-    def end(self, track: IngressKey) -> None:
-        """Remove a track and keep only its counts."""
-        self.tell(track)
+    def end(self, route: IngressKey) -> None:
+        """Remove a declared key and keep only its counts."""
+        self._counts.report(route)
         with self._changing:
-            if self._tracks.pop(id(track), None) is not None:
-                self._ended_passed.add(track.key, track.passed)
-                self._ended_flows.add(track.key, track.passed + track.seen + track.rewritten)
+            if self._keys.pop(id(route), None) is not None:
+                self._counts.end(route)
 
     def close(self) -> None:
         """Forward the messages put so far, then end; safe to call twice."""
-        if self._thread.is_alive():
-            self.waiting.put(None)
-            while self._thread.is_alive():  # in turns, since a stuck thread is replaced
-                self._thread.join(_TURN_S)
+        self._worker.close()
         self.passed()
 
-    def _go(self, tracks: Sequence[IngressKey], messages: list[tuple[bytes, bytes | None]]) -> None:
-        """Give messages to the listeners in this process, which all the tracks share, then publish them."""
-        for take in tracks[0].takes:
+    def _send(self, routes: Sequence[IngressKey], messages: list[tuple[bytes, bytes | None]]) -> None:
+        """Give messages to the listeners in this process, which all the keys share, then publish them."""
+        for take in routes[0].takes:
             take(messages)
-        for track, message in zip(tracks, messages, strict=True):
+        for route, message in zip(routes, messages, strict=True):
             try:
-                for put in track.puts:
+                for put in route.puts:
                     put(*message)
             except Exception as error:
-                _LOG.warning("a message of %s could not be forwarded: %s", track.key, error)
-                self._crossing.lose(track.key, "not published")
+                self._deliveries.not_published(route.key, error)
 
-    # -- on the ramp's thread -----------------------------------------------------------------------------------------
+    def _enqueue(self, route: IngressKey, payload: bytes, attachment: bytes | None) -> None:
+        self._room.acquire()
+        with self._changing:
+            self.queued += 1
+        self._worker.do(partial(self._process_queued, route, payload, attachment))
 
-    def take_over(self) -> None:
-        """Continue on a new thread, starting with the message on which the current one is stuck."""
-        self._turn += 1
-        self._thread = self._spawn()
+    # -- on the worker's thread ---------------------------------------------------------------------------------------
 
-    def flush(self) -> None:
-        """Do nothing: everything is published at once."""
+    def _process_queued(self, route: IngressKey, payload: bytes, attachment: bytes | None) -> None:
+        try:
+            self._process(route, payload, attachment)
+        except AbandonedError:
+            raise  # the worker repeats this on another thread
+        except Exception:
+            _LOG.exception("a message of %s was lost", route.key)
+            self._deliveries.lose(route.key, "failure of ours")
+        with self._changing:
+            self.queued -= 1
+        self._room.release()
 
-    def _spawn(self) -> threading.Thread:
-        name = f"riot-ramp-{self.segment}"
-        thread = threading.Thread(target=self._run, args=(self._turn,), name=name, daemon=True)
-        thread.start()
-        return thread
-
-    def _run(self, turn: int) -> None:
-        while turn == self._turn:
-            item = self._current or self.waiting.get()
-            if item is None:
-                self.waiting.task_done()
-                return
-            self._current = item
-            try:
-                self._carry(*item)
-            except AbandonedError:
-                return
-            except Exception:
-                _LOG.exception("a message of %s was lost", item[0].key)
-                self._crossing.lose(item[0].key, "failure of ours")
-            self._current = None
-            self.waiting.task_done()
-
-    def _carry(self, track: IngressKey, payload: bytes, attachment: bytes | None) -> None:
-        if track.generation != self.generation:
-            self._learn(track, payload)
-        changed = track.straight(payload)
+    def _process(self, route: IngressKey, payload: bytes, attachment: bytes | None) -> None:
+        if route.generation != self.generation:
+            self._learn(route, payload)
+        changed = route.forwarded(payload)
         if changed is not None:
-            self._go([track], [(changed, attachment)])
+            self._send([route], [(changed, attachment)])
             return
         message = Message(
             time.time_ns(),
-            track.key,
+            route.key,
             payload,
-            encoding=track.text,
+            encoding=route.text,
             attachment=attachment,
-            qos=track.qos,
+            qos=route.qos,
             segment=self.segment,
             sequence=next(self._sequence),
         )
-        self._crossing.send(message, self)
-        track.seen += 1
+        self._deliveries.send(message, self._worker)
+        route.seen += 1
 
-    def _learn(self, track: IngressKey, payload: bytes) -> None:
+    def _learn(self, route: IngressKey, payload: bytes) -> None:
         """Find out how to forward messages of a key."""
-        self.tell(track)  # interceptors count the messages before this one
-        generation, crossing, key = self.generation, self._crossing, track.key
-        advanced = crossing.advanced is not None and key in crossing.advanced.keys
-        wanted = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
-        simple = wanted and not advanced and crossing.recorder is None
-        track.native = not self.owns(key)
-        track.looked_at = (wanted or advanced) and not track.native
-        track.rewrite = crossing.gate.rewriter(key, payload) if simple and not track.native else None
-        targets = () if track.native else crossing.targets[self.segment]
-        track.puts = [put for name in targets for put in self._puts(track, name)]
-        track.takes = tuple(take for name in targets for take in self._takes(key, name))
-        track.generation = generation
+        self._counts.report(route)  # interceptors count the messages before this one
+        generation, deliveries, key = self.generation, self._deliveries, route.key
+        route.native = not self.owns(key)
+        route.inspected, route.rewrite = False, None
+        targets: tuple[str, ...] = ()
+        if not route.native:
+            advanced = deliveries.advanced is not None and key in deliveries.advanced.keys
+            treatment = deliveries.treatment(key, lambda: payload, advanced=advanced)
+            route.inspected, route.rewrite = treatment.inspected, treatment.rewrite
+            targets = deliveries.targets[self.segment]
+        route.puts = [self._put_function(route, name) for name in targets]
+        route.takes = tuple(take for name in targets for take in self._listeners(key, name))
+        route.generation = generation
 
-    def _puts(self, track: IngressKey, name: str) -> list[Callable[[bytes, bytes | None], None]]:
-        """Return the functions that publish on another segment."""
-        crossing, key = self._crossing, track.key
-        outlet = crossing.outlets[name]
-        if name in crossing.observed:
-            encoding = outlet.encoding(track.text)
-            publisher = outlet.publisher(key, track.qos, encoding)
+    def _put_function(self, route: IngressKey, name: str) -> Callable[[bytes, bytes | None], None]:
+        """Return the function that publishes on another segment."""
+        deliveries, key = self._deliveries, route.key
+        outlet = deliveries.outlets[name]
+        if name in deliveries.observed:
+            encoding = outlet.encoding(route.text)
+            publisher = outlet.publisher(key, route.qos, encoding)
 
             def publish(payload: bytes, attachment: bytes | None) -> None:
                 began = time.monotonic()
@@ -317,16 +283,16 @@ class LocalIngress:
                 finally:
                     outlet.took(time.monotonic() - began)
 
-            return [publish]
-        if name not in track.audiences:
-            track.audiences[name] = Audience(
-                self._sessions[name], key, qos=track.qos, encoding=track.text, took=outlet.took
+            return publish
+        if name not in route.audiences:
+            route.audiences[name] = Audience(
+                self._sessions[name], key, qos=route.qos, encoding=route.text, took=outlet.took
             )
-        return [track.audiences[name].put]
+        return route.audiences[name].put
 
-    def _takes(self, key: str, name: str) -> list[Take]:
+    def _listeners(self, key: str, name: str) -> list[Take]:
         """Return the functions that give messages of a key to listeners in this process."""
-        crossing = self._crossing
-        if name in crossing.observed:
+        deliveries = self._deliveries
+        if name in deliveries.observed:
             return []
-        return [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]
+        return [each.take for each in deliveries.inner.get(name, ()) if each.expression.includes(key)]

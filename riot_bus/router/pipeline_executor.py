@@ -35,10 +35,6 @@ class PipelineWorker(Protocol):
         """Continue on a new thread, since the current one is stuck in an interceptor."""
         ...
 
-    def flush(self) -> None:
-        """Publish the messages that are ready."""
-        ...
-
 
 class PipelineExecutor:
     """Lets several threads feed one pipeline, and frees them from an interceptor that blocks.
@@ -53,7 +49,7 @@ class PipelineExecutor:
         self._budget_s = budget_s
         self._lock = threading.Lock()
         self._thread_id = 0
-        self._holder: PipelineWorker | None = None
+        self._worker: PipelineWorker | None = None
         self._route: Route | None = None
         self._stop = threading.Event()
         self._watch: threading.Thread | None = None
@@ -61,7 +57,7 @@ class PipelineExecutor:
     def start(self) -> None:
         """Start to watch for interceptors that block, unless that was started."""
         if self._watch is None:
-            self._watch = threading.Thread(target=self._watching, name="riot-gate", daemon=True)
+            self._watch = threading.Thread(target=self._watching, name="riot-executor", daemon=True)
             self._watch.start()
 
     def close(self) -> None:
@@ -80,7 +76,7 @@ class PipelineExecutor:
         arrival: Arrival | None = None,
         segment: str = "",
         targets: tuple[str, ...] = (),
-        holder: PipelineWorker | None = None,
+        worker: PipelineWorker | None = None,
     ) -> tuple[Event, Result | None]:
         """Run one message through the pipeline.
 
@@ -91,20 +87,20 @@ class PipelineExecutor:
             arrival: Received sample that makes the message on demand.
             segment: Segment that the message comes from.
             targets: Segments that the message goes to.
-            holder: Worker that is notified if its thread gets stuck; if None, the thread repeats the message when the
+            worker: Worker that is notified if its thread gets stuck; if None, the thread repeats the message when the
                 interceptor returns.
 
         Returns:
             The event, and its result; None if the message goes to all targets at once with at most a new payload.
 
         Raises:
-            AbandonedError: `holder` continues on a new thread.
+            AbandonedError: `worker` continues on a new thread.
         """
         while True:
             lock = self._lock
             if not lock.acquire(blocking=False) or lock is not self._lock:
                 lock = self._enter()
-            self._thread_id, self._holder = threading.get_ident(), holder
+            self._thread_id, self._worker = threading.get_ident(), worker
             try:
                 pipeline = self.pipeline
                 self._route = route = pipeline.route(key)
@@ -122,7 +118,7 @@ class PipelineExecutor:
                 route.counts.changed += event.touched
                 return event, None
             except AbandonedError:
-                if holder is not None:
+                if worker is not None:
                     raise
             finally:
                 lock.release()
@@ -131,7 +127,7 @@ class PipelineExecutor:
         """Call a function on the pipeline while nobody feeds it; repeat it if an interceptor blocks meanwhile."""
         while True:
             lock = self._enter()
-            self._thread_id, self._holder, self._route = threading.get_ident(), None, None
+            self._thread_id, self._worker, self._route = threading.get_ident(), None, None
             try:
                 action(self.pipeline)
                 return
@@ -140,14 +136,14 @@ class PipelineExecutor:
             finally:
                 lock.release()
 
-    def call(self, stage: Stage, hook: str, *arguments: object, holder: PipelineWorker) -> None:
+    def call(self, stage: Stage, hook: str, *arguments: object, worker: PipelineWorker) -> None:
         """Call a method of an interceptor, such as `joined`, unless the interceptor was removed.
 
         Raises:
-            AbandonedError: The method blocked, and `holder` continues on a new thread.
+            AbandonedError: The method blocked, and `worker` continues on a new thread.
         """
         lock = self._enter()
-        self._thread_id, self._holder, self._route = threading.get_ident(), holder, None
+        self._thread_id, self._worker, self._route = threading.get_ident(), worker, None
         try:
             if any(each.interceptor is stage.interceptor for each in self.pipeline.stages):
                 self.pipeline.call(stage, hook, *arguments)
@@ -184,7 +180,7 @@ class PipelineExecutor:
                 continue
             if lock is self._lock:
                 return lock
-            lock.release()  # its former holder was stuck, and the lock was replaced
+            lock.release()  # its former worker was stuck, and the lock was replaced
 
     def _watching(self) -> None:
         asked: list[Stage] = []
@@ -197,7 +193,7 @@ class PipelineExecutor:
                 self._free(asked)
 
     def _free(self, asked: list[Stage]) -> None:
-        pipeline, holder = self.pipeline, self._holder
+        pipeline, worker = self.pipeline, self._worker
         try:
             stage = asked[0]
         except IndexError:
@@ -210,8 +206,8 @@ class PipelineExecutor:
             self._route.counts.seen -= 1  # the message will be fed again
         _LOG.warning("interceptor %s (%s) %s", stage.name, place, reason)
         self._lock = threading.Lock()
-        if holder is not None:
-            holder.take_over()
+        if worker is not None:
+            worker.take_over()
 
 
 def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:

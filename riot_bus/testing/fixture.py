@@ -286,7 +286,7 @@ class RouterTest:
         """
         bus = self._router.bus
         found = [f"{what} {why}" for what, told in self._needed if (why := told())]
-        for name, errors in bus.gate.pipeline.errors.items():
+        for name, errors in bus.executor.pipeline.errors.items():
             found.append(f"interceptor {name} raised in {counted(errors.count, 'message')}, first: {errors.first}")
         for reason, number in bus.losses.reasons.items():
             if (lost := number - self._lost.get(reason, 0)) > 0:

@@ -194,7 +194,7 @@ class LiveRouter:
     @contextmanager
     def capturing(self, capture: Capture) -> Iterator[None]:
         """Capture all messages; at the end, remove all interceptors and discard the messages that they delayed."""
-        self.bus.gate.change(_begin_anew)
+        self.bus.executor.change(_begin_anew)
         self._recorder.switch(capture)
         try:
             yield

@@ -15,7 +15,17 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["FEW", "Claims", "Converter", "Occasional", "Outlets", "is_delete", "is_droppable", "publisher_settings"]
+__all__ = [
+    "FEW",
+    "Claims",
+    "Converter",
+    "Occasional",
+    "Outlets",
+    "SampleArrival",
+    "is_delete",
+    "is_droppable",
+    "publisher_settings",
+]
 
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
@@ -37,7 +47,7 @@ class Converter:
     """
 
     def __init__(self, segment: str, sequence: Iterator[int]) -> None:
-        self._segment = segment
+        self.segment = segment
         self._sequence = sequence
         self._qos: dict[tuple[int, int, bool], Qos] = {}
 
@@ -62,7 +72,7 @@ class Converter:
             "" if encoding == _DEFAULT_ENCODING else encoding,
             None if attachment is None else attachment.to_bytes(),
             self.qos(sample),
-            self._segment,
+            self.segment,
             next(self._sequence),
         )
 
@@ -74,6 +84,37 @@ class Converter:
         if qos is None:
             qos = self._qos[code] = Qos(code[0], _CONGESTION[code[1]], code[2])  # type: ignore[arg-type]
         return qos
+
+
+class SampleArrival:
+    """A received sample that is converted only on demand, since most messages pass unchanged (`pipeline.Arrival`).
+
+    Args:
+        sample: Sample as received.
+        key: Key of the sample.
+        time: Time of reception, in nanoseconds since the Unix epoch.
+        converter: Converter of the segment that it came from.
+    """
+
+    __slots__ = ("_converter", "_message", "_payload", "_sample", "key", "segment", "time")
+
+    def __init__(self, sample: zenoh.Sample, key: str, time: int, converter: Converter) -> None:
+        self._sample, self._converter = sample, converter
+        self._message: Message | None = None
+        self._payload: bytes | None = None
+        self.key, self.time, self.segment = key, time, converter.segment
+
+    def payload(self) -> bytes:
+        """Return the payload."""
+        if self._payload is None:
+            self._payload = self._sample.payload.to_bytes()
+        return self._payload
+
+    def message(self) -> Message:
+        """Return the message; the same object each time."""
+        if self._message is None:
+            self._message = self._converter.at(self._sample, self.time)
+        return self._message
 
 
 def is_delete(sample: zenoh.Sample) -> bool:

@@ -110,7 +110,7 @@ class Junction:
         while time.monotonic() < deadline:
             self.settle(patience)
             if former[0] is not None:
-                self._flush(former[1])  # what lanes have just undeclared
+                self._flush(former[1])  # what forwarders have just undeclared
             session, begun = begun or self._begin(cut, services, former[2]), None
             linked = wait_until(self._linked, deadline - time.monotonic())
             if self._meeting is not None:

@@ -351,7 +351,7 @@ def test_an_interceptor_that_blocks_while_history_is_replayed_is_bypassed() -> N
             let_go.set()
             publisher.put("end")
             assert early.end("x:end")[-2:] == ["x:live", "x:end"]
-            assert bus.gate.pipeline.errors["Hanging"].count == 1
+            assert bus.executor.pipeline.errors["Hanging"].count == 1
             assert bus.drain(60)
             assert wait_until(lambda: names("riot-advanced") == 1, WAIT_S), threading.enumerate()
             assert (bus.counts()[KEY].received, bus.counts()[KEY].forwarded) == (5, 5)

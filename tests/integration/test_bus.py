@@ -241,7 +241,7 @@ def test_an_interceptor_that_does_not_come_back_is_bypassed_and_traffic_goes_on(
     ):
         source.do("put_texts", key="cut/x", payloads=["a", "b", "c"], congestion="BLOCK")
         assert texts(sink.do("wait", count=3)) == ["a!", "b!", "c!"]
-        errors = bus.gate.pipeline.errors["Slow"]
+        errors = bus.executor.pipeline.errors["Slow"]
         assert errors.count == 1
         assert "blocked" in errors.first
         assert errors.place.startswith(__file__)
@@ -510,7 +510,7 @@ def test_a_slow_interceptor_holds_up_senders_and_does_not_fill_the_memory(monkey
 
     class Watcher:
         def message(self, event: Event) -> None:
-            waiting.append(sum(len(each._backlog) for each in bus._all_lanes()))
+            waiting.append(sum(len(each._backlog) for each in bus._all_forwarders()))
 
     bus = Bus({"system": (), "unit": ()}, intercept=["cut/**"], pipeline=pipeline(Watcher()))
     count = 3000
@@ -608,7 +608,7 @@ def descriptors() -> int:
 
 def test_a_segment_on_which_nothing_is_intercepted_needs_no_threads_for_the_pipeline() -> None:
     def started() -> set[str]:
-        return {"riot-gate", "riot-delayed"} & {thread.name for thread in threading.enumerate()}
+        return {"riot-executor", "riot-delayed"} & {thread.name for thread in threading.enumerate()}
 
     with Bus({"only": []}) as bus, open_client(bus.endpoint("only")) as component:
         got: list[bytes] = []
@@ -617,13 +617,13 @@ def test_a_segment_on_which_nothing_is_intercepted_needs_no_threads_for_the_pipe
         assert started() == set()
         bus.set_intercept(["cut/**"])
         bus.set_interceptors([Script()])
-        assert started() == {"riot-gate", "riot-delayed"}
+        assert started() == {"riot-executor", "riot-delayed"}
         bus.put("only", Message(0, "cut/x", b"late", qos=Qos(congestion="block")))
         assert bus.drain(60)
         assert wait_until(lambda: bool(got), 60)
     assert started() == set()
     with Bus({"only": []}, pipeline=pipeline(Script())):
-        assert started() == {"riot-gate", "riot-delayed"}
+        assert started() == {"riot-executor", "riot-delayed"}
 
 
 def test_opening_and_closing_leaves_nothing_behind() -> None:

@@ -229,7 +229,7 @@ def test_interceptors_that_hang_cost_neither_a_message_nor_the_order() -> None:
             assert two.do("wait_numbers", count=count) == everything(count)
             assert first.caught.is_set()
             assert second.caught.is_set()
-            errors = bus.gate.pipeline.errors
+            errors = bus.executor.pipeline.errors
             assert {name: each.count for name, each in errors.items()} == {"Hanging": 1, "Hanging#2": 1}
         finally:
             first.let_go.set()
@@ -244,7 +244,7 @@ def test_interceptors_that_hang_cost_neither_a_message_nor_the_order() -> None:
 
 def stuck_lanes() -> list[str]:
     """Lanes' threads beyond the four that two expressions and two segments have."""
-    names = [each.name for each in threading.enumerate() if each.name.startswith("riot-lane-")]
+    names = [each.name for each in threading.enumerate() if each.name.startswith("riot-forward-")]
     return names[4:]
 
 
@@ -262,7 +262,7 @@ def test_a_bus_closes_although_an_interceptor_hangs() -> None:
             sink.do("subscribe", key="cut/**")
             subscribed(bus, "unit", "cut/x")
             source.do("put_texts", key="cut/x", payloads=["a", "b"], congestion="BLOCK")
-            assert wait_until(lambda: bool(bus.gate.pipeline.current), 60)
+            assert wait_until(lambda: bool(bus.executor.pipeline.current), 60)
             closing.start()
             closing.join(30)
             assert not closing.is_alive()

@@ -280,7 +280,7 @@ def test_interceptors_change_delay_copy_and_replace_requests_and_replies() -> No
         assert (replies.changed, replies.added, replies.lost) == (2, 2, 0)
         assert script.seen[0] == (REQUEST, "same", "system", ("unit",))
         assert script.seen[1] == (REPLY, "same!", "unit", ("system",))
-        assert bus.gate.pipeline.errors["Script"].count == 1
+        assert bus.executor.pipeline.errors["Script"].count == 1
 
 
 @pytest.mark.parametrize("text", ["drop me", "drop reply"])

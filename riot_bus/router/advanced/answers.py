@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.router.advanced.publisher_state import PublisherState
     from riot_bus.router.advanced.source import AdvancedSource
-    from riot_bus.router.advanced.worker import Worker
+    from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Answers"]
@@ -78,9 +78,9 @@ class Answers:
             query.drop()
 
     def _answer(self, asked: AdvancedSource, query: Any, deadline: float) -> None:
-        relays = [relay for relay in self._find(asked.key, asked.zid) if relay.source.segment != asked.segment]
-        if all(relay.opened for relay in relays) or time.monotonic() >= deadline:
-            caches = [relay.outlets[asked.segment].cache for relay in relays if asked.segment in relay.outlets]
+        states = [state for state in self._find(asked.key, asked.zid) if state.source.segment != asked.segment]
+        if all(state.opened for state in states) or time.monotonic() >= deadline:
+            caches = [state.outlets[asked.segment].cache for state in states if asked.segment in state.outlets]
             self._ask(asked.segment, query, deque(caches))
         else:  # clients that query in this way do so only once
             again = partial(self._answer, asked, query, deadline)

@@ -1,7 +1,7 @@
 """Synchronisation of proxies with the publishers' own caches: history, lost messages, and the depth of the cache.
 
 All of this is done by a worker, one task after another for each publisher. A publisher's lock is only tried, not waited
-for, since a lane may hold it for as long as a receiver is slow.
+for, since a forwarder may hold it for as long as a receiver is slow.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
     from riot_bus.router.advanced.publisher_state import PublisherState, Stored
     from riot_bus.router.advanced.upstream import CacheAnswer, Upstream
-    from riot_bus.router.advanced.worker import Worker
     from riot_bus.router.delivery_queue import DeliveryQueue
+    from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Converter, Outlets
 
 __all__ = ["HistoryMirror"]
 
 _LOG = logging.getLogger(__name__)
-_SETTLE_S = 0.05  # for lanes to take samples, and subscribers to query; live messages may wait meanwhile
+_SETTLE_S = 0.05  # for forwarders to take samples, and subscribers to query; live messages may wait meanwhile
 _UNDER_WAY_S = 0.25  # 50 ms were not enough once in 180 runs on a busy machine
-_LOOK_S = 0.01  # a look compares two numbers of each lane; `_MOST_LOOKS` make ten seconds
+_LOOK_S = 0.01  # a look compares two numbers of each forwarder; `_MOST_LOOKS` make ten seconds
 _MOST_LOOKS = (
-    1000  # ten seconds: where interceptors are so slow that a lane never ends, late joiners shall not wait for it
+    1000  # ten seconds: where interceptors are so slow that a forwarder never ends, late joiners shall not wait for it
 )
 _RECOVERED_S = 1.5  # three heartbeats of 0.5 s, to notice a gap and query; not measured
 _PATIENCE_S = 0.005  # a slow receiver keeps the worker from other publishers for as long
@@ -50,11 +50,11 @@ class HistoryMirror:
         sessions: The segments' own sessions.
         outlets: Outlets to publish to, by segment.
         converters: Converters of samples to messages, by segment.
-        crossing: Queue that takes messages through the interceptors.
+        deliveries: Queue that takes messages through the interceptors.
         worker: Worker that runs the tasks.
         upstream: Access to the publishers' caches.
         depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Function that returns a test, asked twice, whether lanes have taken what came from a segment until then.
+        fence: Function that returns a test, asked twice, whether forwarders have taken what came from a segment until then.
     """
 
     def __init__(
@@ -63,247 +63,247 @@ class HistoryMirror:
         outlets: Mapping[str, Outlets],
         converters: Mapping[str, Converter],
         *,
-        crossing: DeliveryQueue,
+        deliveries: DeliveryQueue,
         worker: Worker,
         upstream: Upstream,
         depth: Callable[[str, str], int | None],
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self._sessions, self._outlets, self._converters = sessions, outlets, converters
-        self._crossing, self._worker, self._upstream, self._hint = crossing, worker, upstream, depth
+        self._deliveries, self._worker, self._upstream, self._hint = deliveries, worker, upstream, depth
         self._fence = fence
         self._numbers = itertools.count(_STAND_IN)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
-    def open(self, relay: PublisherState) -> None:
+    def open(self, state: PublisherState) -> None:
         """Fetch the history and create the proxies; until then live messages wait."""
-        fetch = partial(self._upstream.ask, relay.source, "", partial(self._step, relay, partial(self._fetched, relay)))
-        self._add(relay, fetch, holds=True)
+        fetch = partial(self._upstream.ask, state.source, "", partial(self._step, state, partial(self._fetched, state)))
+        self._add(state, fetch, holds=True)
 
-    def recover(self, relay: PublisherState, first: int, last: int) -> None:
+    def recover(self, state: PublisherState, first: int, last: int) -> None:
         """Fetch messages that were lost on the way to us, before later ones are sent."""
-        self._add(relay, partial(self._recover, relay, first, last), holds=True)
+        self._add(state, partial(self._recover, state, first, last), holds=True)
 
-    def check(self, relay: PublisherState) -> None:
+    def check(self, state: PublisherState) -> None:
         """Find out how many samples a publisher keeps: as many as it has once the first one is gone."""
-        self._add(relay, partial(self._check, relay), holds=False)
+        self._add(state, partial(self._check, state), holds=False)
 
-    def beat(self, relay: PublisherState, told: int) -> None:
+    def beat(self, state: PublisherState, told: int) -> None:
         """Process a heartbeat; called by the worker.
 
         Args:
-            relay: State of the publisher.
+            state: State of the publisher.
             told: Number of the last sample, according to the heartbeat.
         """
-        relay.beats = True
-        before = relay.last
+        state.beats = True
+        before = state.last
         if before is not None and told > before:
-            # It may have overtaken samples that are still in a lane, whose progress with one key is not known.
-            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
+            # It may have overtaken samples that are still in a forwarder, whose progress with one key is not known.
+            self._worker.later(_SETTLE_S, partial(self._locked, state, partial(self._behind, state, before, told)))
         else:
-            self._locked(relay, relay.beat)
+            self._locked(state, state.beat)
 
-    def end(self, relay: PublisherState, then: Callable[[], None]) -> None:
+    def end(self, state: PublisherState, then: Callable[[], None]) -> None:
         """Remove everything for a publisher, once earlier tasks are done."""
 
         def close() -> None:
-            relay.close()
+            state.close()
             then()
-            self._finish(relay)
+            self._finish(state)
 
-        self._add(relay, partial(self._locked, relay, close), holds=False)
+        self._add(state, partial(self._locked, state, close), holds=False)
 
     # -- how tasks are carried out ------------------------------------------------------------------------------------
 
-    def _add(self, relay: PublisherState, run: Callable[[], None], *, holds: bool) -> None:
+    def _add(self, state: PublisherState, run: Callable[[], None], *, holds: bool) -> None:
         if holds:
-            relay.hold()
-        relay.tasks.append(Task(run, holds))
-        self._worker.do(partial(self._next, relay))
+            state.hold()
+        state.tasks.append(Task(run, holds))
+        self._worker.do(partial(self._next, state))
 
-    def _next(self, relay: PublisherState) -> None:
-        if relay.task is None and relay.tasks:
-            relay.task = relay.tasks.popleft()
-            self._step(relay, relay.task.run)
+    def _next(self, state: PublisherState) -> None:
+        if state.task is None and state.tasks:
+            state.task = state.tasks.popleft()
+            self._step(state, state.task.run)
 
-    def _step(self, relay: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
+    def _step(self, state: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
         try:
             action(*arguments)
         except AbandonedError:
             raise
         except Exception:
-            _LOG.exception("the advanced publisher %s could not be looked after", relay.source)
-            self._locked(relay, partial(self._checked, relay))
+            _LOG.exception("the advanced publisher %s could not be looked after", state.source)
+            self._locked(state, partial(self._checked, state))
 
-    def _locked(self, relay: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
-        if not relay.lock.acquire(timeout=_PATIENCE_S):
-            self._worker.later(_PATIENCE_S, partial(self._locked, relay, action, *arguments))
+    def _locked(self, state: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
+        if not state.lock.acquire(timeout=_PATIENCE_S):
+            self._worker.later(_PATIENCE_S, partial(self._locked, state, action, *arguments))
             return
         try:
-            self._step(relay, action, *arguments)
+            self._step(state, action, *arguments)
         finally:
-            relay.lock.release()
+            state.lock.release()
 
-    def _finish(self, relay: PublisherState) -> None:
-        task, relay.task = relay.task, None
+    def _finish(self, state: PublisherState) -> None:
+        task, state.task = state.task, None
         if task is not None and task.holds:
-            relay.let_go()
-        if relay.overdue():  # messages have come since it was asked, or while they were held
-            self.check(relay)
-        self._worker.do(partial(self._next, relay))
+            state.let_go()
+        if state.overdue():  # messages have come since it was asked, or while they were held
+            self.check(state)
+        self._worker.do(partial(self._next, state))
 
     # -- history ------------------------------------------------------------------------------------------------------
 
-    def _fetched(self, relay: PublisherState, found: CacheAnswer) -> None:
-        adopt = partial(self._locked, relay, _once(partial(self._adopt, relay, found)))
-        with relay.lock:  # nobody publishes yet, so nobody holds it for long
-            wait = bool(found.samples) and relay.first is None and not relay.ended
-            relay.waiting = partial(self._worker.do, adopt) if wait else None
+    def _fetched(self, state: PublisherState, found: CacheAnswer) -> None:
+        adopt = partial(self._locked, state, _once(partial(self._adopt, state, found)))
+        with state.lock:  # nobody publishes yet, so nobody holds it for long
+            wait = bool(found.samples) and state.first is None and not state.ended
+            state.on_first = partial(self._worker.do, adopt) if wait else None
         if wait:
-            # Samples published just now are also in a lane, and then are no history. How long they take to come in is
+            # Samples published just now are also in a forwarder, and then are no history. How long they take to come in is
             # not known, nor whether there are any; samples that come even later are recognised by their numbers.
-            taken = self._fence(relay.source.segment)
-            self._worker.later(_UNDER_WAY_S, partial(self._adopt_behind, relay, taken, adopt, 0, _MOST_LOOKS))
+            taken = self._fence(state.source.segment)
+            self._worker.later(_UNDER_WAY_S, partial(self._adopt_behind, state, taken, adopt, 0, _MOST_LOOKS))
         else:
             adopt()
 
     def _adopt_behind(
-        self, relay: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
+        self, state: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
     ) -> None:
-        """Adopt the history once lanes have taken what came in before it, which may take long on a busy machine.
+        """Adopt the history once forwarders have taken what came in before it, which may take long on a busy machine.
 
         Args:
-            relay: State of the publisher.
+            state: State of the publisher.
             taken: Function that returns whether they have.
             adopt: Function that adopts it; not needed any more when the first live sample has come.
             seen: Number of times in a row that they had.
             left: Number of checks that are left.
         """
-        if relay.waiting is None:
+        if state.on_first is None:
             return
         seen = seen + 1 if taken() else 0
         if seen > 1 or not left:
             adopt()
         else:
-            again = partial(self._adopt_behind, relay, taken, adopt, seen, left - 1)
+            again = partial(self._adopt_behind, state, taken, adopt, seen, left - 1)
             self._worker.later(_LOOK_S, again)
 
-    def _adopt(self, relay: PublisherState, found: CacheAnswer) -> None:
-        relay.waiting, source, samples = None, relay.source, found.samples
-        first = math.inf if relay.first is None else relay.first
+    def _adopt(self, state: PublisherState, found: CacheAnswer) -> None:
+        state.on_first, source, samples = None, state.source, found.samples
+        first = math.inf if state.first is None else state.first
         depth = self._hint(source.key, source.zid)
         if not found.asked:
             depth = 0
         elif depth is None and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
             depth = len(samples)  # what was before them is gone
-        relay.depth = depth
+        state.depth = depth
         for name, session in self._sessions.items():
             if name != source.segment:
-                relay.outlets[name] = ProxyPublisher(self._outlets[name], session, source.key, depth)
-        history = [each for each in samples if relay.first is None or each[0] < relay.first]
-        self._feed(relay, history, partial(self._opened, relay, bool(history)))
+                state.outlets[name] = ProxyPublisher(self._outlets[name], session, source.key, depth)
+        history = [each for each in samples if state.first is None or each[0] < state.first]
+        self._feed(state, history, partial(self._opened, state, bool(history)))
 
-    def _opened(self, relay: PublisherState, history: bool) -> None:  # noqa: FBT001
-        relay.opened = True
-        for standin in relay.outlets.values() if relay.token else ():
-            standin.announce(next(self._numbers), again=relay.again)
-        if history and relay.token and not relay.again:
+    def _opened(self, state: PublisherState, history: bool) -> None:  # noqa: FBT001
+        state.opened = True
+        for proxy in state.outlets.values() if state.token else ():
+            proxy.announce(next(self._numbers), again=state.again)
+        if history and state.token and not state.again:
             # A subscriber that queries the history because of the token refuses it once a live message has come.
-            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._finish, relay)))
+            self._worker.later(_SETTLE_S, partial(self._locked, state, partial(self._finish, state)))
         else:
-            self._finish(relay)
+            self._finish(state)
 
-    def _feed(self, relay: PublisherState, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
-        claimed = deque((relay.claim(number), sample) for number, sample in samples)
-        self._worker.do(partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
+    def _feed(self, state: PublisherState, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
+        claimed = deque((state.claim(number), sample) for number, sample in samples)
+        self._worker.do(partial(self._step, state, partial(self._feed_next, state, claimed, then)))
 
-    def _feed_next(self, relay: PublisherState, claimed: deque[tuple[Stored, Any]], then: Callable[[], None]) -> None:
+    def _feed_next(self, state: PublisherState, claimed: deque[tuple[Stored, Any]], then: Callable[[], None]) -> None:
         """Take one sample through the interceptors, without the lock: they may block, and then this is done again."""
         if not claimed:
-            self._locked(relay, then)
+            self._locked(state, then)
             return
         stored, sample = claimed[0]
-        message = self._converters[relay.source.segment](sample)
-        stored.result = self._crossing.replay(message, self._worker)
+        message = self._converters[state.source.segment](sample)
+        stored.result = self._deliveries.replay(message, self._worker)
         claimed.popleft()
-        more = partial(self._worker.do, partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
-        self._locked(relay, partial(self._put_away, relay, stored, sample.timestamp, more))
+        more = partial(self._worker.do, partial(self._step, state, partial(self._feed_next, state, claimed, then)))
+        self._locked(state, partial(self._put_away, state, stored, sample.timestamp, more))
 
-    def _put_away(self, relay: PublisherState, stored: Stored, stamp: Any, then: Callable[[], None]) -> None:
+    def _put_away(self, state: PublisherState, stored: Stored, stamp: Any, then: Callable[[], None]) -> None:
         assert stored.result is not None
         for emission in stored.result.emissions:
-            for name in self._crossing.targets_of(emission):
-                if (standin := relay.outlets.get(name)) is not None:
-                    number = standin.store(emission.message, stamp)
-                    stored.places.append((standin, emission.message, number, stamp))
+            for name in self._deliveries.targets_of(emission):
+                if (proxy := state.outlets.get(name)) is not None:
+                    number = proxy.store(emission.message, stamp)
+                    stored.places.append((proxy, emission.message, number, stamp))
         then()
 
     # -- what was lost ------------------------------------------------------------------------------------------------
 
-    def _behind(self, relay: PublisherState, before: int, told: int) -> None:
-        if relay.busy:
-            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
-        elif relay.last == before and not relay.ended:
-            relay.last = told
-            self.recover(relay, before + 1, told)
+    def _behind(self, state: PublisherState, before: int, told: int) -> None:
+        if state.busy:
+            self._worker.later(_SETTLE_S, partial(self._locked, state, partial(self._behind, state, before, told)))
+        elif state.last == before and not state.ended:
+            state.last = told
+            self.recover(state, before + 1, told)
 
-    def _recover(self, relay: PublisherState, first: int, last: int) -> None:
-        if relay.depth == 0:
-            self._locked(relay, partial(self._skipped, relay, last - first + 1))
+    def _recover(self, state: PublisherState, first: int, last: int) -> None:
+        if state.depth == 0:
+            self._locked(state, partial(self._skipped, state, last - first + 1))
         else:
-            then = partial(self._locked, relay, partial(self._recovered, relay))
-            self._upstream.ask(relay.source, f"?_sn={first}..{last}", then)
+            then = partial(self._locked, state, partial(self._recovered, state))
+            self._upstream.ask(state.source, f"?_sn={first}..{last}", then)
 
-    def _skipped(self, relay: PublisherState, numbers: int) -> None:
-        relay.skip(numbers)
-        self._finish(relay)
-        if relay.beats:
-            relay.beat()
+    def _skipped(self, state: PublisherState, numbers: int) -> None:
+        state.skip(numbers)
+        self._finish(state)
+        if state.beats:
+            state.beat()
 
-    def _recovered(self, relay: PublisherState, found: CacheAnswer) -> None:
-        self._feed(relay, found.samples, partial(self._stored, relay))
+    def _recovered(self, state: PublisherState, found: CacheAnswer) -> None:
+        self._feed(state, found.samples, partial(self._stored, state))
 
-    def _stored(self, relay: PublisherState) -> None:
-        relay.check_from = time.monotonic() + _RECOVERED_S  # not before present subscribers have recovered it from us
-        relay.checking = True
-        self._worker.later(_RECOVERED_S, partial(self.check, relay), background=True)
-        self._finish(relay)
-        if relay.beats:
-            relay.beat()
+    def _stored(self, state: PublisherState) -> None:
+        state.check_from = time.monotonic() + _RECOVERED_S  # not before present subscribers have recovered it from us
+        state.checking = True
+        self._worker.later(_RECOVERED_S, partial(self.check, state), background=True)
+        self._finish(state)
+        if state.beats:
+            state.beat()
 
     # -- depth --------------------------------------------------------------------------------------------------------
 
-    def _check(self, relay: PublisherState) -> None:
-        source = relay.source
-        if relay.depth is not None or relay.ended:
-            self._locked(relay, partial(self._checked, relay))
+    def _check(self, state: PublisherState) -> None:
+        source = state.source
+        if state.depth is not None or state.ended:
+            self._locked(state, partial(self._checked, state))
         elif source.numbered:
-            then = partial(self._step, relay, partial(self._first, relay))
-            self._upstream.ask(source, f"?_sn={relay.first}..{relay.first}", then)
+            then = partial(self._step, state, partial(self._first, state))
+            self._upstream.ask(source, f"?_sn={state.first}..{state.first}", then)
         else:
-            self._upstream.ask(source, "", partial(self._locked, relay, partial(self._measured, relay)))
+            self._upstream.ask(source, "", partial(self._locked, state, partial(self._measured, state)))
 
-    def _first(self, relay: PublisherState, found: CacheAnswer) -> None:
+    def _first(self, state: PublisherState, found: CacheAnswer) -> None:
         if found.samples:
-            self._locked(relay, partial(self._checked, relay))
+            self._locked(state, partial(self._checked, state))
         else:
-            self._upstream.ask(relay.source, "", partial(self._locked, relay, partial(self._measured, relay)))
+            self._upstream.ask(state.source, "", partial(self._locked, state, partial(self._measured, state)))
 
-    def _measured(self, relay: PublisherState, found: CacheAnswer) -> None:
+    def _measured(self, state: PublisherState, found: CacheAnswer) -> None:
         """Take over the depth; 0 if a cache never answers, as late joiners would not have got anything either."""
-        relay.failures = 0 if found.complete else relay.failures + 1
-        first, samples = relay.first, found.samples
+        state.failures = 0 if found.complete else state.failures + 1
+        first, samples = state.first, found.samples
         gone = first is not None and not (samples and samples[0][0] <= first)
-        if relay.failures >= _FAILURES:
-            relay.resize(0)
-        elif found.complete and gone and not relay.ended:
-            relay.resize(len(samples))
-        self._checked(relay)
+        if state.failures >= _FAILURES:
+            state.resize(0)
+        elif found.complete and gone and not state.ended:
+            state.resize(len(samples))
+        self._checked(state)
 
-    def _checked(self, relay: PublisherState) -> None:
-        relay.checking = False  # also after a failure: then the next message asks again
-        self._finish(relay)
+    def _checked(self, state: PublisherState) -> None:
+        state.checking = False  # also after a failure: then the next message asks again
+        self._finish(state)
 
 
 def _once(action: Callable[[], None]) -> Callable[[], None]:

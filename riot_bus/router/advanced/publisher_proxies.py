@@ -14,7 +14,7 @@ from riot_bus.router.advanced.history_mirror import HistoryMirror
 from riot_bus.router.advanced.publisher_state import PublisherState, Relayed, relayed
 from riot_bus.router.advanced.source import AdvancedSource, announced, source_of
 from riot_bus.router.advanced.upstream import Upstream
-from riot_bus.router.advanced.worker import Worker
+from riot_bus.router.worker import Worker
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
@@ -51,10 +51,10 @@ class PublisherProxies:
         sessions: The segments' own sessions.
         outlets: Outlets to publish to, by segment.
         converters: Converters of samples to messages, by segment.
-        crossing: Queue that takes messages through the interceptors.
+        deliveries: Queue that takes messages through the interceptors.
         changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
         depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Function that returns a test, asked twice, whether lanes have taken what came from a segment until then.
+        fence: Function that returns a test, asked twice, whether forwarders have taken what came from a segment until then.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class PublisherProxies:
         outlets: Mapping[str, Outlets],
         converters: Mapping[str, Converter],
         *,
-        crossing: DeliveryQueue,
+        deliveries: DeliveryQueue,
         changed: Callable[[], None] = lambda: None,
         depth: Callable[[str, str], int | None] = lambda key, zid: None,
         fence: Callable[[str], Callable[[], bool]],
@@ -71,7 +71,7 @@ class PublisherProxies:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
         self._sessions, self._converters = sessions, converters
-        self._crossing, self._changed = crossing, changed
+        self._deliveries, self._changed = deliveries, changed
         self._own = {str(session.info.zid()) for session in sessions.values()}
         self._lock = threading.Lock()
         self._watched: dict[str, list[Any]] = {}
@@ -84,11 +84,11 @@ class PublisherProxies:
         self._worker = Worker("riot-advanced")
         self._upstream = Upstream(sessions, self._worker)
         self._answers = Answers(sessions, self._worker, self._published_by)
-        self._keeper = HistoryMirror(
+        self._mirror = HistoryMirror(
             sessions,
             outlets,
             converters,
-            crossing=crossing,
+            deliveries=deliveries,
             worker=self._worker,
             upstream=self._upstream,
             depth=depth,
@@ -104,7 +104,7 @@ class PublisherProxies:
         return list(self._watched)
 
     def watch(self, expression: str, *, again: bool) -> None:
-        """Watch an intercepted expression; call this once the junction cuts it and the lanes receive.
+        """Watch an intercepted expression; call this once the junction cuts it and the forwarders receive.
 
         Args:
             expression: Canonical key expression.
@@ -126,20 +126,20 @@ class PublisherProxies:
             self._search(name, text, again=again)
 
     def unwatch(self, expression: str) -> None:
-        """End all proxies on an expression; call when its lanes are closed and the junction still cuts it."""
+        """End all proxies on an expression; call when its forwarders are closed and the junction still cuts it."""
         from riot_bus.zenoh import api as zenoh
 
         release(*self._watched.pop(expression, ()))
         rest = [zenoh.KeyExpr(each) for each in self._watched]
         with self._lock:
             gone = [key for key in self.keys if not any(each.includes(key) for each in rest)]
-            relays = [relay for key in gone for relay in self.keys[key].values()]
-        for relay in relays:
-            self._end(relay)
-        wait_until(lambda: not self._ending.intersection(relays), _END_S)
+            states = [state for key in gone for state in self.keys[key].values()]
+        for state in states:
+            self._end(state)
+        wait_until(lambda: not self._ending.intersection(states), _END_S)
 
     def close(self) -> None:
-        """Send what is held and end everything; call when the lanes are closed; safe to call twice."""
+        """Send what is held and end everything; call when the forwarders are closed; safe to call twice."""
         self._closed = True
         for expression in list(self._watched):
             self.unwatch(expression)
@@ -147,24 +147,24 @@ class PublisherProxies:
 
     def idle(self) -> bool:
         """Return whether nothing is under way."""
-        return self._worker.idle() and not any(relay.holds for relay in self._relays())
+        return self._worker.idle() and not any(state.holds for state in self._states())
 
     def held(self) -> Counter[str]:
         """Return how many messages wait for others that have to be sent before them, by key."""
         total: Counter[str] = Counter()
-        for relay in self._relays():
-            total.update(relay.held())
+        for state in self._states():
+            total.update(state.held())
         return total
 
-    # -- for lanes and the crossing -----------------------------------------------------------------------------------
+    # -- for forwarders and the delivery queue --------------------------------------------------------------------------
 
     def concerns(self, segment: str, key: str, sample: zenoh.Sample) -> bool:
-        """Return whether messages of a key concern us; asked when a lane learns a key, not for each message."""
+        """Return whether messages of a key concern us; asked when a forwarder learns a key, not for each message."""
         if key not in self.keys and not self._closed:
             if sample.source_info is not None:  # it is numbered, but perhaps shows no token
                 known = source_of(segment, sample)
                 if known is not None:
-                    self._relay(known[0])
+                    self._state_for(known[0])
             else:
                 now = time.monotonic()
                 if now - self._asked.get((segment, key), -_ASK_AGAIN_S) >= _ASK_AGAIN_S:
@@ -187,30 +187,30 @@ class PublisherProxies:
         """
         message = self._converters[segment](sample)
         known = source_of(segment, sample)
-        relay = self._relay(known[0]) if known is not None else None
-        if known is None or relay is None:
+        state = self._state_for(known[0]) if known is not None else None
+        if known is None or state is None:
             return message
-        verdict = relay.arrived(known[1], time.monotonic())
-        if (waiting := relay.waiting) is not None:
-            waiting()
+        verdict = state.arrived(known[1], time.monotonic())
+        if (on_first := state.on_first) is not None:
+            on_first()
         if verdict.stored is not None:
-            relay.deliver(message.key, partial(self._send_stored, verdict.stored, message))
+            state.deliver(message.key, partial(self._send_stored, verdict.stored, message))
             return None
         if verdict.late:
             return message
         if verdict.lost is not None:
-            self._keeper.recover(relay, *verdict.lost)
+            self._mirror.recover(state, *verdict.lost)
         if verdict.check:
-            self._keeper.check(relay)
-        relay.busy = True
-        return relayed(message, relay)
+            self._mirror.check(state)
+        state.busy = True
+        return relayed(message, state)
 
     def through(self, message: Message) -> None:
         """Note that a message returned by `take` has been sent."""
-        if isinstance(message, Relayed) and message.relay is not None:
-            message.relay.busy = False
+        if isinstance(message, Relayed) and message.state is not None:
+            message.state.busy = False
 
-    def relay_of(self, original: Message | None, message: Message) -> PublisherState | None:
+    def state_of(self, original: Message | None, message: Message) -> PublisherState | None:
         """Return the publisher to whose stream a message from the interceptors belongs; None if there is none.
 
         Args:
@@ -221,25 +221,25 @@ class PublisherProxies:
         if not here:
             return None
         carrier = message if original is None else original
-        if isinstance(carrier, Relayed) and carrier.relay is not None:
-            return carrier.relay if carrier.relay.source.key == message.key else None
+        if isinstance(carrier, Relayed) and carrier.state is not None:
+            return carrier.state if carrier.state.source.key == message.key else None
         if original is not None:
             return None
-        relays = list(here.values())  # so that late joiners get what was added too
-        return relays[0] if len(relays) == 1 else None
+        states = list(here.values())  # so that late joiners get what was added too
+        return states[0] if len(states) == 1 else None
 
     def _send_stored(self, stored: Stored, live: Message) -> None:
         """Send a stored sample; unlike the cache's answer, the live message has its own QoS, and may be a delete."""
         try:
-            for standin, message, number, stamp in stored.places:
+            for proxy, message, number, stamp in stored.places:
                 kind = "delete" if live.kind == "delete" else message.kind
-                standin.send(message.with_(qos=live.qos, kind=kind), number, stamp)
+                proxy.send(message.with_(qos=live.qos, kind=kind), number, stamp)
         except Exception:
             _LOG.exception("a message of %s could not be published", live.key)
-            self._crossing.lose(live.key, "not published")
+            self._deliveries.lose(live.key, "not published")
             return
         if stored.result is not None:
-            self._crossing.record(stored.result)
+            self._deliveries.record(stored.result)
 
     # -- on threads of Zenoh's, which must not wait -------------------------------------------------------------------
 
@@ -251,8 +251,8 @@ class PublisherProxies:
             if not self._is_elsewhere(source):
                 self._ended.pop(source, None)
                 self._meet(source, again=again, token=True)
-        elif (relay := self.keys.get(source.key, {}).get(source)) is not None:
-            self._end(relay)
+        elif (state := self.keys.get(source.key, {}).get(source)) is not None:
+            self._end(state)
 
     def _present(self, text: str) -> list[tuple[str, Any]]:
         """Return segments and the tokens seen there; tokens of components that are connected there come first."""
@@ -274,7 +274,7 @@ class PublisherProxies:
         return {str(each.zid) for each in self._sessions[segment].info.transports()}
 
     def _published_by(self, key: str, zid: str) -> list[PublisherState]:
-        return [relay for source, relay in list(self.keys.get(key, {}).items()) if source.zid == zid]
+        return [state for source, state in list(self.keys.get(key, {}).items()) if source.zid == zid]
 
     def _heard(self, segment: str, sample: Any) -> None:
         self._worker.do(partial(self._beat, segment, sample))
@@ -296,11 +296,11 @@ class PublisherProxies:
             self._asking = True
             self._worker.later(max(_ASK_PAUSE_S, _ASK_REST * took), self._ask, background=True)
 
-    def _relay(self, source: AdvancedSource) -> PublisherState | None:
-        relay = self.keys.get(source.key, {}).get(source)
-        if relay is None and source.numbered and source not in self._ended and not self._closed:
-            relay = self._meet(source, again=False, token=False)
-        return relay
+    def _state_for(self, source: AdvancedSource) -> PublisherState | None:
+        state = self.keys.get(source.key, {}).get(source)
+        if state is None and source.numbered and source not in self._ended and not self._closed:
+            state = self._meet(source, again=False, token=False)
+        return state
 
     def _meet(self, source: AdvancedSource, *, again: bool, token: bool) -> PublisherState | None:
         with self._lock:
@@ -310,34 +310,34 @@ class PublisherProxies:
             if len(self.keys) >= _MOST_RELAYS or len(here) >= _MOST_RELAYS:
                 return None
             self.keys[source.key] = here
-            relay = here[source] = PublisherState(source, again=again, token=token)
+            state = here[source] = PublisherState(source, again=again, token=token)
             self._worker.do(partial(self._answers.begin, source.key))
-            self._keeper.open(relay)
+            self._mirror.open(state)
         self._changed()
-        return relay
+        return state
 
-    def _end(self, relay: PublisherState) -> None:
+    def _end(self, state: PublisherState) -> None:
         with self._lock:
-            if relay.ended:
+            if state.ended:
                 return
-            relay.ended = True
-            self._ending.add(relay)
-        self._keeper.end(relay, partial(self._gone, relay))
+            state.ended = True
+            self._ending.add(state)
+        self._mirror.end(state, partial(self._gone, state))
 
     # -- on the worker's thread ---------------------------------------------------------------------------------------
 
-    def _gone(self, relay: PublisherState) -> None:
-        source = relay.source
+    def _gone(self, state: PublisherState) -> None:
+        source = state.source
         with self._lock:
             here = self.keys.get(source.key, {})
-            if here.get(source) is relay:
+            if here.get(source) is state:
                 del here[source]
                 _remember(self._ended, source, None, _MOST_ENDED)
             if not here:
                 self.keys.pop(source.key, None)
         if not here:
             self._answers.end(source.key)
-        self._ending.discard(relay)
+        self._ending.discard(state)
 
     def _found(self, source: AdvancedSource, *, again: bool) -> None:
         if source.zid not in self._own and source not in self._ended:
@@ -348,30 +348,30 @@ class PublisherProxies:
         from riot_bus.zenoh.api import ext
 
         source = announced(segment, str(sample.key_expr))
-        relay = self.keys.get(source.key, {}).get(source) if source is not None else None
-        if relay is not None:
+        state = self.keys.get(source.key, {}).get(source) if source is not None else None
+        if state is not None:
             payload = zenoh.ZBytes(sample.payload.to_bytes())
-            self._keeper.beat(relay, int(ext.z_deserialize(ext.UInt32, payload)))
+            self._mirror.beat(state, int(ext.z_deserialize(ext.UInt32, payload)))
 
     def _tick(self) -> None:
         """Send heartbeats for publishers that do, and end those without a token whose session has left."""
         self._worker.later(_BEAT_S, self._tick, background=True)
         connected: dict[str, set[str]] = {}
-        for relay in self._relays():
-            if relay.beats:
-                self._keeper.beat(relay, -1)
-            if not relay.token and not relay.ended:
-                segment, zid = relay.source.segment, relay.source.zid
+        for state in self._states():
+            if state.beats:
+                self._mirror.beat(state, -1)
+            if not state.token and not state.ended:
+                segment, zid = state.source.segment, state.source.zid
                 if segment not in connected:
                     connected[segment] = self._connected(segment)
                 if zid in connected[segment]:
-                    relay.near = True
-                elif relay.near:
-                    self._end(relay)
+                    state.near = True
+                elif state.near:
+                    self._end(state)
 
-    def _relays(self) -> list[PublisherState]:
+    def _states(self) -> list[PublisherState]:
         with self._lock:
-            return [relay for here in self.keys.values() for relay in here.values()]
+            return [state for here in self.keys.values() for state in here.values()]
 
 
 def _remember(table: OrderedDict[Any, Any], key: Any, value: Any, most: int) -> None:

@@ -70,7 +70,7 @@ class PublisherState:
         self.outlets: dict[str, ProxyPublisher] = {}
         self.tasks: deque[Task] = deque()
         self.task: Task | None = None
-        self.waiting: Callable[[], None] | None = None
+        self.on_first: Callable[[], None] | None = None
         """What to do when the first live sample comes."""
         self.holds = 0
         self.pending: deque[tuple[str, Callable[[], None]] | None] = deque()
@@ -82,7 +82,7 @@ class PublisherState:
         self.failures = 0
         self.check_from = 0.0
         self.busy = False
-        """Whether a lane is taking a message through the interceptors."""
+        """Whether a forwarder is taking a message through the interceptors."""
         self.opened = False
         """Whether the history is there."""
         self.ended = self.checking = self.unchecked = self.beats = self.near = False
@@ -103,7 +103,7 @@ class PublisherState:
                 return SampleVerdict(stored)
             if self.early and number > max(self.early):
                 self.early.clear()
-            elif self.early and not self.holds:  # a lane was very late: as an unnumbered message it is not refused
+            elif self.early and not self.holds:  # a forwarder was very late: as an unnumbered message it is not refused
                 return SampleVerdict(late=True)
             lost = None
             if self.source.numbered and before is not None and number > before + 1:
@@ -161,37 +161,37 @@ class PublisherState:
     def publish(self, segment: str, message: Message) -> bool:
         """Publish in a segment; return False if the publisher has no proxy there."""
         with self.lock:
-            standin = self.outlets.get(segment)
-            if standin is None:
+            proxy = self.outlets.get(segment)
+            if proxy is None:
                 return False
-            standin.publish(message)
+            proxy.publish(message)
             return True
 
     def skip(self, numbers: int) -> None:
         """Skip sequence numbers in all segments."""
         with self.lock:
-            for standin in self.outlets.values():
-                standin.skip(numbers)
+            for proxy in self.outlets.values():
+                proxy.skip(numbers)
 
     def beat(self) -> None:
         """Send heartbeats, unless messages wait whose numbers are not given yet."""
         with self.lock:
             if not self.holds:
-                for standin in self.outlets.values():
-                    standin.beat()
+                for proxy in self.outlets.values():
+                    proxy.beat()
 
     def resize(self, depth: int) -> None:
         """Keep as many samples as the publisher does."""
         with self.lock:
             self.depth = depth
-            for standin in self.outlets.values():
-                standin.resize(depth)
+            for proxy in self.outlets.values():
+                proxy.resize(depth)
 
     def close(self) -> None:
         """Remove all proxies of the publisher."""
         with self.lock:
-            for standin in self.outlets.values():
-                standin.close()
+            for proxy in self.outlets.values():
+                proxy.close()
             self.outlets.clear()
             self.early.clear()
 
@@ -201,17 +201,17 @@ class Relayed(Message):
     """A message of an advanced publisher; interceptors' changed versions of it belong to the same publisher.
 
     Attributes:
-        relay: State of the publisher.
+        state: State of the publisher.
     """
 
-    relay: PublisherState | None = field(default=None, compare=False, repr=False)
+    state: PublisherState | None = field(default=None, compare=False, repr=False)
 
     def with_payload(self, payload: bytes) -> Message:
         """Return a copy with another payload, of the same publisher."""
         return self.with_(payload=payload)
 
 
-def relayed(message: Message, relay: PublisherState) -> Relayed:
+def relayed(message: Message, state: PublisherState) -> Relayed:
     """Return a message that knows its publisher."""
     return Relayed(
         message.time,
@@ -224,5 +224,5 @@ def relayed(message: Message, relay: PublisherState) -> Relayed:
         message.segment,
         message.sequence,
         message.publish_time,
-        relay,
+        state,
     )

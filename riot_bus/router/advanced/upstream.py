@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from riot_bus.router.advanced.source import AdvancedSource
-    from riot_bus.router.advanced.worker import Worker
+    from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
 __all__ = ["CacheAnswer", "Upstream"]
@@ -83,7 +83,7 @@ class Upstream:
 
         This happens for every new key, and nothing waits for it, so the answers are polled. A callback would slow down
         the whole segment: once a Zenoh thread has dropped one, every call into this copy of the library looks for
-        Python objects to drop (pyo3 0.25), and a lane makes about fifteen calls for each message.
+        Python objects to drop (pyo3 0.25), and a forwarder makes about fifteen calls for each message.
 
         Args:
             segment: Segment that is queried.

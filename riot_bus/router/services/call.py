@@ -20,7 +20,7 @@ _DEFAULT_ENCODING = "zenoh/bytes"
 
 @dataclass(slots=True, eq=False)
 class Call:
-    """One query that was taken in; only its lane's thread changes it.
+    """One query that was taken in; only its forwarder's thread changes it.
 
     Attributes:
         query: The received `zenoh.Query`; dropping it tells the caller that there are no more replies.

@@ -10,9 +10,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError, Result
-from riot_bus.router.advanced.worker import Worker
 from riot_bus.router.counts import BoundedCounts
 from riot_bus.router.services.call import Call, encoding_text, payload_of, reply_to
+from riot_bus.router.worker import Worker
 from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.convert import is_delete
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["CallLane", "Limits"]
+__all__ = ["CallForwarder", "Limits"]
 
 _LOG = logging.getLogger(__name__)
 _FOREVER_S = 30 * 86_400.0  # Zenoh needs a limit (10 s by default); no caller waits for a month
@@ -34,7 +34,7 @@ _QOS = Qos()
 
 
 class Limits:
-    """Limits of one lane; attributes of the class, so that a test can set them."""
+    """Limits of one forwarder; attributes of the class, so that a test can set them."""
 
     calls = 1 << 14
     """Open calls. A new one replaces the oldest, whose caller may have gone, which cannot be detected."""
@@ -49,7 +49,7 @@ class Limits:
     """Seconds for which these callers may wait."""
 
 
-class CallLane:
+class CallForwarder:
     """Forwards the calls that components of one segment make to the services of one key expression.
 
     One thread does all the work, so calls keep their order; Zenoh's threads only enqueue. Services answer to this
@@ -60,7 +60,7 @@ class CallLane:
         segment: Name of the segment.
         expression: Key expression of the services.
         sessions: The segments' own sessions.
-        crossing: Queue that takes messages through the interceptors.
+        deliveries: Queue that takes messages through the interceptors.
         sequence: Numbers for calls.
         owner: Function that returns which of several overlapping expressions a key belongs to.
         asked: Function of a calling segment and a key that returns the other segments that may have a service for it,
@@ -73,7 +73,7 @@ class CallLane:
         expression: str,
         *,
         sessions: Mapping[str, zenoh.Session],
-        crossing: DeliveryQueue,
+        deliveries: DeliveryQueue,
         sequence: Iterator[int],
         owner: Callable[[str], str | None],
         asked: Callable[[str, str], Mapping[str, bool]],
@@ -81,7 +81,7 @@ class CallLane:
         self.segment, self.expression = segment, expression
         self.shed = BoundedCounts()
         """Requests and replies, by key, for which there was no room."""
-        self._sessions, self._crossing, self._sequence = sessions, crossing, sequence
+        self._sessions, self._deliveries, self._sequence = sessions, deliveries, sequence
         self._owner, self._asked = owner, asked
         self._lock = threading.Lock()
         self._queued = self._queued_bytes = 0
@@ -100,7 +100,7 @@ class CallLane:
         key = str(query.key_expr)
         owner = self._owner(key)
         if owner != self.expression and owner is not None:
-            query.drop()  # another lane has it
+            query.drop()  # another forwarder has it
             return
         size = 0 if query.payload is None else len(query.payload)
         if self._enqueue(size, partial(self._begin, query, key, size)):
@@ -123,7 +123,7 @@ class CallLane:
         self._worker.do(partial(self._run, size, job))
         return True
 
-    # -- on the lane's thread -----------------------------------------------------------------------------------------
+    # -- on the worker's thread ---------------------------------------------------------------------------------------
 
     def _run(self, size: int, job: Callable[[], None]) -> None:
         try:
@@ -155,7 +155,7 @@ class CallLane:
             next(self._sequence),
             parameters=str(query.parameters),
         )
-        result = self._crossing.result(request, self._worker, tuple(targets))
+        result = self._deliveries.result(request, self._worker, tuple(targets))
         call = Call(query, request.sequence, targets, wide, pending=1, size=size)
         self._remember(call)
         self._settle(call, result, None)
@@ -164,9 +164,9 @@ class CallLane:
     def _reply(self, call: Call, target: str, reply: zenoh.Reply) -> None:
         sample = reply.ok
         if call.over or (call.wide and sample is not None and self._owner(str(sample.key_expr)) != self.expression):
-            return  # it is routed natively, or by another lane
+            return  # it is routed natively, or by another forwarder
         message = self._message(call, target, reply)
-        result = self._crossing.result(message, self._worker, (self.segment,))
+        result = self._deliveries.result(message, self._worker, (self.segment,))
         self._settle(call, result, None if sample is None else sample.timestamp)
 
     def _message(self, call: Call, target: str, reply: zenoh.Reply) -> Message:
@@ -191,13 +191,13 @@ class CallLane:
 
     def _settle(self, call: Call, result: Result, stamp: zenoh.Timestamp | None) -> None:
         """Deliver a result: requests and replies go on in the call, all other messages are published."""
-        recorder = self._crossing.recorder
+        recorder = self._deliveries.recorder
         if recorder is not None and result.changes:
             recorder.original(result.original, result.changes)
         own = [each for each in result.emissions if part_of(each.message.key) is not None]
         others = tuple(each for each in result.emissions if part_of(each.message.key) is None)
         if others:
-            self._crossing.deliver(Result(result.original, others))
+            self._deliveries.deliver(Result(result.original, others))
         if not own:
             call.silent = True
         now = time.time_ns()
@@ -206,21 +206,21 @@ class CallLane:
             if emission.due <= now:
                 self._emit(call, emission, stamp)
             else:
-                self._hold(_counted_key(emission), 1)
+                self._hold(emission.counted_key, 1)
                 self._worker.later((emission.due - now) / 1e9, partial(self._emit_held, call, emission, stamp))
 
     def _emit_held(self, call: Call, emission: Emission, stamp: zenoh.Timestamp | None) -> None:
         self._emit(call, emission, stamp)
-        self._hold(_counted_key(emission), -1)
+        self._hold(emission.counted_key, -1)
 
     def _emit(self, call: Call, emission: Emission, stamp: zenoh.Timestamp | None) -> None:
-        message, key = emission.message, _counted_key(emission)
+        message, key = emission.message, emission.counted_key
         if emission.original is None:
             message = message.with_(sequence=call.number, segment=emission.message.segment or self.segment)
         base, part = part_of(message.key) or (message.key, "")
         try:
             if call.over:
-                self._crossing.lose(key, "call given up")
+                self._deliveries.lose(key, "call given up")
             elif part == REQUEST:
                 for target in emission.targets or call.targets:
                     self._ask(call, base, message, target)
@@ -228,9 +228,9 @@ class CallLane:
                 reply_to(call.query, base, part, message, stamp=moved(stamp, library_of(call.query)))
         except Exception as error:  # the session is closed, or the query does not accept this key
             _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
-            self._crossing.lose(key, "not published")
+            self._deliveries.lose(key, "not published")
         else:
-            recorder = self._crossing.recorder
+            recorder = self._deliveries.recorder
             if recorder is not None and not call.over:
                 late = message.with_(time=emission.due) if emission.due > message.time else message
                 recorder.delivered(late, emission.changes)
@@ -342,7 +342,7 @@ class CallLane:
             self._silent.popleft()[1].query.drop()
         for key, number in self.held().items():
             for _ in range(number):
-                self._crossing.lose(key, "held at the end")
+                self._deliveries.lose(key, "held at the end")
             self._hold(key, -number)
 
     def _dequeue(self, size: int) -> None:
@@ -360,8 +360,3 @@ class CallLane:
 def _anywhere(query: Any) -> bool:
     """Return whether replies may have other keys than a query."""
     return bool(query.accepts_replies() == library_of(query).ReplyKeyExpr.ANY)
-
-
-def _counted_key(emission: Emission) -> str:
-    """Return the key under which the pipeline has counted an emission, even if its message has another key by now."""
-    return (emission.original or emission.message).key

@@ -13,7 +13,7 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.router.advanced.worker import Worker
+    from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Presence", "silent_querier"]

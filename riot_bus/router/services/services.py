@@ -6,10 +6,10 @@ import itertools
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from riot_bus.router.advanced.worker import Worker
-from riot_bus.router.services.forwarder import CallLane
+from riot_bus.router.services.forwarder import CallForwarder
 from riot_bus.router.services.presence import Presence
 from riot_bus.router.services.selection import is_served, with_spaces
+from riot_bus.router.worker import Worker
 from riot_bus.zenoh.convert import Claims
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class Services:
 
     Args:
         sessions: The segments' own sessions.
-        crossing: Queue that takes messages through the interceptors.
+        deliveries: Queue that takes messages through the interceptors.
         sequence: Numbers for calls.
         spaces: Key expressions of complete services (`HasServices.services`).
     """
@@ -34,15 +34,15 @@ class Services:
     def __init__(
         self,
         sessions: Mapping[str, zenoh.Session],
-        crossing: DeliveryQueue,
+        deliveries: DeliveryQueue,
         *,
         sequence: Iterator[int],
         spaces: Sequence[str] = (),
     ) -> None:
-        self._sessions, self._crossing, self._sequence, self._spaces = sessions, crossing, sequence, spaces
+        self._sessions, self._deliveries, self._sequence, self._spaces = sessions, deliveries, sequence, spaces
         self._claims = Claims([])
-        self._present: dict[str, tuple[Presence, list[CallLane]]] = {}
-        self._retired: list[CallLane] = []
+        self._present: dict[str, tuple[Presence, list[CallForwarder]]] = {}
+        self._retired: list[CallForwarder] = []
         self._worker = Worker("riot-services")
 
     def retire(self, expressions: Sequence[str]) -> None:
@@ -52,11 +52,11 @@ class Services:
         """
         wanted = with_spaces(expressions, self._spaces)
         for expression in [text for text in self._present if text not in wanted]:
-            presence, lanes = self._present.pop(expression)
+            presence, forwarders = self._present.pop(expression)
             presence.close()
-            for lane in lanes:
-                lane.retire()
-            self._retired += lanes
+            for forwarder in forwarders:
+                forwarder.retire()
+            self._retired += forwarders
 
     def select(self, expressions: Sequence[str]) -> None:
         """Stand in for these services; call this once the junction keeps them apart."""
@@ -68,45 +68,45 @@ class Services:
 
     def _begin(self, expression: str) -> None:
         served = is_served(expression, self._spaces)
-        lanes: dict[str, CallLane] = {}
+        forwarders: dict[str, CallForwarder] = {}
         presence = Presence(
             expression,
             self._sessions,
-            {name: (lambda query, name=name: lanes[name].take(query)) for name in self._sessions},  # type: ignore[misc]
+            {name: (lambda query, name=name: forwarders[name].take(query)) for name in self._sessions},  # type: ignore[misc]
             served=served,
             worker=self._worker,
         )
         for name in self._sessions:
-            lanes[name] = CallLane(
+            forwarders[name] = CallForwarder(
                 name,
                 expression,
                 sessions=self._sessions,
-                crossing=self._crossing,
+                deliveries=self._deliveries,
                 sequence=self._sequence,
                 owner=lambda key: self._claims.owner(key),
                 asked=presence.asked,
             )
-        self._present[expression] = presence, list(lanes.values())
+        self._present[expression] = presence, list(forwarders.values())
         presence.open()
 
     def close(self) -> None:
         """End all calls and stand-ins; safe to call twice."""
         self._worker.close()
         self.retire(())
-        for lane in self._retired:
-            lane.close()
+        for forwarder in self._retired:
+            forwarder.close()
 
     def idle(self) -> bool:
         """Return whether nothing is in process; services that have not answered yet do not count."""
-        return all(lane.idle() for lane in self._lanes())
+        return all(forwarder.idle() for forwarder in self._forwarders())
 
     def held(self) -> Counter[str]:
         """Return how many requests and replies wait until they are due, by key."""
-        return sum((lane.held() for lane in self._lanes()), Counter())
+        return sum((forwarder.held() for forwarder in self._forwarders()), Counter())
 
     def shed(self) -> list[Mapping[str, int]]:
-        """Return, for each lane, how many requests and replies per key there was no room for."""
-        return [lane.shed for lane in self._lanes()]
+        """Return, for each forwarder, how many requests and replies per key there was no room for."""
+        return [forwarder.shed for forwarder in self._forwarders()]
 
-    def _lanes(self) -> list[CallLane]:
-        return [*self._retired, *itertools.chain(*(lanes for _, lanes in list(self._present.values())))]
+    def _forwarders(self) -> list[CallForwarder]:
+        return [*self._retired, *itertools.chain(*(forwarders for _, forwarders in list(self._present.values())))]

@@ -97,7 +97,7 @@ class Here:
 
 
 class Scene:
-    """A keeper with one relay, and everything around it that the test moves."""
+    """A keeper with one state, and everything around it that the test moves."""
 
     def __init__(self, *, entity: str = "7", again: bool = False, hint: int | None = None) -> None:
         self.worker = Hand()
@@ -109,25 +109,25 @@ class Scene:
             {"system": None, "unit": None},  # type: ignore[dict-item]
             {"unit": None},  # type: ignore[dict-item]
             {"system": self.convert},  # type: ignore[dict-item]
-            crossing=SimpleNamespace(replay=self.replay, targets_of=lambda emission: ("unit",)),  # type: ignore[arg-type]
+            deliveries=SimpleNamespace(replay=self.replay, targets_of=lambda emission: ("unit",)),  # type: ignore[arg-type]
             worker=self.worker,  # type: ignore[arg-type]
             upstream=self.cache,  # type: ignore[arg-type]
             depth=lambda key, zid: hint,
             fence=lambda segment: lambda: self.taken,
         )
-        self.relay = PublisherState(AdvancedSource("system", "k", "abc", entity), again=again, token=True)
+        self.state = PublisherState(AdvancedSource("system", "k", "abc", entity), again=again, token=True)
 
     @staticmethod
     def convert(sample: Any) -> Message:
         return Message(0, "k", str(sample.number).encode())
 
-    def replay(self, message: Message, holder: Any) -> Result:
+    def replay(self, message: Message, worker: Any) -> Result:
         if int(message.payload) in self.refused:
             raise ValueError("on purpose")
         return Result(message, (Emission(0, message, message, ()),), ())
 
     def open(self, *numbers: int, **answer: Any) -> None:
-        self.keeper.open(self.relay)
+        self.keeper.open(self.state)
         self.cache.answer(*numbers, **answer)
         self.worker.wait()  # for something live
         self.worker.wait()  # for lanes
@@ -135,19 +135,19 @@ class Scene:
 
     def live(self, number: int) -> None:
         """Do as the terminator does."""
-        verdict = self.relay.arrived(number, 0.0)
-        if self.relay.waiting is not None:
-            self.relay.waiting()
+        verdict = self.state.arrived(number, 0.0)
+        if self.state.on_first is not None:
+            self.state.on_first()
         if verdict.lost is not None:
-            self.keeper.recover(self.relay, *verdict.lost)
+            self.keeper.recover(self.state, *verdict.lost)
         if verdict.check:
-            self.keeper.check(self.relay)
+            self.keeper.check(self.state)
         message = Message(0, "k", str(number).encode())
         if verdict.stored is None:
-            self.relay.deliver("k", partial(self.publish, message))
+            self.state.deliver("k", partial(self.publish, message))
 
     def publish(self, message: Message) -> None:
-        assert self.relay.publish("unit", message)
+        assert self.state.publish("unit", message)
 
     @property
     def rows(self) -> list[Any]:
@@ -162,7 +162,7 @@ def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_history_goes_before_what_comes_meanwhile_and_the_token_before_both_are_heard() -> None:
     scene = Scene()
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.worker.run()
     scene.live(2)
     scene.live(3)
@@ -176,7 +176,7 @@ def test_history_goes_before_what_comes_meanwhile_and_the_token_before_both_are_
 
 def test_a_history_without_anything_live_is_taken_after_a_while() -> None:
     scene = Scene(again=True)
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.cache.answer(0, 1)
     assert Here.made == []
     scene.worker.wait()
@@ -192,7 +192,7 @@ def test_a_history_without_anything_live_is_taken_after_a_while() -> None:
 def test_a_history_waits_for_lanes_and_not_for_ever() -> None:
     scene = Scene(again=True)
     scene.taken = False
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.cache.answer(0, 1)
     for _ in range(module._MOST_LOOKS):
         scene.worker.wait()
@@ -205,7 +205,7 @@ def test_a_history_waits_for_lanes_and_not_for_ever() -> None:
 def test_of_a_history_nothing_is_taken_that_lanes_bring_themselves() -> None:
     scene = Scene(again=True)
     scene.taken = False
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.cache.answer(2)
     scene.worker.wait()
     scene.live(0)
@@ -234,7 +234,7 @@ def test_the_depth_is_known_when_something_is_gone(
     entity: str, live: list[int], found: list[int], depth: int | None
 ) -> None:
     scene = Scene(entity=entity)
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.worker.run()
     for number in live:
         scene.live(number)
@@ -280,7 +280,7 @@ def test_gaps_are_filled_each_in_its_place() -> None:
 
 def test_gaps_are_filled_in_their_place_although_the_history_is_not_there_yet() -> None:
     scene = Scene(hint=9)
-    scene.keeper.open(scene.relay)
+    scene.keeper.open(scene.state)
     scene.worker.run()
     for number in (1, 3):
         scene.live(number)
@@ -294,14 +294,14 @@ def test_a_heartbeat_that_is_ahead_lets_us_look_for_the_rest() -> None:
     scene = Scene(hint=9)
     scene.open(0)
     scene.live(1)
-    scene.keeper.beat(scene.relay, 1)
+    scene.keeper.beat(scene.state, 1)
     assert scene.rows == ["0", "token", "1!", "beat"]
-    scene.keeper.beat(scene.relay, 3)
+    scene.keeper.beat(scene.state, 3)
     assert scene.cache.asked == [""]
     scene.live(2)  # it had only overtaken this
     scene.worker.wait()
     assert scene.cache.asked == [""]
-    scene.keeper.beat(scene.relay, 4)
+    scene.keeper.beat(scene.state, 4)
     scene.worker.wait()
     assert scene.cache.asked[1:] == ["?_sn=3..4"]
     scene.cache.answer(3, 4)
@@ -314,12 +314,12 @@ def test_a_heartbeat_that_is_ahead_lets_us_look_for_the_rest() -> None:
 def test_a_heartbeat_does_not_overtake_a_message_that_interceptors_still_have() -> None:
     scene = Scene(hint=9)
     scene.open(0)
-    scene.relay.arrived(1, 0.0)
-    scene.relay.busy = True
-    scene.keeper.beat(scene.relay, 3)
+    scene.state.arrived(1, 0.0)
+    scene.state.busy = True
+    scene.keeper.beat(scene.state, 3)
     scene.worker.wait()
     assert scene.cache.asked == [""]
-    scene.relay.busy = False
+    scene.state.busy = False
     scene.worker.wait()
     assert scene.cache.asked[1:] == ["?_sn=2..3"]
 
@@ -345,7 +345,7 @@ def test_it_is_asked_again_for_what_has_come_while_it_was_asked() -> None:
     scene.cache.answer(0)
     scene.cache.answer(0)
     assert scene.cache.asked[1:] == ["?_sn=0..0"] * 2
-    assert scene.relay.depth is None
+    assert scene.state.depth is None
 
 
 def test_a_cache_that_never_answers_is_none() -> None:
@@ -379,7 +379,7 @@ def test_the_end_comes_after_what_was_to_be_done() -> None:
     ended: list[bool] = []
     for number in (1, 3):
         scene.live(number)
-    scene.keeper.end(scene.relay, lambda: ended.append(True))
+    scene.keeper.end(scene.state, lambda: ended.append(True))
     scene.worker.wait()
     assert not ended
     scene.cache.answer(2)

@@ -14,14 +14,14 @@ from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource
 from tests.tiers import scaled
 
 
-def relay(entity: str = "7", *, depth: int | None = 0) -> PublisherState:
+def state(entity: str = "7", *, depth: int | None = 0) -> PublisherState:
     made = PublisherState(AdvancedSource("system", "k", "abc", entity), again=False, token=True)
     made.depth = depth
     return made
 
 
 class Outlet:
-    """Where a relay publishes: keeps what was stored, in its order, and what of it was heard."""
+    """Where a state publishes: keeps what was stored, in its order, and what of it was heard."""
 
     def __init__(self) -> None:
         self.stored: list[Any] = []
@@ -46,19 +46,19 @@ class Outlet:
 
 
 def test_a_gap_is_told_once() -> None:
-    it = relay()
+    it = state()
     verdicts = [it.arrived(number, 0.0) for number in (5, 6, 9, 9, 10, 8, 11)]
     assert [verdict.lost for verdict in verdicts] == [None, None, (7, 8), None, None, None, None]
     assert not any(verdict.check or verdict.late or verdict.stored for verdict in verdicts)
 
 
 def test_times_have_no_gaps() -> None:
-    it = relay(UNNUMBERED)
+    it = state(UNNUMBERED)
     assert [it.arrived(number, 0.0).lost for number in (5, 600, 7000)] == [None] * 3
 
 
 def test_what_comes_live_although_it_was_stored_is_recognised_once() -> None:
-    it = relay()
+    it = state()
     stored = [it.claim(number) for number in (2, 3, 4)]
     assert it.arrived(3, 0.0).stored is stored[1]
     assert it.arrived(2, 0.0).stored is stored[0]
@@ -68,7 +68,7 @@ def test_what_comes_live_although_it_was_stored_is_recognised_once() -> None:
 
 
 def test_what_is_older_than_the_history_is_late_unless_it_waits_for_it() -> None:
-    it = relay(UNNUMBERED)
+    it = state(UNNUMBERED)
     it.claim(100)
     it.hold()
     assert not it.arrived(50, 0.0).late
@@ -77,7 +77,7 @@ def test_what_is_older_than_the_history_is_late_unless_it_waits_for_it() -> None
 
 
 def test_the_depth_is_asked_for_when_messages_come_until_it_is_known() -> None:
-    it = relay(depth=None)
+    it = state(depth=None)
     assert it.arrived(0, 0.0).check
     assert not it.arrived(1, 0.0).check  # it is being asked
     assert not it.overdue()
@@ -94,7 +94,7 @@ def test_the_depth_is_asked_for_when_messages_come_until_it_is_known() -> None:
 
 
 def test_the_depth_is_not_asked_for_while_messages_wait_but_afterwards() -> None:
-    it = relay(depth=None)
+    it = state(depth=None)
     it.hold()
     assert not it.arrived(0, 0.0).check
     assert not it.overdue()
@@ -103,7 +103,7 @@ def test_the_depth_is_not_asked_for_while_messages_wait_but_afterwards() -> None
 
 
 def test_messages_wait_for_the_tasks_before_them_and_for_no_others() -> None:
-    it, done = relay(), list[str]()
+    it, done = state(), list[str]()
 
     def send(text: str) -> None:
         it.deliver("k", partial(done.append, text))
@@ -124,7 +124,7 @@ def test_messages_wait_for_the_tasks_before_them_and_for_no_others() -> None:
 
 
 def test_heartbeats_wait_until_the_numbers_are_given() -> None:
-    it, outlet = relay(), Outlet()
+    it, outlet = state(), Outlet()
     it.outlets["unit"] = outlet  # type: ignore[assignment]
     it.publish("unit", "0")  # type: ignore[arg-type]
     it.beat()
@@ -138,7 +138,7 @@ def test_heartbeats_wait_until_the_numbers_are_given() -> None:
 
 
 def test_closing_takes_everything_away() -> None:
-    it, outlet = relay(), Outlet()
+    it, outlet = state(), Outlet()
     it.outlets["unit"] = outlet  # type: ignore[assignment]
     it.resize(3)
     it.claim(1)
@@ -149,12 +149,12 @@ def test_closing_takes_everything_away() -> None:
 
 @dataclass
 class World:
-    """A publisher, a link that loses, a lane and a keeper around a relay; who takes the next step is up to Hypothesis.
+    """A publisher, a link that loses, a lane and a keeper around a state; who takes the next step is up to Hypothesis.
 
     What the keeper does is written down here once more, in the few lines that matter.
     """
 
-    relay: PublisherState
+    state: PublisherState
     outlet: Outlet = field(default_factory=Outlet)
     sent: int = 0
     link: deque[int] = field(default_factory=deque)
@@ -174,15 +174,15 @@ class World:
         if not self.link:
             return
         number = self.link.popleft()
-        verdict = self.relay.arrived(number, 0.0)
+        verdict = self.state.arrived(number, 0.0)
         if verdict.stored is not None:
             stored = verdict.stored
-            self.relay.deliver("k", lambda: self.outlet.heard.extend(place[2] for place in stored.places))
+            self.state.deliver("k", lambda: self.outlet.heard.extend(place[2] for place in stored.places))
             return
         assert not verdict.late
         if verdict.lost is not None:
             self.hold(partial(self.store, range(verdict.lost[0], verdict.lost[1] + 1)))
-        self.relay.deliver("k", partial(self.relay.publish, "unit", number))  # type: ignore[arg-type]
+        self.state.deliver("k", partial(self.state.publish, "unit", number))  # type: ignore[arg-type]
 
     def open(self) -> None:
         if not self.opened:
@@ -190,23 +190,23 @@ class World:
             self.hold(self.adopt)
 
     def adopt(self) -> None:
-        self.relay.outlets["unit"] = self.outlet  # type: ignore[assignment]
-        self.store(range(self.sent if self.relay.first is None else min(self.sent, self.relay.first)))
+        self.state.outlets["unit"] = self.outlet  # type: ignore[assignment]
+        self.store(range(self.sent if self.state.first is None else min(self.sent, self.state.first)))
 
     def store(self, numbers: range) -> None:
         for number in numbers:
-            stored = self.relay.claim(number)
+            stored = self.state.claim(number)
             self.outlet.stored.append(number)
             stored.places.append((self.outlet, number, len(self.outlet.stored) - 1, None))  # type: ignore[arg-type]
 
     def hold(self, task: Callable[[], None]) -> None:
-        self.relay.hold()
+        self.state.hold()
         self.tasks.append(task)
 
     def work(self) -> None:
         if self.tasks:
             self.tasks.popleft()()
-            self.relay.let_go()
+            self.state.let_go()
 
 
 @settings(deadline=None, max_examples=scaled(300))
@@ -215,7 +215,7 @@ class World:
     steps=st.lists(st.sampled_from(["publish", "publish", "lose", "receive", "receive", "work"]), max_size=60),
 )
 def test_whatever_comes_when_numbers_are_in_order_and_nothing_is_there_twice(before: int, steps: list[str]) -> None:
-    world = World(relay(), sent=before)
+    world = World(state(), sent=before)
     world.open()
     for step in steps:
         getattr(world, step)()
@@ -227,5 +227,5 @@ def test_whatever_comes_when_numbers_are_in_order_and_nothing_is_there_twice(bef
     assert sorted(set(world.outlet.heard)) == sorted(world.outlet.heard)
     live = {number for number in range(before, world.sent) if number not in world.lost}
     assert live <= set(world.outlet.heard)
-    assert not world.relay.held()
-    assert world.relay.holds == 0
+    assert not world.state.held()
+    assert world.state.holds == 0

@@ -49,12 +49,12 @@ def test_a_sample_tells_its_publisher_by_number_else_by_time() -> None:
 
 
 def test_what_interceptors_make_of_a_message_belongs_to_its_publisher() -> None:
-    relay = PublisherState(AdvancedSource("s", "a", "3f2a", "7"), again=False, token=True)
+    state = PublisherState(AdvancedSource("s", "a", "3f2a", "7"), again=False, token=True)
     message = Message(1, "a", b"x", "put", "text/plain", b"y", Qos(2), "s", 5, 6)
-    found = relayed(message, relay)
+    found = relayed(message, state)
     changed = found.with_payload(b"z").with_(key="b")
     assert isinstance(changed, Relayed)
-    assert changed.relay is found.relay is relay
+    assert changed.state is found.state is state
     assert (changed.key, changed.payload) == ("b", b"z")
     for name in ("time", "kind", "encoding", "attachment", "qos", "segment", "sequence", "publish_time"):
         assert getattr(changed, name) == getattr(found, name) == getattr(message, name)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from riot_bus.pipeline.runner import AbandonedError
-from riot_bus.router.advanced.worker import Worker
+from riot_bus.router.worker import Worker
 from riot_bus.zenoh.session import wait_until
 
 NAME = "riot-test-worker"

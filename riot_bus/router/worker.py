@@ -1,4 +1,4 @@
-"""A thread for slow jobs, so that neither lanes nor Zenoh's threads wait for them."""
+"""A thread for slow jobs, so that neither forwarders nor Zenoh's threads wait for them."""
 
 from __future__ import annotations
 
@@ -86,9 +86,6 @@ class Worker:
                 self._jobs.appendleft(self._current)
                 self._current = None
             self._thread = self._spawn()
-
-    def flush(self) -> None:
-        """Do nothing: a worker holds no messages to publish."""
 
     def _spawn(self) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(self._generation,), name=self._name, daemon=True)
