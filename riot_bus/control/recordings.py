@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.writer import LogWriter
     from riot_bus.router.bus import Bus
-    from riot_bus.router.recorder import Recorder
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Recordings"]
@@ -68,7 +67,7 @@ class Recordings:
 
     def begin(self, path: Path) -> Recorder:
         """Open a file, replacing an existing one; the caller hands the recorder to the bus."""
-        from riot_bus.router.recorder import Recorder
+        from riot_bus.interceptors.recorder import Recorder
 
         recorder = Recorder(self._writer(path), topic=self._registry.topic)
         with self.graph_notes.new_log():

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import logging
-import threading
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.writer import LogWriter
-from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
+from riot_bus.pipeline.runner import BoundedCounts
 from riot_bus.vocabulary.errors import ConfigError, DataLossError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Record"]
 
-_LOG = logging.getLogger(__name__)
-_TICK_S = 0.25  # without messages, an old chunk ends this much late at most
 _JOIN_S = 60.0  # enough for 128 MiB (default of `capacity_bytes`) at 2.3 MB/s
-_OVERHEAD_BYTES = 256  # a queued `Message`, its tuple, its integers and its payload's header take about this
 
 
 @dataclass
@@ -51,15 +44,20 @@ class Record:
     def __post_init__(self) -> None:
         if self.capacity < 1 or self.capacity_bytes < 1:
             raise ConfigError("capacity and capacity_bytes must be 1 or more")
-        self.recorded = 0
-        self.lost: Counter[str] = Counter()
-        """Messages by topic that did not fit or could not be written."""
         self._registry: TypeRegistry | None = None
-        self._waiting: deque[tuple[str, Message]] = deque()
-        self._bytes = 0
-        self._bell = threading.Condition()
-        self._stopping = self._told = False
-        self._thread: threading.Thread | None = None
+        self._recorder: Recorder | None = None
+        self._unopened = BoundedCounts()
+        self._open = self._told = False
+
+    @property
+    def recorded(self) -> int:
+        """Number of messages written."""
+        return 0 if self._recorder is None else self._recorder.totals()[0]
+
+    @property
+    def lost(self) -> Counter[str]:
+        """Messages by topic that did not fit or could not be written."""
+        return self._unopened if self._recorder is None else self._recorder.lost
 
     def load(self, registry: TypeRegistry) -> None:
         """Set the registry that knows topics and types."""
@@ -68,9 +66,9 @@ class Record:
     def start(self) -> None:
         """Open the log."""
         writer = LogWriter(self.path, registry=self._registry, compression=self.compression)
-        self._stopping = self._told = False
-        self._thread = threading.Thread(target=self._run, args=(writer,), name="riot-record", daemon=True)
-        self._thread.start()
+        topic = str if self._registry is None else self._registry.topic
+        self._recorder = Recorder(writer, capacity=self.capacity, capacity_bytes=self.capacity_bytes, topic=topic)
+        self._open, self._told = True, False
 
     def message(self, event: Event) -> None:
         """Queue it; never waits.
@@ -78,19 +76,14 @@ class Record:
         Raises:
             DataLossError: At the first loss, so that it is seen while it happens.
         """
-        size = len(event.payload) + _OVERHEAD_BYTES
-        with self._bell:
-            room = len(self._waiting) < self.capacity and self._bytes + size <= self.capacity_bytes
-            if room and self._thread is not None:
-                self._waiting.append((event.topic, event.message))
-                self._bytes += size
-                self._bell.notify()
-            else:
-                self._lose(event.topic)
-            if not self.lost or self._told:
-                return
+        if self._recorder is None:
+            self._unopened.add(event.topic)
+        elif self._open:
+            self._recorder.delivered(event.message)
+        if self.lost and not self._told:
             self._told = True
-        raise DataLossError("messages are not recorded", where=str(self.path), hint="is the disk full, or too slow?")
+            text = "messages are not recorded"
+            raise DataLossError(text, where=str(self.path), hint="is the disk full, or too slow?")
 
     def stop(self) -> None:
         """Write the queued messages and finish the log.
@@ -98,51 +91,9 @@ class Record:
         Raises:
             DataLossError: The log lacks messages.
         """
-        with self._bell:
-            self._stopping = True
-            self._bell.notify()
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join(_JOIN_S)
-            if thread.is_alive():
-                raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=str(self.path))
-        if self.lost:
-            topics = ", ".join(f"{topic} {number}" for topic, number in self.lost.most_common(5))
-            raise DataLossError(f"the log lacks {self.lost.total()} messages: {topics}", where=str(self.path))
-
-    def _lose(self, topic: str, number: int = 1) -> None:
-        self.lost[topic if topic in self.lost or len(self.lost) < MOST_TOPICS else OTHER_TOPICS] += number
-
-    def _run(self, writer: LogWriter) -> None:
-        while True:
-            with self._bell:
-                if not self._waiting and not self._stopping:
-                    self._bell.wait(_TICK_S)
-                if not self._waiting and self._stopping:
-                    break
-                batch = [self._waiting.popleft() for _ in range(min(len(self._waiting), 1000))]
-                self._bytes -= sum(len(message.payload) + _OVERHEAD_BYTES for _, message in batch)
-            for topic, message in batch:
-                self._write(writer, topic, message)
-            self._guard(writer.tick)
-        self._guard(writer.close)
-        with self._bell:
-            for topic, number in writer.lost.items():
-                self.recorded -= number
-                self._lose(topic, number)
-
-    def _write(self, writer: LogWriter, topic: str, message: Message) -> None:
-        if self._guard(lambda: writer.write(message)):
-            self.recorded += 1
-        else:
-            with self._bell:
-                self._lose(topic)
-
-    def _guard(self, action: Callable[[], None]) -> bool:
-        try:
-            action()
-        except Exception:
-            if not self.lost:
-                _LOG.exception("%s cannot be written", self.path)
-            return False
-        return True
+        self._open = False
+        if self._recorder is not None and not self._recorder.close(_JOIN_S):
+            raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=str(self.path))
+        if lost := self.lost:
+            topics = ", ".join(f"{topic} {number}" for topic, number in lost.most_common(5))
+            raise DataLossError(f"the log lacks {lost.total()} messages: {topics}", where=str(self.path))

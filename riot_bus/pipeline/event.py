@@ -47,22 +47,17 @@ class Change:
 
 
 class Arrival(Protocol):
-    """A received message that is not decoded yet, because most messages pass unchanged."""
+    """A received message that is decoded only on demand, since most messages pass unchanged.
 
-    @property
-    def key(self) -> str:
-        """Its key."""
-        ...
+    Attributes:
+        key: Its key.
+        time: Time of its arrival, nanoseconds since the Unix epoch.
+        segment: Segment that it came from.
+    """
 
-    @property
-    def time(self) -> int:
-        """Time of its arrival, nanoseconds since the Unix epoch."""
-        ...
-
-    @property
-    def segment(self) -> str:
-        """Segment that it came from."""
-        ...
+    key: str
+    time: int
+    segment: str
 
     def payload(self) -> bytes:
         """Return its payload."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import traceback
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ __all__ = [
     "MOST_TOPICS",
     "OTHER_TOPICS",
     "AbandonedError",
+    "BoundedCounts",
     "Counts",
     "Emission",
     "InterceptorErrors",
@@ -42,6 +44,16 @@ MOST_TOPICS = 1 << 16
 """Number of topics that are counted separately, so that invented keys cannot exhaust the memory."""
 
 _CACHED_KEYS = 1 << 14  # anybody may invent keys: bounds the memory; a full cache is emptied
+
+
+class BoundedCounts(Counter[str]):
+    """Counts by topic or key in bounded memory: once there are too many topics, new ones share one count."""
+
+    def add(self, topic: str, number: int = 1) -> None:
+        """Add to the count of a topic."""
+        if topic not in self and len(self) >= MOST_TOPICS:
+            topic = OTHER_TOPICS
+        self[topic] += number
 
 
 class AbandonedError(RiotError):

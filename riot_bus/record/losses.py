@@ -7,7 +7,7 @@ from collections.abc import Hashable
 from typing import TYPE_CHECKING
 
 from riot_bus.log.account import Account
-from riot_bus.router.counts import BoundedCounts
+from riot_bus.pipeline.runner import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -14,7 +14,7 @@ from collections import Counter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.router.counts import BoundedCounts
+from riot_bus.pipeline.runner import BoundedCounts
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Converter, is_delete

@@ -9,11 +9,12 @@ from collections import Counter
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.pipeline.runner import Pipeline
+from riot_bus.pipeline.mailbox import Dispatcher
+from riot_bus.pipeline.runner import BoundedCounts, Pipeline
 from riot_bus.pipeline.stage import stages_of
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
 from riot_bus.router.advanced.publisher_proxies import PublisherProxies
-from riot_bus.router.counts import BoundedCounts, Losses, TopicCounts, count
+from riot_bus.router.counts import Losses, TopicCounts, count
 from riot_bus.router.delivery_queue import DeliveryQueue
 from riot_bus.router.forwarder import Forwarder
 from riot_bus.router.local_ingress import LocalIngress
@@ -23,12 +24,10 @@ from riot_bus.router.services.services import Services
 from riot_bus.router.tap import Tap
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.convert import Claims, Converter, Outlets
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.link_watch import TransportWatch
-from riot_bus.zenoh.mailbox import Dispatcher
 from riot_bus.zenoh.network import Network
 from riot_bus.zenoh.session import canonical, includes, intersects, release, wait_until
 from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S
@@ -37,34 +36,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from riot_bus.config.router_settings import SegmentSettings
+    from riot_bus.interceptors.recorder import Recorder
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.audience import Inner
-    from riot_bus.router.recorder import Recorder
     from riot_bus.router.services.recorded import RecordedService
     from riot_bus.types.bridging import BridgedLink
+    from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Subscription
     from riot_bus.zenoh.junction import Junction
     from riot_bus.zenoh.segments import Segment
 
-__all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
+__all__ = ["Bus", "Losses", "TopicCounts"]
 
 _ALIVE_INTERVAL_S = 0.02  # how late a component's end is noticed; a subscription ends the wait at once
 _HEARD_S = 10.0  # ten interceptors may block one after the other, each for `BUDGET_S`, 1 s
 _QUIET_POLLS = 3  # 1 ms apart: an idle forwarder may hold a message not counted yet
-
-
-class BusPublisher:
-    """A publisher that was declared in advance; publishes on a segment as a component there would."""
-
-    def __init__(self, bus: Bus, segment: str, key: str, qos: Qos) -> None:
-        self._bus, self._segment, self._key, self._qos = bus, segment, key, qos
-
-    def put(self, payload: bytes, *, encoding: str = "", attachment: bytes | None = None) -> None:
-        """Publish a payload."""
-        self._bus.put(
-            self._segment, Message(0, self._key, payload, encoding=encoding, attachment=attachment, qos=self._qos)
-        )
 
 
 class Bus:
@@ -445,19 +432,6 @@ class Bus:
         if heard:
             self._outlets[segment].publish(message)
         return heard
-
-    def publisher(self, segment: str, key: str, *, qos: Qos | None = None) -> BusPublisher:
-        """Declare a publisher in advance, before a fast playback.
-
-        Args:
-            segment: Name of the segment.
-            key: Key without wildcards.
-            qos: Delivery settings of all messages of the publisher.
-        """
-        self.segment(segment)
-        qos = qos or Qos()
-        self._outlets[segment].publisher(key, qos)
-        return BusPublisher(self, segment, key, qos)
 
     def local_ingress(self, segment: str) -> LocalIngress:
         """Return the path to the other segments for a bridge in this process; it is closed with the bus.

@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
+from riot_bus.pipeline.runner import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -16,19 +16,9 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Counts
     from riot_bus.zenoh.link_watch import BrokenLink
 
-__all__ = ["BoundedCounts", "ForwarderCounts", "Losses", "RouteCounts", "TopicCounts", "count"]
+__all__ = ["ForwarderCounts", "Losses", "RouteCounts", "TopicCounts", "count"]
 
 _LOG = logging.getLogger(__name__)
-
-
-class BoundedCounts(Counter[str]):
-    """Counts by topic or key in bounded memory: once there are too many topics, new ones share one count."""
-
-    def add(self, topic: str, number: int = 1) -> None:
-        """Add to the count of a topic."""
-        if topic not in self and len(self) >= MOST_TOPICS:
-            topic = OTHER_TOPICS
-        self[topic] += number
 
 
 class RouteCounts:
@@ -41,8 +31,6 @@ class RouteCounts:
         rewritten: Number of messages changed by a function that does all that the interceptors do.
         reported: Number of rewritten messages that the pipeline has counted.
     """
-
-    __slots__ = ("key", "passed", "reported", "rewritten", "seen")
 
     def __init__(self, key: str) -> None:
         self.key = key

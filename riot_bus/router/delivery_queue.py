@@ -10,28 +10,27 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.pipeline.queue import EmissionQueue
-from riot_bus.pipeline.runner import Emission, Result
-from riot_bus.router.counts import BoundedCounts
+from riot_bus.pipeline.runner import BoundedCounts, Emission, Result
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from riot_bus.interceptors.recorder import Recorder
     from riot_bus.pipeline.event import Arrival
     from riot_bus.router.advanced.publisher_proxies import PublisherProxies
     from riot_bus.router.advanced.publisher_state import PublisherState
     from riot_bus.router.audience import Inner
     from riot_bus.router.pipeline_executor import PipelineExecutor, PipelineWorker
-    from riot_bus.router.recorder import Recorder
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["Answer", "DeliveryQueue", "Treatment"]
+__all__ = ["PipelineAnswer", "DeliveryQueue", "Treatment"]
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
 
 
-class Answer(NamedTuple):
+class PipelineAnswer(NamedTuple):
     """What becomes of a received message that the pipeline has processed.
 
     Attributes:
@@ -43,7 +42,7 @@ class Answer(NamedTuple):
     result: Result | None = None
 
 
-_PASS = Answer()
+_PASS = PipelineAnswer()
 
 
 class Treatment(NamedTuple):
@@ -198,15 +197,17 @@ class DeliveryQueue:
             result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
         return result
 
-    def feed(self, key: str, arrival: Arrival, worker: PipelineWorker) -> Answer:
+    def feed(self, key: str, arrival: Arrival, worker: PipelineWorker) -> PipelineAnswer:
         """Run a received message through the pipeline; the caller forwards it, or delivers the answer's result."""
         segment = arrival.segment
         event, result = self.executor.feed(
             key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], worker=worker
         )
         if result is not None:
-            return Answer(None, result)
-        answer = Answer(event.new_payload) if event.touched else _PASS  # before the recorder decodes the message
+            return PipelineAnswer(None, result)
+        answer = (
+            PipelineAnswer(event.new_payload) if event.touched else _PASS
+        )  # before the recorder decodes the message
         recorder = self.recorder
         if recorder is not None:
             if event.changes:

@@ -15,8 +15,8 @@ from collections import deque
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.pipeline.runner import AbandonedError
-from riot_bus.router.counts import BoundedCounts, ForwarderCounts, RouteCounts
+from riot_bus.pipeline.runner import AbandonedError, BoundedCounts
+from riot_bus.router.counts import ForwarderCounts, RouteCounts
 from riot_bus.zenoh.convert import FEW, Converter, SampleArrival, is_delete, is_droppable
 from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
 from riot_bus.zenoh.libraries import library_of
@@ -48,24 +48,6 @@ _MOST_SENDERS = 64  # for each key: timestamps may carry any id, which must not 
 
 class _KeyRoute(RouteCounts):
     """How messages of one key and QoS are forwarded: ready-made calls, and counts of messages."""
-
-    __slots__ = (
-        "advanced",
-        "congestion",
-        "direct",
-        "encoding",
-        "express",
-        "few",
-        "inspected",
-        "outlets",
-        "priority",
-        "publishers",
-        "qos",
-        "rewrite",
-        "senders",
-        "shared",
-        "text",
-    )
 
     def __init__(self, key: str, qos: Qos, sample: Any, outlets: list[Outlets], treatment: Treatment) -> None:
         super().__init__(key)

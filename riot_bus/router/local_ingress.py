@@ -37,19 +37,6 @@ _ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, 
 class IngressKey(RouteCounts):
     """One key of a `LocalIngress` (see `declare`); it is used by one thread at a time."""
 
-    __slots__ = (
-        "_ingress",
-        "audiences",
-        "generation",
-        "inspected",
-        "native",
-        "puts",
-        "qos",
-        "rewrite",
-        "takes",
-        "text",
-    )
-
     def __init__(self, ingress: LocalIngress, key: str, qos: Qos, text: str) -> None:
         super().__init__(key)
         self._ingress = ingress

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.router.bus import Bus
-from riot_bus.router.recorder import Recorder
 from riot_bus.sut.launcher import Launcher
 from riot_bus.testing.capture import Capture
 from riot_bus.vocabulary.errors import ConfigError

@@ -7,9 +7,9 @@ import threading
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.pipeline.mailbox import Dispatcher
 from riot_bus.vocabulary.message import Qos
 from riot_bus.zenoh.convert import Converter, Outlets
-from riot_bus.zenoh.mailbox import Dispatcher
 from riot_bus.zenoh.session import canonical, open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import client_config
 

@@ -13,12 +13,12 @@ import pytest
 
 from riot_bus.config.router_settings import SegmentSettings
 from riot_bus.inject.interceptor import Injector
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.router import forwarder as lane
 from riot_bus.router.bus import Bus
-from riot_bus.router.recorder import Recorder
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.injection import Injection
@@ -278,7 +278,7 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         seen: list[Message] = []
         bus.subscribe("unit", "cut/**", seen.append)
         bus.put("system", Message(0, "cut/x", b"change", attachment=b"a", qos=Qos(congestion="block")))
-        bus.publisher("system", "cut/y", qos=Qos(2)).put(b"plain", encoding="text/plain")
+        bus.put("system", Message(0, "cut/y", b"plain", encoding="text/plain", qos=Qos(2)))
         assert sorted(texts(source.do("wait", count=2))) == ["change", "plain"]  # priorities may overtake
         samples = sink.do("wait", count=2)
         assert sorted(texts(samples)) == ["changed", "plain"]

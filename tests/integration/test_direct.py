@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.router.bus import Bus
-from riot_bus.router.recorder import Recorder
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.network import Network

@@ -19,11 +19,11 @@ from riot_bus.control.router_service import RouterService
 from riot_bus.doctor.conformance.run import PLAIN, compare, run_scenario
 from riot_bus.doctor.conformance.scenario import PREFIX, find
 from riot_bus.interceptors.copies import Tee
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Event
 from riot_bus.router.bus import Bus
-from riot_bus.router.recorder import Recorder
 from riot_bus.router.services.forwarder import Limits
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request

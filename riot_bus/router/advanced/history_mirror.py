@@ -53,8 +53,8 @@ class HistoryMirror:
         deliveries: Queue that takes messages through the interceptors.
         worker: Worker that runs the tasks.
         upstream: Access to the publishers' caches.
-        depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Function that returns a test, asked twice, whether forwarders have taken what came from a segment until then.
+        fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
+            segment.
     """
 
     def __init__(
@@ -66,12 +66,10 @@ class HistoryMirror:
         deliveries: DeliveryQueue,
         worker: Worker,
         upstream: Upstream,
-        depth: Callable[[str, str], int | None],
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self._sessions, self._outlets, self._converters = sessions, outlets, converters
-        self._deliveries, self._worker, self._upstream, self._hint = deliveries, worker, upstream, depth
-        self._fence = fence
+        self._deliveries, self._worker, self._upstream, self._fence = deliveries, worker, upstream, fence
         self._numbers = itertools.count(_STAND_IN)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
@@ -161,8 +159,8 @@ class HistoryMirror:
             wait = bool(found.samples) and state.first is None and not state.ended
             state.on_first = partial(self._worker.do, adopt) if wait else None
         if wait:
-            # Samples published just now are also in a forwarder, and then are no history. How long they take to come in is
-            # not known, nor whether there are any; samples that come even later are recognised by their numbers.
+            # Samples published just now are also in a forwarder, and then are not history. How long they take to come
+            # in is not known, nor whether there are any; samples that come later are recognised by their numbers.
             taken = self._fence(state.source.segment)
             self._worker.later(_UNDER_WAY_S, partial(self._adopt_behind, state, taken, adopt, 0, _MOST_LOOKS))
         else:
@@ -192,10 +190,8 @@ class HistoryMirror:
     def _adopt(self, state: PublisherState, found: CacheAnswer) -> None:
         state.on_first, source, samples = None, state.source, found.samples
         first = math.inf if state.first is None else state.first
-        depth = self._hint(source.key, source.zid)
-        if not found.asked:
-            depth = 0
-        elif depth is None and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
+        depth = None if found.asked else 0
+        if found.asked and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
             depth = len(samples)  # what was before them is gone
         state.depth = depth
         for name, session in self._sessions.items():

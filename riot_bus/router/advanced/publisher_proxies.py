@@ -53,8 +53,8 @@ class PublisherProxies:
         converters: Converters of samples to messages, by segment.
         deliveries: Queue that takes messages through the interceptors.
         changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
-        depth: Function that returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        fence: Function that returns a test, asked twice, whether forwarders have taken what came from a segment until then.
+        fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
+            segment.
     """
 
     def __init__(
@@ -65,7 +65,6 @@ class PublisherProxies:
         *,
         deliveries: DeliveryQueue,
         changed: Callable[[], None] = lambda: None,
-        depth: Callable[[str, str], int | None] = lambda key, zid: None,
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
@@ -91,7 +90,6 @@ class PublisherProxies:
             deliveries=deliveries,
             worker=self._worker,
             upstream=self._upstream,
-            depth=depth,
             fence=fence,
         )
         self._worker.later(_BEAT_S, self._tick, background=True)
@@ -156,7 +154,7 @@ class PublisherProxies:
             total.update(state.held())
         return total
 
-    # -- for forwarders and the delivery queue --------------------------------------------------------------------------
+    # -- for forwarders and the delivery queue ------------------------------------------------------------------------
 
     def concerns(self, segment: str, key: str, sample: zenoh.Sample) -> bool:
         """Return whether messages of a key concern us; asked when a forwarder learns a key, not for each message."""

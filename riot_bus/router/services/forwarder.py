@@ -9,8 +9,7 @@ from collections import Counter, deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.pipeline.runner import AbandonedError, Result
-from riot_bus.router.counts import BoundedCounts
+from riot_bus.pipeline.runner import AbandonedError, BoundedCounts, Result
 from riot_bus.router.services.call import Call, encoding_text, payload_of, reply_to
 from riot_bus.router.worker import Worker
 from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of

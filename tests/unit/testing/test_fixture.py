@@ -23,7 +23,7 @@ def problems(monkeypatch: pytest.MonkeyPatch, *, through: bool) -> list[str]:
         flows=dict,
         drain=lambda _: through,
         losses=SimpleNamespace(reasons={}),
-        gate=SimpleNamespace(pipeline=SimpleNamespace(errors={})),
+        executor=SimpleNamespace(pipeline=SimpleNamespace(errors={})),
     )
     router: Any = SimpleNamespace(bus=bus, pass_all=lambda: None)
     capture: Any = None

@@ -97,22 +97,23 @@ class Here:
 
 
 class Scene:
-    """A keeper with one state, and everything around it that the test moves."""
+    """A mirror with one state, and everything around it that the test moves."""
 
-    def __init__(self, *, entity: str = "7", again: bool = False, hint: int | None = None) -> None:
+    def __init__(self, *, entity: str = "7", again: bool = False, depth: int | None = None) -> None:
+        self.depth = depth
+        """How many samples the publisher is known to keep, so that it is not asked."""
         self.worker = Hand()
         self.cache = Cache(self.worker)
         self.refused: set[int] = set()
         self.taken = True
-        """Whether lanes have taken all that came in."""
-        self.keeper = HistoryMirror(
+        """Whether forwarders have taken all that came in."""
+        self.mirror = HistoryMirror(
             {"system": None, "unit": None},  # type: ignore[dict-item]
             {"unit": None},  # type: ignore[dict-item]
             {"system": self.convert},  # type: ignore[dict-item]
             deliveries=SimpleNamespace(replay=self.replay, targets_of=lambda emission: ("unit",)),  # type: ignore[arg-type]
             worker=self.worker,  # type: ignore[arg-type]
             upstream=self.cache,  # type: ignore[arg-type]
-            depth=lambda key, zid: hint,
             fence=lambda segment: lambda: self.taken,
         )
         self.state = PublisherState(AdvancedSource("system", "k", "abc", entity), again=again, token=True)
@@ -127,21 +128,22 @@ class Scene:
         return Result(message, (Emission(0, message, message, ()),), ())
 
     def open(self, *numbers: int, **answer: Any) -> None:
-        self.keeper.open(self.state)
+        self.mirror.open(self.state)
         self.cache.answer(*numbers, **answer)
         self.worker.wait()  # for something live
-        self.worker.wait()  # for lanes
+        self.worker.wait()  # for forwarders
         self.worker.wait()  # for those who ask because of the token
 
     def live(self, number: int) -> None:
-        """Do as the terminator does."""
+        """Do as `PublisherProxies` does."""
+        self.state.depth = self.depth or self.state.depth
         verdict = self.state.arrived(number, 0.0)
         if self.state.on_first is not None:
             self.state.on_first()
         if verdict.lost is not None:
-            self.keeper.recover(self.state, *verdict.lost)
+            self.mirror.recover(self.state, *verdict.lost)
         if verdict.check:
-            self.keeper.check(self.state)
+            self.mirror.check(self.state)
         message = Message(0, "k", str(number).encode())
         if verdict.stored is None:
             self.state.deliver("k", partial(self.publish, message))
@@ -162,7 +164,7 @@ def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_history_goes_before_what_comes_meanwhile_and_the_token_before_both_are_heard() -> None:
     scene = Scene()
-    scene.keeper.open(scene.state)
+    scene.mirror.open(scene.state)
     scene.worker.run()
     scene.live(2)
     scene.live(3)
@@ -176,7 +178,7 @@ def test_history_goes_before_what_comes_meanwhile_and_the_token_before_both_are_
 
 def test_a_history_without_anything_live_is_taken_after_a_while() -> None:
     scene = Scene(again=True)
-    scene.keeper.open(scene.state)
+    scene.mirror.open(scene.state)
     scene.cache.answer(0, 1)
     assert Here.made == []
     scene.worker.wait()
@@ -192,7 +194,7 @@ def test_a_history_without_anything_live_is_taken_after_a_while() -> None:
 def test_a_history_waits_for_lanes_and_not_for_ever() -> None:
     scene = Scene(again=True)
     scene.taken = False
-    scene.keeper.open(scene.state)
+    scene.mirror.open(scene.state)
     scene.cache.answer(0, 1)
     for _ in range(module._MOST_LOOKS):
         scene.worker.wait()
@@ -205,7 +207,7 @@ def test_a_history_waits_for_lanes_and_not_for_ever() -> None:
 def test_of_a_history_nothing_is_taken_that_lanes_bring_themselves() -> None:
     scene = Scene(again=True)
     scene.taken = False
-    scene.keeper.open(scene.state)
+    scene.mirror.open(scene.state)
     scene.cache.answer(2)
     scene.worker.wait()
     scene.live(0)
@@ -234,7 +236,7 @@ def test_the_depth_is_known_when_something_is_gone(
     entity: str, live: list[int], found: list[int], depth: int | None
 ) -> None:
     scene = Scene(entity=entity)
-    scene.keeper.open(scene.state)
+    scene.mirror.open(scene.state)
     scene.worker.run()
     for number in live:
         scene.live(number)
@@ -243,15 +245,6 @@ def test_the_depth_is_known_when_something_is_gone(
     scene.worker.wait()
     assert Here.made[-1].depth == depth
     assert bool(scene.cache.asked[1:]) == bool(live and depth is None)
-
-
-def test_a_hint_saves_the_questions() -> None:
-    scene = Scene(hint=5)
-    scene.open(0, 1)
-    scene.live(2)
-    scene.worker.wait()
-    assert scene.cache.asked == [""]
-    assert Here.made[-1].depth == 5
 
 
 def test_who_has_no_cache_gets_none() -> None:
@@ -267,7 +260,7 @@ def test_who_has_no_cache_gets_none() -> None:
 
 
 def test_gaps_are_filled_each_in_its_place() -> None:
-    scene = Scene(hint=9)
+    scene = Scene(depth=9)
     scene.open(0)
     for number in (1, 4, 5, 7, 8):
         scene.live(number)
@@ -279,8 +272,8 @@ def test_gaps_are_filled_each_in_its_place() -> None:
 
 
 def test_gaps_are_filled_in_their_place_although_the_history_is_not_there_yet() -> None:
-    scene = Scene(hint=9)
-    scene.keeper.open(scene.state)
+    scene = Scene(depth=9)
+    scene.mirror.open(scene.state)
     scene.worker.run()
     for number in (1, 3):
         scene.live(number)
@@ -291,17 +284,17 @@ def test_gaps_are_filled_in_their_place_although_the_history_is_not_there_yet() 
 
 
 def test_a_heartbeat_that_is_ahead_lets_us_look_for_the_rest() -> None:
-    scene = Scene(hint=9)
+    scene = Scene(depth=9)
     scene.open(0)
     scene.live(1)
-    scene.keeper.beat(scene.state, 1)
+    scene.mirror.beat(scene.state, 1)
     assert scene.rows == ["0", "token", "1!", "beat"]
-    scene.keeper.beat(scene.state, 3)
+    scene.mirror.beat(scene.state, 3)
     assert scene.cache.asked == [""]
     scene.live(2)  # it had only overtaken this
     scene.worker.wait()
     assert scene.cache.asked == [""]
-    scene.keeper.beat(scene.state, 4)
+    scene.mirror.beat(scene.state, 4)
     scene.worker.wait()
     assert scene.cache.asked[1:] == ["?_sn=3..4"]
     scene.cache.answer(3, 4)
@@ -312,11 +305,11 @@ def test_a_heartbeat_that_is_ahead_lets_us_look_for_the_rest() -> None:
 
 
 def test_a_heartbeat_does_not_overtake_a_message_that_interceptors_still_have() -> None:
-    scene = Scene(hint=9)
+    scene = Scene(depth=9)
     scene.open(0)
     scene.state.arrived(1, 0.0)
     scene.state.busy = True
-    scene.keeper.beat(scene.state, 3)
+    scene.mirror.beat(scene.state, 3)
     scene.worker.wait()
     assert scene.cache.asked == [""]
     scene.state.busy = False
@@ -361,7 +354,7 @@ def test_a_cache_that_never_answers_is_none() -> None:
 
 
 def test_a_task_that_fails_is_told_and_holds_nobody_up(caplog: pytest.LogCaptureFixture) -> None:
-    scene = Scene(hint=9)
+    scene = Scene(depth=9)
     scene.open(0)
     scene.refused.add(2)
     for number in (1, 4):
@@ -374,12 +367,12 @@ def test_a_task_that_fails_is_told_and_holds_nobody_up(caplog: pytest.LogCapture
 
 
 def test_the_end_comes_after_what_was_to_be_done() -> None:
-    scene = Scene(hint=9)
+    scene = Scene(depth=9)
     scene.open(0)
     ended: list[bool] = []
     for number in (1, 3):
         scene.live(number)
-    scene.keeper.end(scene.state, lambda: ended.append(True))
+    scene.mirror.end(scene.state, lambda: ended.append(True))
     scene.worker.wait()
     assert not ended
     scene.cache.answer(2)

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import threading
 
+from riot_bus.pipeline.mailbox import Dispatcher, Mailbox
 from riot_bus.vocabulary.message import Message
-from riot_bus.zenoh.mailbox import Dispatcher, Mailbox
 
 
 def test_order_is_kept_and_size_is_bounded() -> None:

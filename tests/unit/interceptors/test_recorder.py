@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from riot_bus.control.log_paths import claim, safe_path
+from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.router.recorder import Recorder
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until

@@ -1,4 +1,4 @@
-"""Recording of the messages that cross the bus, without ever stalling it."""
+"""Writes messages to a log on a thread of its own, so that a slow disk never holds up those who record."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import time
 from collections import defaultdict
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LostMessagesError
-from riot_bus.router.counts import BoundedCounts
-from riot_bus.zenoh.mailbox import Mailbox
+from riot_bus.pipeline.mailbox import Mailbox
+from riot_bus.pipeline.runner import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -47,14 +48,12 @@ class Writer(Protocol):
         """Number of messages that the log cannot hold."""
         ...
 
-    def write(
-        self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...
-    ) -> None:
+    def write(self, message: Message, *, role: Role = ..., changes: Sequence[Change] = ...) -> None:
         """Write one message."""
         ...
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Write a record that is no message, such as metadata."""
+        """Write a record that is not a message, such as metadata."""
         ...
 
     def renew(self, key: str) -> None:
@@ -72,17 +71,6 @@ class Writer(Protocol):
     def close(self) -> None:
         """Finish the file."""
         ...
-
-
-class _Entry(NamedTuple):
-    message: Message
-    role: Literal["delivered", "original"]
-    changes: Sequence[Change]
-
-
-class _Note(NamedTuple):
-    name: str
-    mapping: Mapping[str, str]
 
 
 class _Switch(NamedTuple):
@@ -119,7 +107,7 @@ class Recorder:
         self._former = Account()
         self._writer = writer
         self._topic = topic
-        self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
+        self._mailbox: Mailbox[Callable[[], None]] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
         self._lock = threading.Lock()
         self._done = 0
         self._closing = False
@@ -135,20 +123,21 @@ class Recorder:
 
     def original(self, message: Message, changes: Sequence[Change]) -> None:
         """Record a message as it was before the interceptors."""
-        self._offer(_Entry(message, "original", changes))
+        self._offer(message, "original", changes)
 
     def delivered(self, message: Message, changes: Sequence[Change] = ()) -> None:
         """Record a message as it was delivered."""
-        self._offer(_Entry(message, "delivered", changes))
+        self._offer(message, "delivered", changes)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> bool:
-        """Write a record that is no message, in order with the messages; return whether there was room.
+        """Write a record that is not a message, in order with the messages; return whether there was room.
 
         Args:
             name: Name of the record, such as `riot_bus.graph`.
             mapping: Keys and texts of the record.
         """
-        return self._mailbox.offer(_Note(name, mapping), sum(map(len, mapping.values())))
+        job = partial(self._guard, lambda: self._writer.note(name, mapping))
+        return self._mailbox.offer(job, sum(map(len, mapping.values())))
 
     def renew(self, key: str) -> None:
         """Write further messages of a key with its type, which has become known."""
@@ -174,7 +163,7 @@ class Recorder:
             TimeoutError: That took longer; the new writer takes over nevertheless.
         """
         switch = _Switch(writer, Future())
-        if self._mailbox.offer(switch, 0):
+        if self._mailbox.offer(partial(self._change, switch), 0):
             with suppress(TimeoutError):
                 return switch.totals.result(patience)
         self._urgent = switch
@@ -184,13 +173,12 @@ class Recorder:
         """Return whether everything accepted so far was written."""
         return self._done >= self._mailbox.accepted
 
-    def close(self) -> None:
-        """Write what is queued and finish the file; safe to call twice."""
+    def close(self, timeout: float | None = None) -> bool:
+        """Write what is queued and finish the file; return whether that was done in time. Safe to call twice."""
         self._closing = True
-        if self._thread.is_alive():
-            self._mailbox.wake()
-            self._thread.join()
-            self._finish()
+        self._mailbox.wake()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
 
     def account(self) -> Account:
         """Return what was recorded so far, and what was lost and why."""
@@ -206,9 +194,9 @@ class Recorder:
         self._former = account
         self._guard(self._writer.close)
 
-    def _offer(self, entry: _Entry) -> None:
-        if not self._mailbox.offer(entry, len(entry.message.payload)):
-            self._count_lost(entry.message, "no room")
+    def _offer(self, message: Message, role: Role, changes: Sequence[Change]) -> None:
+        if not self._mailbox.offer(partial(self._write, message, role, changes), len(message.payload)):
+            self._count_lost(message, "no room")
 
     def _count_lost(self, message: Message, reason: str) -> None:
         topic = self._topic(message.key)
@@ -220,24 +208,17 @@ class Recorder:
         ticked = time.monotonic()
         while True:
             self._hurry()
-            items = self._mailbox.take_many(_HANDFUL, 0 if self._closing else _TICK_S, linger_s=_LINGER_S)
-            for item in items:
-                self._take(item)
+            jobs = self._mailbox.take_many(_HANDFUL, 0 if self._closing else _TICK_S, linger_s=_LINGER_S)
+            for job in jobs:
+                job()
                 self._done += 1
-            if self._closing and not items:
+            if self._closing and not jobs:
+                self._finish()
                 return
             now = time.monotonic()
             if now - ticked >= _TICK_S:
                 ticked = now
                 self._guard(self._writer.tick)
-
-    def _take(self, item: _Entry | _Note | _Switch) -> None:
-        if isinstance(item, _Entry):
-            self._write(item)
-        elif isinstance(item, _Note):
-            self._guard(lambda: self._writer.note(item.name, item.mapping))
-        else:
-            self._change(item)
 
     def _hurry(self) -> None:
         """Make a switch of writers that has waited too long in the queue."""
@@ -254,18 +235,18 @@ class Recorder:
         self._said.clear()
         switch.totals.set_result(self.totals())
 
-    def _write(self, entry: _Entry) -> None:
-        message, writer = entry.message, self._writer
+    def _write(self, message: Message, role: Role, changes: Sequence[Change]) -> None:
+        writer = self._writer
         refused = writer.refused
         try:
-            writer.write(message, role=entry.role, changes=entry.changes)
+            writer.write(message, role=role, changes=changes)
         except Exception as error:
             self._failed(error)
             self._count_lost(message, "disk" if isinstance(error, LostMessagesError) else "damaged")
             return
         if writer.refused != refused:
             self._count_lost(message, "refused")
-        elif entry.role == "delivered":
+        elif role == "delivered":
             self.recorded.add(self._topic(message.key))
 
     def _guard(self, action: Callable[[], None]) -> None:
