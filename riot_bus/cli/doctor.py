@@ -122,5 +122,5 @@ def interceptors(*, form: Format = OutputFormat.TEXT) -> None:
     for each in found:
         typer.echo(f"{each['name']}: {each['summary']}")
         for option in each["options"]:
-            default = "" if option["required"] else f" (default {option['default']})"
+            default = "" if option["default"] is None else f" (default {option['default']})"
             typer.echo(f"    {option['name']}: {option['doc'] or option['type']}{default}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.interceptor import Injector
-from riot_bus.inject.plan import parse_plan
+from riot_bus.inject.plan import parse_plan, plan_text
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -55,9 +55,4 @@ class InjectionPlan:
         Raises:
             ConfigError: The file cannot be read, or it is not a plan.
         """
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise ConfigError(f"cannot read the injection plan: {reason}", where=str(path)) from error
-        return cls.parse(text, str(path), seed=seed)
+        return cls.parse(plan_text(path), str(path), seed=seed)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.faults import fault_of
+from riot_bus.pipeline.conditions import always, decider
 from riot_bus.types.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
-from riot_bus.vocabulary.predicate import parse_predicate
-from riot_bus.vocabulary.selector import key_matches
+from riot_bus.vocabulary.injection import Curve, Formula, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.predicate import Predicate
 
 __all__ = ["Injector"]
 
@@ -59,7 +60,10 @@ class Injector:
                 self._faults.append(fault_of(each))
             except ConfigError as error:
                 raise ConfigError(error.message, where=error.where or f"inject[{number}]", hint=error.hint) from None
-        self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
+        self._decide = [
+            decider(each, partial(_draw, f"{seed}:{each.seed}:{number}"), holds=_holds)
+            for number, each in enumerate(self.injections)
+        ]
         self._registry: TypeRegistry | None = None
         self._routes: dict[str, tuple[list[int], dict[int, list[int]]]] = {}
         self._rewriting: dict[str, int] = {}
@@ -76,20 +80,13 @@ class Injector:
         if route is None:
             if len(self._routes) >= _CACHED_KEYS:
                 self._routes.clear()
-            route = self._routes[key] = self._route(key, event.topic)
+            route = self._routes[key] = self._route(key)
         numbers, single = route
         if event.index in single:
             numbers = sorted([*numbers, *single[event.index]])
         for number in numbers:
-            injection = self.injections[number]
-            if not _in_window(injection, event):
-                continue
             try:
-                condition = self._conditions[number]
-                if condition is not None and not condition(event.read):
-                    continue
-                chance = injection.probability
-                if chance < 1.0 and self._draw(number, event.digest, event.index) >= chance:
+                if not self._decide[number](event):
                     continue
                 self._faults[number].apply(event)
             except PayloadError as error:
@@ -99,19 +96,19 @@ class Injector:
             if event.dropped:
                 return
 
-    def _route(self, key: str, topic: str) -> tuple[list[int], dict[int, list[int]]]:
+    def _route(self, key: str) -> tuple[list[int], dict[int, list[int]]]:
         """Return the numbers of the injections for a key, and those for a single message, by its index."""
         many: list[int] = []
         single: dict[int, list[int]] = {}
         for number, injection in enumerate(self.injections):
-            if self._wants(number, key, topic):
+            if self._wants(number, key):
                 alone = injection.first == injection.last
                 (single.setdefault(injection.first, []) if alone else many).append(number)
         return many, single
 
     def rewriter(self, kind: MessageType | None, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return a patch of payloads if all messages of a key get the same value at the same place; see `Pipeline`."""
-        numbers = [n for n in range(len(self.injections)) if self._wants(n, key, key)]
+        numbers = [n for n in range(len(self.injections)) if self._wants(n, key)]
         patcher = getattr(kind, "patcher", None)
         if len(numbers) != 1 or kind is None or patcher is None:
             return None
@@ -123,10 +120,9 @@ class Injector:
             or value is None
             or isinstance(value, Signal | Curve | Formula)
             or "[*]" in path
+            or self._decide[numbers[0]] is not always
         ):
             return None
-        if injection != Injection(injection.topic, path, value, seed=injection.seed):
-            return None  # it has conditions
         try:
             patch: Callable[[bytes], bytes] | None = patcher(path, fit_value(value, kind.read(payload, path)))
         except PayloadError:
@@ -141,15 +137,9 @@ class Injector:
         if number is not None:  # else another plan did that
             self.hits[number] += count
 
-    def _wants(self, number: int, key: str, topic: str) -> bool:
-        wanted = self.injections[number].topic
-        if self._registry is not None:
-            return self._registry.matches(wanted, key)
-        return wanted == topic or key_matches(wanted, key)
-
-    def _draw(self, number: int, digest: bytes, index: int) -> float:
-        text = f"{self.seed}:{self.injections[number].seed}:{number}:{index}:".encode()
-        return int.from_bytes(hashlib.sha256(text + digest).digest()[:8], "big") / 2**64
+    def _wants(self, number: int, key: str) -> bool:
+        assert self._registry is not None  # the pipeline has called `load`
+        return self._registry.matches(self.injections[number].topic, key)
 
     def _skip(self, topic: str, error: PayloadError) -> None:
         self.skipped[topic] += 1
@@ -158,10 +148,9 @@ class Injector:
             _LOG.warning("%s: an injection cannot be carried out, messages pass as they are: %s", topic, error)
 
 
-def _in_window(injection: Injection, event: Event) -> bool:
-    return (
-        injection.start <= event.seconds
-        and (injection.end is None or event.seconds < injection.end)
-        and injection.first <= event.index
-        and (injection.last is None or event.index <= injection.last)
-    )
+def _draw(source: str, event: Event) -> float:
+    return event.draw(source=source)
+
+
+def _holds(predicate: Predicate, event: Event) -> bool:
+    return predicate(event.read)  # a PayloadError is reported, as if the fault could not be applied

@@ -28,6 +28,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
+from riot_bus.inject.mutations import HexBytes
+from riot_bus.pipeline.conditions import window_problem
 from riot_bus.plugin_options import instance_of, options_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
     from riot_bus.inject.faults import FaultKind
 
-__all__ = ["parse_plan", "plan_to_toml", "read_plan"]
+__all__ = ["parse_plan", "plan_text", "plan_to_toml", "read_plan"]
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -49,12 +51,7 @@ _VALUES = ("value", "signal", "curve", "formula")
 """Keys that say what a field is set to."""
 
 
-class _Bytes(BaseModel):
-    model_config = _STRICT
-    hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
-
-
-_Written = bool | int | float | str | _Bytes
+_Written = bool | int | float | str | HexBytes
 
 
 class _Signal(BaseModel):
@@ -112,13 +109,16 @@ def read_plan(path: Path | str) -> tuple[Injection, ...]:
     Raises:
         ConfigError: The file is missing, is not TOML, or a key or value in it is wrong.
     """
+    return parse_plan(plan_text(Path(path)), name=str(path))
+
+
+def plan_text(path: Path) -> str:
+    """Return the text of an injection plan; raises ConfigError if the file cannot be read."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(path)) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"not a TOML file: {error}", where=str(path)) from error
-    return parse_plan(text, name=str(path))
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"cannot read the injection plan: {reason}", where=str(path)) from error
 
 
 def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
@@ -185,7 +185,7 @@ def _option(value: Any, where: str) -> Scalar:
 
 
 def _scalar(value: _Written) -> Scalar:
-    return bytes.fromhex(value.hex) if isinstance(value, _Bytes) else value
+    return bytes.fromhex(value.hex) if isinstance(value, HexBytes) else value
 
 
 def _problem(entry: _Inject, declared: Container[str]) -> str | None:
@@ -200,11 +200,7 @@ def _problem(entry: _Inject, declared: Container[str]) -> str | None:
         return "delay = SECONDS (> 0) belongs to fault = 'delay', and only there"
     if "copies" in given and "copies" not in declared:
         return "copies belongs to fault = 'duplicate'"
-    if entry.end is not None and entry.end <= entry.start:
-        return f"end = {entry.end} is not later than start = {entry.start}"
-    if entry.last is not None and entry.last < entry.first:
-        return f"last = {entry.last} is before first = {entry.first}"
-    return None
+    return window_problem(entry.start, entry.end, entry.first, entry.last)
 
 
 def _injection(entry: _Inject, seed: int, where: str) -> Injection:
@@ -284,7 +280,7 @@ def _formula(written: str | _Formula, where: str) -> Formula:
 def _explain(error: ValidationError, path: str) -> ConfigError:
     problems = error.errors()
     first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    tags = ("bool", "int", "float", "str", "_Bytes", "_Formula")
+    tags = ("bool", "int", "float", "str", "HexBytes", "_Formula")
     *outer, last = first["loc"]
     unknown = first["type"] == "extra_forbidden"  # a key from the file, which may have the name of a tag
     place: list[str | int] = [part for part in outer if part not in tags]
@@ -295,7 +291,7 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
         word = str(place[-1])
         models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
         inner: dict[str, type[BaseModel]] = {"signal": _Signal, "curve": _Curve, "formula": _Formula}
-        model = models.get(len(place)) or next((inner[str(name)] for name in place if name in inner), _Bytes)
+        model = models.get(len(place)) or next((inner[str(name)] for name in place if name in inner), HexBytes)
         return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
     given = first["input"]
     shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""

@@ -34,14 +34,14 @@ class Option:
     Attributes:
         name: Name as it is written.
         type: Type as it is declared, empty if it is not.
-        default: Default value; None also if the option is required.
+        default: Default value as text; None if there is none, or if the option is required.
         doc: Meaning of the option, in a sentence.
         required: Whether it has to be given.
     """
 
     name: str
     type: str
-    default: Any = None
+    default: str | None = None
     doc: str = ""
     required: bool = False
 
@@ -114,7 +114,7 @@ def describe() -> list[Description]:
             Option(
                 key,
                 annotation,
-                None if default is REQUIRED else default,
+                None if default in (REQUIRED, None) else str(default),
                 " ".join(docs.get(key, "").split()),
                 required=default is REQUIRED,
             )
@@ -136,20 +136,4 @@ def _find(use: str, where: str | None, root: Path | None = None) -> type:
 
 def interceptor_list() -> list[dict[str, Any]]:
     """Return the interceptors that are known by name, and their options, as JSON values."""
-    return [
-        {
-            "name": each.name,
-            "summary": each.summary,
-            "options": [
-                {
-                    "name": option.name,
-                    "type": option.type,
-                    "doc": option.doc,
-                    "required": option.default in (REQUIRED, None),
-                    "default": None if option.default in (REQUIRED, None) else str(option.default),
-                }
-                for option in each.options
-            ],
-        }
-        for each in describe()
-    ]
+    return [dataclasses.asdict(each) for each in describe()]

@@ -1,4 +1,7 @@
-"""Conditions for calling an interceptor: for which messages, on which route, in which period, and how often."""
+"""Conditions on messages: which ones, on which route, in which period, and what share of them.
+
+`When` says so for a whole interceptor, `Injection` for one fault of a plan; `decider` makes one function of either.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,14 @@ from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.predicate import Predicate
 
-__all__ = ["Selective", "When", "always"]
+__all__ = ["Selective", "When", "always", "decider", "window_problem"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +57,8 @@ class When:
             raise ConfigError(f"probability = {self.probability} is not between 0 and 1")
         if math.isnan(self.start) or (self.end is not None and math.isnan(self.end)):
             raise ConfigError(f"start = {self.start} and end = {self.end} must be times", hint="give seconds")
-        if self.end is not None and self.end <= self.start:
-            raise ConfigError(f"end = {self.end} is not later than start = {self.start}")
-        if self.last is not None and self.last < self.first:
-            raise ConfigError(f"last = {self.last} is before first = {self.first}")
+        if problem := window_problem(self.start, self.end, self.first, self.last):
+            raise ConfigError(problem)
         if self.where is not None:
             parse_predicate(self.where)
         self.selectors()
@@ -82,7 +84,6 @@ class When:
 
     def for_key(self, key: str, registry: TypeRegistry) -> Callable[[Event], bool] | None:
         """Return a function that decides about the messages of one key; None if none of them is selected."""
-        predicates = [parse_predicate(self.where)] if self.where is not None else []
         selectors = self.selectors()
         choices: list[Predicate] = []
         if selectors is not None:
@@ -91,30 +92,59 @@ class When:
                 return None
             if None not in matching:
                 choices = [parse_predicate(where) for where in matching if where is not None]
-        return self._decider(predicates, choices)
+        decide = decider(self, lambda event: event.draw("chosen"), holds=_holds, choices=choices)
+        source = self.source
+        if source is None:
+            return decide
+        return lambda event: event.segment == source and decide(event)
 
-    def _decider(self, predicates: list[Predicate], choices: list[Predicate]) -> Callable[[Event], bool]:
-        timed = self.start > 0 or self.end is not None
-        numbered = self.first > 0 or self.last is not None
-        chance = self.probability < 1.0
-        if not (timed or numbered or chance or self.source or predicates or choices):
-            return always
 
-        def decide(event: Event) -> bool:
-            if self.source is not None and event.segment != self.source:
-                return False
+def decider(
+    conditions: When | Injection,
+    draw: Callable[[Event], float],
+    *,
+    holds: Callable[[Predicate, Event], bool],
+    choices: Sequence[Predicate] = (),
+) -> Callable[[Event], bool]:
+    """Return a function that decides whether a message is in the window, meets the predicate and is drawn.
+
+    Args:
+        conditions: Window, predicate and probability; all must hold.
+        draw: Function that returns a number in [0, 1) for a message, always the same one.
+        holds: Function that returns whether a message meets a predicate.
+        choices: Further predicates, of which one must hold, too.
+    """
+    start, end, first, last = conditions.start, conditions.end, conditions.first, conditions.last
+    where = None if conditions.where is None else parse_predicate(conditions.where)
+    probability = conditions.probability
+    timed = start > 0 or end is not None
+    numbered = first > 0 or last is not None
+    if not (timed or numbered or probability < 1.0 or where or choices):
+        return always
+
+    def decide(event: Event) -> bool:
+        if timed:
             seconds = max(0.0, event.seconds)  # a clock may be set back
-            if timed and not (self.start <= seconds and (self.end is None or seconds < self.end)):
+            if seconds < start or (end is not None and seconds >= end):
                 return False
-            if numbered and not (self.first <= event.index and (self.last is None or event.index <= self.last)):
-                return False
-            if not all(_holds(each, event) for each in predicates):
-                return False
-            if choices and not any(_holds(each, event) for each in choices):
-                return False
-            return not chance or event.draw("chosen") < self.probability
+        if numbered and (event.index < first or (last is not None and event.index > last)):
+            return False
+        if where is not None and not holds(where, event):
+            return False
+        if choices and not any(holds(each, event) for each in choices):
+            return False
+        return probability >= 1.0 or draw(event) < probability
 
-        return decide
+    return decide
+
+
+def window_problem(start: float, end: float | None, first: int, last: int | None) -> str | None:
+    """Return what is wrong with a window of times and numbers; None if nothing is."""
+    if end is not None and end <= start:
+        return f"end = {end} is not later than start = {start}"
+    if last is not None and last < first:
+        return f"last = {last} is before first = {first}"
+    return None
 
 
 def always(event: Event) -> bool:

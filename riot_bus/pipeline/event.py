@@ -254,13 +254,14 @@ class Event:
             self.added = [*self.added, entry]
         self._note(Change(self.interceptor, "add"))
 
-    def draw(self, salt: str = "") -> float:
+    def draw(self, salt: str = "", *, source: str | None = None) -> float:
         """Return a number in [0, 1): the same for the same seed, content and number of the message in its topic.
 
         Args:
             salt: Text that selects another number for the same message.
+            source: Text that replaces all but content and number of the message: interceptor, its seed, salt and topic.
         """
-        return int.from_bytes(self._dice(salt)[:8], "big") / 2**64
+        return int.from_bytes(self._dice(salt, source)[:8], "big") / 2**64
 
     def random(self, salt: str = "") -> random.Random:
         """Return a generator that is seeded like `draw`."""
@@ -315,9 +316,10 @@ class Event:
         else:
             self.changes = [change]
 
-    def _dice(self, salt: str) -> bytes:
-        text = f"{self.seed}:{self.interceptor}:{salt}:{self.topic}:{self.index}:".encode()
-        return hashlib.sha256(text + self.digest).digest()
+    def _dice(self, salt: str, source: str | None = None) -> bytes:
+        if source is None:
+            source = f"{self.seed}:{self.interceptor}:{salt}:{self.topic}"
+        return hashlib.sha256(f"{source}:{self.index}:".encode() + self.digest).digest()
 
     def _known_type(self) -> MessageType:
         kind = self._type or self.type

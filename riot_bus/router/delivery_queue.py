@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["PipelineAnswer", "DeliveryQueue", "Treatment"]
+__all__ = ["DeliveryQueue", "PipelineAnswer", "Treatment"]
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`

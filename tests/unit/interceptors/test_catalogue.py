@@ -131,7 +131,7 @@ def test_every_shipped_one_and_all_its_options_are_described():
     assert options["spread"].required
     assert options["spread"].type == "float"
     (hold,) = found["freeze"].options
-    assert (hold.default, hold.required) == (0, False)
+    assert (hold.default, hold.required) == ("0", False)
 
 
 def test_those_of_others_are_found(installed):

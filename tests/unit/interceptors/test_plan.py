@@ -29,14 +29,14 @@ def test_a_plan_is_carried_out_on_its_topics(bench, plan):
         run.feed(0.1 * n, {"x": 1.5, "n": n}, key="scan")
     hits = sum(b"9.5" in payload for payload in run.payloads())
     assert 10 < hits < 40
-    assert interceptor.injector.hits[0] == hits
+    assert interceptor.hits[0] == hits
     assert interceptor.topics == ["odom"]
 
 
 def test_the_seed_belongs_to_the_plan_too(plan):
     built = build("inject", {"plan": plan, "seed": 7, "end": 3.0})
     assert isinstance(built, Selective)
-    assert built.interceptor.injector.seed == built.when.seed == 7
+    assert built.interceptor.seed == built.when.seed == 7
 
 
 def test_a_wrong_plan_is_refused_when_it_is_named(tmp_path):
