@@ -24,7 +24,7 @@ from riot_bus.router.services.services import Services
 from riot_bus.router.tap import Tap
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.zenoh.convert import Claims, Converter, Outlets
+from riot_bus.zenoh.convert import Claims, Converter
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.link_watch import TransportWatch
@@ -94,9 +94,6 @@ class Bus:
             segments = Network(segments, config=config, wait_before_close_s=wait_before_close_s, timeout=timeout)
         self._network = network = segments
         self._registry = registry or TypeRegistry()
-        self._sequence = itertools.count(1)
-        self._outlets: dict[str, Outlets] = {}
-        self._converters = {name: Converter(name, self._sequence) for name in network.settings}
         self._forwarders: dict[str, list[Forwarder]] = {}
         self._retired: list[Forwarder] = []
         self._ingresses: list[LocalIngress] = []
@@ -112,10 +109,8 @@ class Bus:
         """The access to the interceptors, to run or to change them."""
         self._deliveries = DeliveryQueue(
             self.executor,
-            self._outlets,
-            targets={name: tuple(other for other in network.settings if other != name) for name in network.settings},
-            owned=lambda key: self._claims.owner(key) is not None,
-            sequence=self._sequence,
+            network.settings,
+            owner=lambda key: self._claims.owner(key),
             topic=self._registry.topic,
         )
         self._deliveries.recorder = recorder
@@ -143,7 +138,7 @@ class Bus:
             self._network.open(self._claims.expressions, self._selected)
             if self._owns_network:
                 stack.callback(self._network.close)
-            self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
+            self._deliveries.open(self.sessions)
             self._watch = self._watched()
             stack.callback(self._watch.stop)
             stack.callback(self.executor.close)
@@ -152,15 +147,10 @@ class Bus:
             self.executor.change(Pipeline.start)
             if len(self._segments) > 1:
                 self._advanced = self._deliveries.advanced = PublisherProxies(
-                    self.sessions,
-                    self._outlets,
-                    self._converters,
-                    deliveries=self._deliveries,
-                    changed=self._forget,
-                    fence=self._fence,
+                    self._deliveries, changed=self._forget, fence=self._fence
                 )
                 spaces = [text for each in self._registry.service_adapters() for text in each.services]
-                self._services = Services(self.sessions, self._deliveries, sequence=self._sequence, spaces=spaces)
+                self._services = Services(self._deliveries, spaces=spaces)
             stack.callback(self._stop)
             self._intercept(self._claims.expressions, self._selected, again=False)
             self._stack = stack.pop_all()
@@ -186,7 +176,7 @@ class Bus:
             self._network.wait_before_close_s,
             inner=self._network.linked,
             ours=lambda: self.ids | self.ids_ever,
-            longest=lambda name: self._outlets[name].longest_s,
+            longest=lambda name: self._deliveries.outlets[name].longest_s,
         )
         watch.start(self.sessions)
         return watch
@@ -204,8 +194,6 @@ class Bus:
             self._advanced.close()
         self._deliveries.close()
         self._dispatcher.close()
-        for outlets in self._outlets.values():
-            outlets.close()
         for each in (*self._declared, *self._tokens.values()):
             with suppress(library_of(each).ZError):  # its user has undeclared it
                 release(each)
@@ -318,17 +306,7 @@ class Bus:
             self._services.select(services)
         self._claims = Claims(expressions, owners=[*kept, *new])
         for expression in new:
-            self._forwarders[expression] = [
-                Forwarder(
-                    name,
-                    segment.session,
-                    expression,
-                    deliveries=self._deliveries,
-                    converter=self._converters[name],
-                    owner=lambda key: self._claims.owner(key),
-                )
-                for name, segment in self._segments.items()
-            ]
+            self._forwarders[expression] = [Forwarder(name, expression, self._deliveries) for name in self._segments]
         self._forget()
         self._observe()
         if self._advanced is not None:
@@ -364,7 +342,7 @@ class Bus:
         else:
             segment = next(iter(self._segments))
             session = self._segments[segment].session
-        converter = Converter(segment, self._sequence)
+        converter = Converter(segment, self._deliveries.sequence)
         self._taps = [
             Tap(session, expression, take=self._observation(expression), convert=converter)
             for expression in self._record.expressions
@@ -411,8 +389,10 @@ class Bus:
         """
         self.segment(segment)
         if self._claims.owner(message.key) is not None:
-            self._deliveries.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
-        self._outlets[segment].publish(message)
+            self._deliveries.send(
+                message.with_(time=time.time_ns(), segment=segment, sequence=next(self._deliveries.sequence))
+            )
+        self._deliveries.outlets[segment].publish(message)
 
     def deliver(self, segment: str, message: Message) -> bool:
         """Publish to the components of one segment only, bypassing the pipeline, if one has subscribed; see `put`.
@@ -430,7 +410,7 @@ class Bus:
             )
         heard = bool(getattr(probe.matching_status, "matching", True))
         if heard:
-            self._outlets[segment].publish(message)
+            self._deliveries.outlets[segment].publish(message)
         return heard
 
     def local_ingress(self, segment: str) -> LocalIngress:
@@ -440,13 +420,7 @@ class Bus:
             segment: Name of the segment that the messages come from.
         """
         self.segment(segment)
-        ingress = LocalIngress(
-            segment,
-            self._deliveries,
-            self.sessions,
-            owner=lambda key: self._claims.owner(key),
-            sequence=self._sequence,
-        )
+        ingress = LocalIngress(segment, self._deliveries)
         self._ingresses.append(ingress)
         return ingress
 
@@ -497,7 +471,7 @@ class Bus:
         Returns:
             An object with `undeclare()`, which ends the observation.
         """
-        session, convert = self.segment(segment).session, self._converters[segment]
+        session, convert = self.segment(segment).session, self._deliveries.converters[segment]
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
         only_stored = StoreFilter(self.segment(segment).zid)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import BoundedCounts, Emission, Result
+from riot_bus.zenoh.convert import Converter, Outlets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from riot_bus.interceptors.recorder import Recorder
     from riot_bus.pipeline.event import Arrival
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus.router.audience import Inner
     from riot_bus.router.pipeline_executor import PipelineExecutor, PipelineWorker
     from riot_bus.vocabulary.message import Message
-    from riot_bus.zenoh.convert import Outlets
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["DeliveryQueue", "PipelineAnswer", "Treatment"]
 
@@ -67,43 +69,53 @@ class DeliveryQueue:
 
     Args:
         executor: Executor of the pipeline.
-        outlets: Where to publish, by segment.
-        targets: Target segments of messages, by source segment.
-        owned: Function that returns whether a key is intercepted.
-        sequence: Numbers for messages that interceptors add.
+        segments: Names of the segments.
+        owner: Function that returns which intercepted expression a key belongs to, if any.
         topic: Function that returns the topic of a key.
+
+    Attributes:
+        sessions: The segments' own sessions, once `open` was called.
+        outlets: Where to publish, by segment, once `open` was called.
+        converters: Converters of samples to messages, by segment.
+        sequence: Numbers of messages.
+        targets: Target segments of messages, by source segment.
+        advanced: Proxies of advanced publishers; None if there are none.
+        inner: Bridges in this process, by segment.
+        observed: Segments to which a subscriber in this process listens.
     """
 
     def __init__(
         self,
         executor: PipelineExecutor,
-        outlets: Mapping[str, Outlets],
+        segments: Collection[str],
         *,
-        targets: Mapping[str, tuple[str, ...]],
-        owned: Callable[[str], bool],
-        sequence: Iterator[int],
+        owner: Callable[[str], str | None],
         topic: Callable[[str], str],
     ) -> None:
         self.executor = executor
-        self.outlets = outlets
-        self.targets = targets
+        self.sessions: dict[str, zenoh.Session] = {}
+        self.outlets: dict[str, Outlets] = {}
+        self.sequence = itertools.count(1)
+        self.converters = {name: Converter(name, self.sequence) for name in segments}
+        self.targets = {name: tuple(other for other in segments if other != name) for name in segments}
+        self.owner = owner
         self.recorder: Recorder | None = None
         self.advanced: PublisherProxies | None = None
-        """The proxies of advanced publishers; None if there are no proxies."""
         self.inner: dict[str, tuple[Inner, ...]] = {}
-        """Bridges in this process, by segment."""
         self.observed: set[str] = set()
-        """Segments that somebody else in this process listens to."""
-        self._owned = owned
-        self._sequence = sequence
         self._topic = topic
-        self._waiting = EmissionQueue()
+        self._delayed = EmissionQueue()
         self._held: Counter[str] = Counter()
         self._condition = threading.Condition()
         self._lost: dict[str, BoundedCounts] = {}
         self._lost_lock = threading.Lock()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
+
+    def open(self, sessions: Mapping[str, zenoh.Session]) -> None:
+        """Publish through these sessions, the segments' own ones."""
+        self.sessions.update(sessions)
+        self.outlets.update({name: Outlets(session) for name, session in sessions.items()})
 
     def start(self) -> None:
         """Start the thread for delayed messages, unless it was started."""
@@ -118,11 +130,13 @@ class DeliveryQueue:
         self.give_up()
         if self._thread.is_alive():
             self._thread.join()
+        for outlets in self.outlets.values():
+            outlets.close()
 
     def give_up(self) -> None:
         """Discard the messages that are still held, and count them as lost."""
         with self._condition:
-            left = self._waiting.pop_due()
+            left = self._delayed.pop_due()
         for emission in left:
             self.lose(emission.counted_key, "held at the end")
             self._unhold(emission)
@@ -225,7 +239,7 @@ class DeliveryQueue:
                 self._publish(emission)
             else:
                 with self._condition:
-                    self._waiting.push(emission)
+                    self._delayed.push(emission)
                     self._held[self._topic(emission.counted_key)] += 1
                     self._condition.notify()
 
@@ -251,7 +265,7 @@ class DeliveryQueue:
             source = (emission.original or message).segment
             targets = self.targets.get(source) or tuple(self.outlets)
         # an added message on a key that is not cut reaches the others by itself
-        return targets if self._owned(message.key) else targets[:1]
+        return targets if self.owner(message.key) is not None else targets[:1]
 
     def _publish(self, emission: Emission) -> None:
         key, advanced = emission.message.key, self.advanced
@@ -266,7 +280,7 @@ class DeliveryQueue:
     def _put(self, emission: Emission, state: PublisherState | None = None) -> None:
         message = emission.message
         if emission.original is None:
-            message = message.with_(sequence=next(self._sequence))
+            message = message.with_(sequence=next(self.sequence))
         try:
             for name in self.targets_of(emission):
                 if state is None or not state.publish(name, message):
@@ -292,11 +306,11 @@ class DeliveryQueue:
             with self._condition:
                 if self._closing:
                     return
-                due = self._waiting.next_due()
+                due = self._delayed.next_due()
                 now = time.time_ns()
                 if due is None or due > now:
                     self._condition.wait(_IDLE_S if due is None else min(_IDLE_S, (due - now) / 1e9))
-                ready = self._waiting.pop_due(time.time_ns())
+                ready = self._delayed.pop_due(time.time_ns())
             for emission in ready:
                 self._publish(emission)
                 self._unhold(emission)

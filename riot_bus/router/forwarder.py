@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError, BoundedCounts
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
-from riot_bus.zenoh.convert import FEW, Converter, SampleArrival, is_delete, is_droppable
+from riot_bus.zenoh.convert import FEW, SampleArrival, is_delete, is_droppable
 from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
@@ -84,34 +84,22 @@ class Forwarder:
 
     Args:
         segment: Name of the segment.
-        session: The segment's own session.
         expression: Key expression that is intercepted.
         deliveries: Queue that takes messages through the pipeline and delivers them.
-        converter: Converter of samples to messages.
-        owner: Function that returns which of several overlapping expressions a key belongs to.
     """
 
-    def __init__(
-        self,
-        segment: str,
-        session: zenoh.Session,
-        expression: str,
-        *,
-        deliveries: DeliveryQueue,
-        converter: Converter,
-        owner: Callable[[str], str | None],
-    ) -> None:
+    def __init__(self, segment: str, expression: str, deliveries: DeliveryQueue) -> None:
+        session = deliveries.sessions[segment]
         library = library_of(session)
         self.segment = segment
         self.expression = expression
-        self.waiting = False
+        self.caught_up = False
         """Whether everything so far was processed."""
         self.received = 0
         self.shed = BoundedCounts()
         """Droppable messages per key for which there was no room."""
         self._deliveries = deliveries
-        self._converter = converter
-        self._owner = owner
+        self._converter = deliveries.converters[segment]
         self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
         self._by_qos: dict[tuple[str, Qos], _KeyRoute] = {}
         self._former: deque[dict[tuple[str, Qos], _KeyRoute]] = deque()  # forgotten, but perhaps still counting
@@ -177,7 +165,7 @@ class Forwarder:
 
     def idle(self) -> bool:
         """Return whether no message is in process."""
-        return self.waiting or not self._thread.is_alive()
+        return self.caught_up or not self._thread.is_alive()
 
     def fence(self) -> Callable[[], bool]:
         """Return a function that tells whether all messages that came in before this call are processed.
@@ -207,15 +195,15 @@ class Forwarder:
         while generation == self._generation:
             try:
                 if not backlog:
-                    self.waiting = True
+                    self.caught_up = True
                     sample = receive()
-                    self.waiting = False
+                    self.caught_up = False
                     backlog.append(sample)
                     self.received += 1
                 fill()
             except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
                 if not backlog:
-                    self.waiting = True
+                    self.caught_up = True
                     return
             try:
                 slice_()
@@ -244,7 +232,7 @@ class Forwarder:
                 return
             if is_droppable(sample):
                 key = str(sample.key_expr)
-                if self._owner(key) == self.expression:
+                if self._deliveries.owner(key) == self.expression:
                     self.shed.add(key)
             else:
                 self._backlog.append(sample)
@@ -319,7 +307,7 @@ class Forwarder:
             self.forget()
         routes, by_qos = self._routes, self._by_qos  # if `forget` runs now, outdated routes go to the old ones
         key = str(key_expr)
-        if self._owner(key) != self.expression:
+        if self._deliveries.owner(key) != self.expression:
             routes[key_expr] = None
             return None
         qos = self._converter.qos(sample)

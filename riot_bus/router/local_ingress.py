@@ -21,12 +21,11 @@ from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from riot_bus.router.audience import Take
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Qos
-    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["IngressKey", "LocalIngress"]
 
@@ -83,30 +82,19 @@ class LocalIngress:
     Args:
         segment: Name of the segment.
         deliveries: Queue that takes messages through the pipeline and delivers them.
-        sessions: The segments' own sessions.
-        owner: Function that returns which intercepted expression a key belongs to.
-        sequence: Sequence numbers of messages.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
         queued: Number of messages that interceptors have to see, or whose route is not known yet.
     """
 
-    def __init__(
-        self,
-        segment: str,
-        deliveries: DeliveryQueue,
-        sessions: Mapping[str, zenoh.Session],
-        *,
-        owner: Callable[[str], str | None],
-        sequence: Iterator[int],
-    ) -> None:
+    def __init__(self, segment: str, deliveries: DeliveryQueue) -> None:
         self.segment = segment
         self._generations = itertools.count()
         self.generation = next(self._generations)
         self.queued = 0
         self._room = threading.Semaphore(_ROOM)
-        self._deliveries, self._sessions, self._owner, self._sequence = deliveries, sessions, owner, sequence
+        self._deliveries = deliveries
         self._keys: dict[int, IngressKey] = {}
         self._counts = ForwarderCounts(deliveries.executor.rewrote)
         self._changing = threading.Lock()
@@ -152,7 +140,7 @@ class LocalIngress:
 
     def owns(self, key: str) -> bool:
         """Return whether messages of a key are intercepted; if not, they are routed natively."""
-        return bool(self._deliveries.targets[self.segment]) and self._owner(key) is not None
+        return bool(self._deliveries.targets[self.segment]) and self._deliveries.owner(key) is not None
 
     def forget(self) -> None:
         """Forget what is known of keys, since interceptors, recorder or claims have changed."""
@@ -234,7 +222,7 @@ class LocalIngress:
             attachment=attachment,
             qos=route.qos,
             segment=self.segment,
-            sequence=next(self._sequence),
+            sequence=next(self._deliveries.sequence),
         )
         self._deliveries.send(message, self._worker)
         route.seen += 1
@@ -273,7 +261,7 @@ class LocalIngress:
             return publish
         if name not in route.audiences:
             route.audiences[name] = Audience(
-                self._sessions[name], key, qos=route.qos, encoding=route.text, took=outlet.took
+                deliveries.sessions[name], key, qos=route.qos, encoding=route.text, took=outlet.took
             )
         return route.audiences[name].put
 

@@ -1,4 +1,4 @@
-"""A tap: the thread that observes the natively routed messages of one key expression."""
+"""Observes the natively routed messages of one key expression, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Tap:
     Args:
         session: Session that observes.
         expression: Key expression of the messages.
-        take: Function called with each message on the tap's own thread.
+        take: Function called with each message, on the thread of this tap.
         convert: Converter of samples to messages.
     """
 
     def __init__(
         self, session: zenoh.Session, expression: str, *, take: Callable[[Message], None], convert: Converter
     ) -> None:
-        self.waiting = False
+        self.caught_up = False
         """Whether everything so far was taken."""
         self._take, self._convert = take, convert
         self._batches = Batches(session, expression)
@@ -47,13 +47,13 @@ class Tap:
 
     def idle(self) -> bool:
         """Return whether no message is in process."""
-        return self.waiting or not self._thread.is_alive()
+        return self.caught_up or not self._thread.is_alive()
 
     def _run(self) -> None:
         while True:
-            self.waiting = True
+            self.caught_up = True
             samples = self._batches.receive()
-            self.waiting = False
+            self.caught_up = False
             if not samples:
                 return
             for sample in samples:

@@ -1,4 +1,15 @@
-"""The junction: the router that joins all segments and keeps the intercepted keys apart."""
+"""The router that joins the segments, except for the keys that are cut; it is replaced when other keys are to be cut.
+
+| state | event | what happens | next state |
+|---|---|---|---|
+| apart | `begin` | a router is opened, without waiting for its links | begun |
+| apart | `open` | a router is opened; wait for links and routes | joined, or apart after the timeout |
+| begun | `open` with the same keys | wait for links and routes | joined, or apart |
+| begun, joined | `open` with other keys | another router is opened; the former one leaves once the new one | joined, or apart |
+|   |   | reaches all segments | |
+| joined | `open` with the same keys | nothing | joined |
+| any | `close` | the router leaves | apart |
+"""
 
 from __future__ import annotations
 
@@ -36,6 +47,23 @@ _LEAST_WEIGHT = 100  # Zenoh's default, which direct links have: they have to st
 _MOST_WEIGHT = 65_000  # Zenoh's weights have 16 bits, 65,535 at most
 
 
+class _Router(NamedTuple):
+    """One of the routers that join the segments in turn.
+
+    Attributes:
+        session: The router; None while the segments are apart.
+        zid: Its id.
+        sockets: Sockets of its links.
+    """
+
+    session: zenoh.Session | None = None
+    zid: str = ""
+    sockets: JunctionSockets | None = None
+
+
+_APART = _Router()
+
+
 class Junction:
     """Joins segments; messages that are not cut pass through it natively and never enter Python.
 
@@ -62,16 +90,13 @@ class Junction:
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
         timeout: float = 10.0,
     ) -> None:
-        self.session: zenoh.Session | None = None
-        self.zid = ""
-        """Id of the current router, empty while the segments are separated."""
         self.ids: set[str] = set()
         """Ids of all routers used so far."""
         self._segments = tuple(segments)
         self._direct = direct
         self._probes = _probes(segments)
-        self._meetings = itertools.cycle(_meetings(segments, inner))
-        self._meeting: JunctionSockets | None = None
+        self._sockets = itertools.cycle(_sockets(segments, inner))
+        self._router = _APART
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
         self._begun: tuple[list[str], list[str]] | None = None
@@ -80,6 +105,16 @@ class Junction:
         self._wait_before_close_s = wait_before_close_s
         self._library: ModuleType | None = borrow()
         self._timeout = timeout
+
+    @property
+    def session(self) -> zenoh.Session | None:
+        """Session of the current router; None while the segments are apart."""
+        return self._router.session
+
+    @property
+    def zid(self) -> str:
+        """Id of the current router; empty while the segments are apart."""
+        return self._router.zid
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
         """Begin to join the segments for the first time; `open` has to follow and waits until they are joined."""
@@ -104,27 +139,27 @@ class Junction:
         # segments' tables, and they would not tell each other of subscriptions that exist already.
         begun = self.session if self._begun == wanted else None
         self._begun = None
-        former = (self.session, self.zid, self._meeting) if begun is None else (None, "", None)
+        former = self._router if begun is None else _APART
         patience = 1
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
             self.settle(patience)
-            if former[0] is not None:
-                self._flush(former[1])  # what forwarders have just undeclared
-            session, begun = begun or self._begin(cut, services, former[2]), None
+            if former.session is not None:
+                self._flush(former.zid)  # what forwarders have just undeclared
+            session, begun = begun or self._begin(cut, services, former.sockets), None
             linked = wait_until(self._linked, deadline - time.monotonic())
-            if self._meeting is not None:
-                self._meeting.widen()
+            if self._router.sockets is not None:
+                self._router.sockets.widen()
             if linked and self._routes({"": session}, patience * _ROUTES_S):
-                self._leave(*former)
-                former = None, "", None
+                self._leave(former)
+                former = _APART
                 if self._direct is not None and not self._direct.cuts(cut, services):
                     self._sever(self._direct)
                 if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
                     self._joined = wanted
                     return session
-            self._leave(self.session, self.zid, self._meeting)
-            self.session, self.zid, self._meeting = former
+            self._leave(self._router)
+            self._router = former
             patience *= 2
         self.close()
         names = ", ".join(each.name for each in self._segments)
@@ -146,16 +181,16 @@ class Junction:
     def _begin(
         self, cut: Sequence[str], services: Sequence[str], taken: JunctionSockets | None = None
     ) -> zenoh.Session:
-        meeting = next(each for each in self._meetings if each is not taken)
+        sockets = next(each for each in self._sockets if each is not taken)
         rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
-            connect=meeting.connect,
-            listen=meeting.listen,
+            connect=sockets.connect,
+            listen=sockets.listen,
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **rules, _WEIGHTS: self._weights()},
         )
         session = open_session(settings, purpose="junction", library=self._library)
-        self.session, self.zid, self._meeting = session, str(session.info.zid()), meeting
+        self._router = _Router(session, str(session.info.zid()), sockets)
         self.ids.add(self.zid)
         return session
 
@@ -170,11 +205,11 @@ class Junction:
 
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
-        former, self.session, self.zid, self._joined = (self.session, self.zid, self._meeting), None, "", None
+        former, self._router, self._joined = self._router, _APART, None
         if self._direct is not None:
             self._sever(self._direct)
         try:
-            self._leave(*former)
+            self._leave(former)
         finally:
             library, self._library = self._library, None
             if library is not None:
@@ -197,8 +232,9 @@ class Junction:
             refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
         return refused
 
-    def _leave(self, session: zenoh.Session | None, zid: str, meeting: JunctionSockets | None) -> None:
-        if session is None or meeting is None:
+    def _leave(self, router: _Router) -> None:
+        session, zid, sockets = router
+        if session is None or sockets is None:
             return
 
         def parted() -> bool:
@@ -206,10 +242,10 @@ class Junction:
 
         # Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too.
         with ExitStack() as stack:
-            stack.callback(meeting.reopen)
+            stack.callback(sockets.reopen)
             stack.callback(release, session)
             self._flush(zid)
-            meeting.end()
+            sockets.end()
             wait_until(parted, self._timeout)
         self._left = time.monotonic()
 
@@ -267,7 +303,7 @@ class _Probe(NamedTuple):
         return self.subscriber.handler
 
 
-def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[JunctionSockets]:
+def _sockets(segments: Sequence[Segment], inner: Sequence[str]) -> list[JunctionSockets]:
     """Return the sockets over which junctions and segments connect, to be used in turn."""
     doors = list(zip(*(segment.doors for segment in segments if segment.doors), strict=True))
     listens = any(not segment.doors for segment in segments)

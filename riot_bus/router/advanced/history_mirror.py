@@ -19,14 +19,12 @@ from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
 from riot_bus.router.advanced.publisher_state import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from riot_bus.router.advanced.publisher_state import PublisherState, Stored
     from riot_bus.router.advanced.upstream import CacheAnswer, Upstream
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.router.worker import Worker
-    from riot_bus.zenoh import api as zenoh
-    from riot_bus.zenoh.convert import Converter, Outlets
 
 __all__ = ["HistoryMirror"]
 
@@ -47,9 +45,6 @@ class HistoryMirror:
     """Execution of the tasks of publishers.
 
     Args:
-        sessions: The segments' own sessions.
-        outlets: Outlets to publish to, by segment.
-        converters: Converters of samples to messages, by segment.
         deliveries: Queue that takes messages through the interceptors.
         worker: Worker that runs the tasks.
         upstream: Access to the publishers' caches.
@@ -59,16 +54,12 @@ class HistoryMirror:
 
     def __init__(
         self,
-        sessions: Mapping[str, zenoh.Session],
-        outlets: Mapping[str, Outlets],
-        converters: Mapping[str, Converter],
-        *,
         deliveries: DeliveryQueue,
+        *,
         worker: Worker,
         upstream: Upstream,
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
-        self._sessions, self._outlets, self._converters = sessions, outlets, converters
         self._deliveries, self._worker, self._upstream, self._fence = deliveries, worker, upstream, fence
         self._numbers = itertools.count(_STAND_IN)
 
@@ -194,9 +185,9 @@ class HistoryMirror:
         if found.asked and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
             depth = len(samples)  # what was before them is gone
         state.depth = depth
-        for name, session in self._sessions.items():
+        for name, session in self._deliveries.sessions.items():
             if name != source.segment:
-                state.outlets[name] = ProxyPublisher(self._outlets[name], session, source.key, depth)
+                state.outlets[name] = ProxyPublisher(self._deliveries.outlets[name], session, source.key, depth)
         history = [each for each in samples if state.first is None or each[0] < state.first]
         self._feed(state, history, partial(self._opened, state, bool(history)))
 
@@ -220,7 +211,7 @@ class HistoryMirror:
             self._locked(state, then)
             return
         stored, sample = claimed[0]
-        message = self._converters[state.source.segment](sample)
+        message = self._deliveries.converters[state.source.segment](sample)
         stored.result = self._deliveries.replay(message, self._worker)
         claimed.popleft()
         more = partial(self._worker.do, partial(self._step, state, partial(self._feed_next, state, claimed, then)))

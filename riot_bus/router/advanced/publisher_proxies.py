@@ -20,13 +20,12 @@ from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from riot_bus.router.advanced.publisher_state import Stored
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
-    from riot_bus.zenoh.convert import Converter, Outlets
 
 __all__ = ["PublisherProxies"]
 
@@ -48,9 +47,6 @@ class PublisherProxies:
     """Proxies, in the other segments, for the advanced publishers of intercepted keys.
 
     Args:
-        sessions: The segments' own sessions.
-        outlets: Outlets to publish to, by segment.
-        converters: Converters of samples to messages, by segment.
         deliveries: Queue that takes messages through the interceptors.
         changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
@@ -59,18 +55,15 @@ class PublisherProxies:
 
     def __init__(
         self,
-        sessions: Mapping[str, zenoh.Session],
-        outlets: Mapping[str, Outlets],
-        converters: Mapping[str, Converter],
-        *,
         deliveries: DeliveryQueue,
+        *,
         changed: Callable[[], None] = lambda: None,
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
-        self._sessions, self._converters = sessions, converters
         self._deliveries, self._changed = deliveries, changed
+        self._sessions = sessions = deliveries.sessions
         self._own = {str(session.info.zid()) for session in sessions.values()}
         self._lock = threading.Lock()
         self._watched: dict[str, list[Any]] = {}
@@ -83,15 +76,7 @@ class PublisherProxies:
         self._worker = Worker("riot-advanced")
         self._upstream = Upstream(sessions, self._worker)
         self._answers = Answers(sessions, self._worker, self._published_by)
-        self._mirror = HistoryMirror(
-            sessions,
-            outlets,
-            converters,
-            deliveries=deliveries,
-            worker=self._worker,
-            upstream=self._upstream,
-            fence=fence,
-        )
+        self._mirror = HistoryMirror(deliveries, worker=self._worker, upstream=self._upstream, fence=fence)
         self._worker.later(_BEAT_S, self._tick, background=True)
 
     # -- for the bus --------------------------------------------------------------------------------------------------
@@ -183,7 +168,7 @@ class PublisherProxies:
         Returns:
             The message, None if nothing is left to do with it.
         """
-        message = self._converters[segment](sample)
+        message = self._deliveries.converters[segment](sample)
         known = source_of(segment, sample)
         state = self._state_for(known[0]) if known is not None else None
         if known is None or state is None:

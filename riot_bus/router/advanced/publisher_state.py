@@ -1,4 +1,16 @@
-"""State of one advanced publisher, with its messages that have to wait."""
+"""State of one advanced publisher, with its messages that have to wait.
+
+| state | live messages | event | next state |
+|---|---|---|---|
+| new (`holds` > 0) | wait | its history is stored, and the proxies exist | open (`opened`) |
+| open | are sent | some numbers are missing, or a heartbeat is ahead | recovering (`holds` > 0) |
+| recovering | wait | what the publisher still has is stored | open |
+| open | are sent | it may have dropped its first sample | measuring (`checking`) |
+| measuring | are sent | the depth of its cache is known, or cannot be found out | open |
+| any | | its token or its session is gone | ended (`ended`), after the tasks before |
+
+The transitions are tasks of `HistoryMirror`, one after the other for each publisher.
+"""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from riot_bus.zenoh.libraries import library_of, moved
 from riot_bus.zenoh.session import includes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from riot_bus.pipeline.runner import Emission
     from riot_bus.router.delivery_queue import DeliveryQueue
@@ -58,9 +58,7 @@ class CallForwarder:
     Args:
         segment: Name of the segment.
         expression: Key expression of the services.
-        sessions: The segments' own sessions.
         deliveries: Queue that takes messages through the interceptors.
-        sequence: Numbers for calls.
         owner: Function that returns which of several overlapping expressions a key belongs to.
         asked: Function of a calling segment and a key that returns the other segments that may have a service for it,
             and whether to ask only complete services there instead of those that a plain query would reach.
@@ -71,17 +69,14 @@ class CallForwarder:
         segment: str,
         expression: str,
         *,
-        sessions: Mapping[str, zenoh.Session],
         deliveries: DeliveryQueue,
-        sequence: Iterator[int],
         owner: Callable[[str], str | None],
         asked: Callable[[str, str], Mapping[str, bool]],
     ) -> None:
         self.segment, self.expression = segment, expression
         self.shed = BoundedCounts()
         """Requests and replies, by key, for which there was no room."""
-        self._sessions, self._deliveries, self._sequence = sessions, deliveries, sequence
-        self._owner, self._asked = owner, asked
+        self._deliveries, self._owner, self._asked = deliveries, owner, asked
         self._lock = threading.Lock()
         self._queued = self._queued_bytes = 0
         self._held: Counter[str] = Counter()
@@ -151,7 +146,7 @@ class CallForwarder:
             None if query.attachment is None else query.attachment.to_bytes(),
             _QOS,
             self.segment,
-            next(self._sequence),
+            next(self._deliveries.sequence),
             parameters=str(query.parameters),
         )
         result = self._deliveries.result(request, self._worker, tuple(targets))
@@ -236,7 +231,7 @@ class CallForwarder:
         self._ended(call)
 
     def _ask(self, call: Call, key: str, message: Message, target: str) -> None:
-        session = self._sessions[target]
+        session = self._deliveries.sessions[target]
         zenoh = library_of(session)
         query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
         call.pending += 1

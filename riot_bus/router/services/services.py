@@ -13,10 +13,9 @@ from riot_bus.router.worker import Worker
 from riot_bus.zenoh.convert import Claims
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.router.delivery_queue import DeliveryQueue
-    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Services"]
 
@@ -25,21 +24,12 @@ class Services:
     """Stands in for the selected services of each segment in the others, which the junction keeps apart.
 
     Args:
-        sessions: The segments' own sessions.
         deliveries: Queue that takes messages through the interceptors.
-        sequence: Numbers for calls.
         spaces: Key expressions of complete services (`HasServices.services`).
     """
 
-    def __init__(
-        self,
-        sessions: Mapping[str, zenoh.Session],
-        deliveries: DeliveryQueue,
-        *,
-        sequence: Iterator[int],
-        spaces: Sequence[str] = (),
-    ) -> None:
-        self._sessions, self._deliveries, self._sequence, self._spaces = sessions, deliveries, sequence, spaces
+    def __init__(self, deliveries: DeliveryQueue, *, spaces: Sequence[str] = ()) -> None:
+        self._deliveries, self._sessions, self._spaces = deliveries, deliveries.sessions, spaces
         self._claims = Claims([])
         self._present: dict[str, tuple[Presence, list[CallForwarder]]] = {}
         self._retired: list[CallForwarder] = []
@@ -80,9 +70,7 @@ class Services:
             forwarders[name] = CallForwarder(
                 name,
                 expression,
-                sessions=self._sessions,
                 deliveries=self._deliveries,
-                sequence=self._sequence,
                 owner=lambda key: self._claims.owner(key),
                 asked=presence.asked,
             )

@@ -108,10 +108,13 @@ class Scene:
         self.taken = True
         """Whether forwarders have taken all that came in."""
         self.mirror = HistoryMirror(
-            {"system": None, "unit": None},  # type: ignore[dict-item]
-            {"unit": None},  # type: ignore[dict-item]
-            {"system": self.convert},  # type: ignore[dict-item]
-            deliveries=SimpleNamespace(replay=self.replay, targets_of=lambda emission: ("unit",)),  # type: ignore[arg-type]
+            SimpleNamespace(  # type: ignore[arg-type]
+                sessions={"system": None, "unit": None},
+                outlets={"unit": None},
+                converters={"system": self.convert},
+                replay=self.replay,
+                targets_of=lambda emission: ("unit",),
+            ),
             worker=self.worker,  # type: ignore[arg-type]
             upstream=self.cache,  # type: ignore[arg-type]
             fence=lambda segment: lambda: self.taken,
