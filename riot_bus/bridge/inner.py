@@ -93,7 +93,7 @@ class InnerPort:
         qos = Qos(congestion="block" if reliable else "drop")
         speaking = self._speaking
         audience = Audience(
-            self._session, key, qos=qos, encoding=encoding, changed=changed, everybody=speaking is not None
+            self._session, key, qos=qos, encoding=encoding, changed=changed, everywhere=speaking is not None
         )
         return InnerOutlet(
             audience, self._ingress.declare(key, qos, encoding), owns=self._ingress.owns, speaking=speaking

@@ -38,7 +38,7 @@ def inject_log(
         registry: Registry that names topics and knows their types.
         seed: Seed of the random choices.
         reached: List to which are added, for each injection, the indices of the messages that it changed; setting a
-            field to the value that it already has is no change.
+            field to the value that it already has is not a change.
         ahead: List to which is added, for each message of the log, how many messages come out before its turn.
 
     Returns:
@@ -76,7 +76,7 @@ def inject_log(
 
 
 def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes: Iterable[Change]) -> Iterator[int]:
-    """Yield the numbers of the injections that changed a message; setting a field to its own value is no change.
+    """Yield the numbers of the injections that changed a message; setting a field to its own value is not a change.
 
     Args:
         injections: All injections of the plan.

@@ -155,7 +155,7 @@ class _Compiler:
             case ast.Call(func=ast.Name(id=name)):
                 known = ("len", *_FUNCTIONS)
                 raise self.error(tree, f"no function {name!r} of a field here", hint=did_you_mean(name, known))
-        raise self.error(tree, "this is no formula")
+        raise self.error(tree, "this is not a formula")
 
     def comparison(self, tree: ast.expr, operands: list[ast.expr], ops: list[ast.cmpop], depth: int) -> Node:
         if not all(type(op) in _COMPARISONS for op in ops):
@@ -207,7 +207,7 @@ def _reckoned(kind: type[ast.operator], left: Node, right: Node) -> Node:
 
 def _number(value: Any) -> int | float:
     if not isinstance(value, int | float):
-        raise TypeError(f"{value!r} is no number")
+        raise TypeError(f"{value!r} is not a number")
     return value
 
 

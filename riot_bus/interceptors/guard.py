@@ -110,7 +110,7 @@ class RuleGuard:
                 raise ConfigError(error.message, where=str(self.rule), hint=error.hint) from error
             for topic in (parts.topic,) if parts else order[:2] if order else ():
                 if _WILD.search(topic) or not _selects(topic) or (parts and not parts.path):
-                    raise ConfigError(f"{variable!r} is no field of a topic", where=str(self.rule))
+                    raise ConfigError(f"{variable!r} is not a field of a topic", where=str(self.rule))
                 found.setdefault(topic, [])
             if parts and parts.back > _MOST_BACK:
                 raise ConfigError(
@@ -286,7 +286,7 @@ def _read(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
         if len(data) > _MOST_BYTES:
-            raise ConfigError(f"this file has more than {_MOST_BYTES} bytes, so it is no rule", where=str(path))
+            raise ConfigError(f"this file has more than {_MOST_BYTES} bytes, so it is not a rule", where=str(path))
         record = json.loads(data)
     except OSError as error:
         raise ConfigError(f"cannot read the rule: {error.strerror}", where=str(path)) from error

@@ -193,7 +193,7 @@ class ClockOffset:
         elif isinstance(value, float):
             event.set(self.field, value + offset * _UNITS[self.unit])
         else:
-            raise PayloadError(f"{value!r} is no time", where=self.field, hint="name a field that holds a number")
+            raise PayloadError(f"{value!r} is not a time", where=self.field, hint="name a field that holds a number")
 
     def _shift_stamps(self, event: Event, offset: int) -> None:
         kind, changed = event.type, {}

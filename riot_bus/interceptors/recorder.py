@@ -1,4 +1,4 @@
-"""Writes messages to a log on a thread of its own, so that a slow disk never holds up those who record."""
+"""Writes messages to a log on a thread of its own, so that a slow disk holds up no other thread."""
 
 from __future__ import annotations
 

@@ -340,7 +340,7 @@ def check(event: Event) -> None:
         raise ValueError(f"{event.copies} copies of one message are too many")
     for each in (event.added, event.changes):
         if each.__class__ is not list and each.__class__ is not tuple:
-            raise TypeError(f"{each!r} is no list of messages or changes")
+            raise TypeError(f"{each!r} is not a list of messages or changes")
     for message, delay_ns in event.added:
         _publishable(message, event.key)
         _checked(delay_ns, int, "a delay in nanoseconds")

@@ -42,7 +42,7 @@ class Audience:
         qos: Delivery settings.
         encoding: Zenoh's encoding string, empty for its default.
         changed: Function called on a thread of Zenoh's when the result of `listens` may have changed.
-        everybody: Whether to publish always, and to this process, too.
+        everywhere: Whether to publish always, and to this process, too.
         took: Function called with the duration of each publication, in seconds.
     """
 
@@ -54,7 +54,7 @@ class Audience:
         qos: Qos,
         encoding: str = "",
         changed: Callable[[], None] | None = None,
-        everybody: bool = False,
+        everywhere: bool = False,
         took: Callable[[float], None] | None = None,
     ) -> None:
         zenoh = library_of(session)
@@ -62,12 +62,12 @@ class Audience:
         self._publisher: Any = session.declare_publisher(
             key,
             encoding=zenoh.Encoding(encoding) if encoding else None,
-            allowed_destination=zenoh.Locality.ANY if everybody else zenoh.Locality.REMOTE,
+            allowed_destination=zenoh.Locality.ANY if everywhere else zenoh.Locality.REMOTE,
             **publisher_settings(qos, zenoh),
         )
         self._put = self._publisher.put
-        self._changed, self._everybody, self._took = changed, everybody, took
-        self._listens, self._stale = everybody, not everybody
+        self._changed, self._everywhere, self._took = changed, everywhere, took
+        self._listens, self._stale = everywhere, not everywhere
         handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # indirect: a thread for each handler
         self._listener = self._publisher.declare_matching_listener(handler)
 
@@ -93,6 +93,6 @@ class Audience:
         release(self._listener, self._publisher)
 
     def _note(self, status: object) -> None:
-        self._stale = not self._everybody
+        self._stale = not self._everywhere
         if self._changed is not None:
             self._changed()

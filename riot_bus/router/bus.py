@@ -513,7 +513,7 @@ class Bus:
     ) -> list[str]:
         """Wait until components of a segment have subscribed to all key expressions.
 
-        A key counts as subscribed if somebody outside of the segment's own session would receive it. That is exact for
+        A key counts as subscribed if a session other than the segment's own would receive it. That is exact for
         intercepted keys, whose subscriptions the junction keeps apart, unless a subscriber elsewhere (such as a
         recorder of `**`) subscribes to more than is cut; for other keys, subscribers in other segments count, too.
 

@@ -170,7 +170,7 @@ class DeliveryQueue:
     def replay(self, message: Message, worker: PipelineWorker) -> Result:
         """Take a message of a history through the pipeline, to be stored rather than published.
 
-        Messages that interceptors add on other keys are published, since nobody stores those.
+        Messages that interceptors add on other keys are published, since no cache stores those.
 
         Returns:
             The result that remains to be stored.

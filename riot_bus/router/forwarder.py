@@ -94,7 +94,7 @@ class Forwarder:
         self.segment = segment
         self.expression = expression
         self.caught_up = False
-        """Whether everything so far was processed."""
+        """Whether all samples received so far were processed."""
         self.received = 0
         self.shed = BoundedCounts()
         """Droppable messages per key for which there was no room."""
@@ -293,7 +293,7 @@ class Forwarder:
         self._note(first)
 
     def _note(self, sample: zenoh.Sample) -> None:
-        """Note, for some messages only, who sent them and that their key is in use."""
+        """Note, for some messages only, their sender and that their key is in use."""
         stamp, key = sample.timestamp, sample.key_expr
         route = self._routes.get(key)
         if route is not None:

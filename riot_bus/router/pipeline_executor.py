@@ -124,7 +124,7 @@ class PipelineExecutor:
                 lock.release()
 
     def change(self, action: Callable[[Pipeline], None]) -> None:
-        """Call a function on the pipeline while nobody feeds it; repeat it if an interceptor blocks meanwhile."""
+        """Call a function on the pipeline while no thread feeds it; repeat it if an interceptor blocks meanwhile."""
         while True:
             lock = self._enter()
             self._thread_id, self._worker, self._route = threading.get_ident(), None, None
@@ -211,7 +211,7 @@ class PipelineExecutor:
 
 
 def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
-    """Call every interceptor's `stop` with a time limit; call this when nobody feeds the pipeline.
+    """Call every interceptor's `stop` with a time limit; call this when no thread feeds the pipeline.
 
     Args:
         pipeline: Pipeline of the interceptors to end.

@@ -1,4 +1,4 @@
-"""Segments with subscribers of a key: what nobody in another segment receives was not tested."""
+"""Segments with subscribers of a key: a message without subscriber in another segment was not tested."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Receivers"]
 class Receivers:
     """Notes in which segments a key expression ever had a subscriber, even briefly; a context manager.
 
-    Exact for what is intercepted, if nobody outside a segment subscribes to more than is cut.
+    Exact for what is intercepted, if no component outside a segment subscribes to more than is cut.
 
     Args:
         bus: Bus that is open.
@@ -38,7 +38,7 @@ class Receivers:
         self._stack.close()
 
     def watch(self, expression: str) -> None:
-        """Start to watch who subscribes to a key expression."""
+        """Start to watch the subscribers of a key expression."""
         if expression in self._heard:
             return
         heard = self._heard[expression]
@@ -53,7 +53,7 @@ class Receivers:
             note(publisher.matching_status)
 
     def heard(self, expression: str) -> set[str]:
-        """Return the segments in which somebody has subscribed since `watch`."""
+        """Return the segments in which a component has subscribed since `watch`."""
         return set(self._heard.get(expression, ()))
 
 

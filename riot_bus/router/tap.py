@@ -34,7 +34,7 @@ class Tap:
         self, session: zenoh.Session, expression: str, *, take: Callable[[Message], None], convert: Converter
     ) -> None:
         self.caught_up = False
-        """Whether everything so far was taken."""
+        """Whether all samples received so far were taken."""
         self._take, self._convert = take, convert
         self._batches = Batches(session, expression)
         self._thread = threading.Thread(target=self._run, name="riot-tap", daemon=True)

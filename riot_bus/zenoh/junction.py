@@ -5,8 +5,8 @@
 | apart | `begin` | a router is opened, without waiting for its links | begun |
 | apart | `open` | a router is opened; wait for links and routes | joined, or apart after the timeout |
 | begun | `open` with the same keys | wait for links and routes | joined, or apart |
-| begun, joined | `open` with other keys | another router is opened; the former one leaves once the new one | joined, or apart |
-|   |   | reaches all segments | |
+| begun, joined | `open` with other keys | another router is opened; the former leaves | joined, or apart |
+| | | once the new one reaches all segments | |
 | joined | `open` with the same keys | nothing | joined |
 | any | `close` | the router leaves | apart |
 """

@@ -236,7 +236,7 @@ def _loaded(file: int, original: ModuleType) -> ModuleType:
 def _executed(name: str, path: str, loader: ExtensionFileLoader | None) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no module")
+        raise ImportError(f"{path} is not a module")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

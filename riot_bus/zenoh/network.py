@@ -147,7 +147,7 @@ class Network:
             self.junction.begin(cut, services)
 
     def close(self) -> None:
-        """Separate the segments and disconnect everybody; safe to call twice."""
+        """Separate the segments and disconnect all components; safe to call twice."""
         self._open = False
         self._stack.close()
 

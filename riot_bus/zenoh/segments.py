@@ -84,7 +84,7 @@ class Segment:
                 pass
 
     def close(self) -> None:
-        """Disconnect everybody; safe to call twice."""
+        """Disconnect all components; safe to call twice."""
         release(self.session)
         end_pinning(self.session)
         library, self._library = self._library, None

@@ -48,7 +48,7 @@ def check_own_name(name: str, kind: str) -> None:
     """
     if not name or not all(each.isalnum() or each in "-_." for each in name):
         hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/{kind}"
-        raise ConfigError(f"{name!r} is no name", where="--name", hint=hint)
+        raise ConfigError(f"{name!r} is not a name", where="--name", hint=hint)
 
 
 def router_config(

@@ -55,7 +55,7 @@ def _make() -> tuple[Path, int]:
                 return folder, lock
         except (BlockingIOError, FileNotFoundError):
             pass
-        except OSError:  # a file system without locks: there, nobody removes it
+        except OSError:  # a file system without locks: there, no router removes it
             return folder, lock
         os.close(lock)
 

@@ -53,6 +53,6 @@ def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
         return f"its certificate is refused: {error.verify_message}"
     except ssl.SSLError as error:
         return f"TLS: {(error.reason or str(error)).replace('_', ' ').lower()}"
-    except (OSError, ValueError):  # nobody listens, or all is well and it waits for us
+    except (OSError, ValueError):  # the port is closed, or all is well and it waits for us
         return None
     return None

@@ -31,7 +31,7 @@ _AGAIN_S = (1.0, 5.0, 20.0, 60.0)  # a starting component answers soon; after fi
 _LOOK_S = 2.0  # how late a key that is used from now on is noticed; a look goes over all of `_MOST_KEYS`
 _ANSWER_S = 2.0  # a node that never answers holds up the questions for other keys this long
 _MOST_KEYS = 1 << 14  # peers may announce any number of keys; as in `registry`, some MB
-_MOST_EARS = 64  # each is a subscription in all sessions, whose messages come here: bounds that load
+_MOST_PROBES = 64  # each is a subscription in all sessions, whose messages come here: bounds that load
 _MOST_QUESTIONS = 10_000  # in the life of a process: peers that invent types cannot make it ask for ever
 _MOST_REPLIES = 4  # a node sends one; others that answer under its key must not take for ever
 _MOST_BYTES = 1 << 20  # descriptions of types are text of some KB; larger replies are ignored
@@ -46,19 +46,19 @@ class _Pursuit:
         due: Monotonic time of the next attempt, in seconds.
         missing: Whether the type is missing; None before the first attempt.
         asked: Number of attempts with queries.
-        ear: Probe that collects attachments of its messages.
+        probe: Probe that collects attachments of its messages.
     """
 
     key: str
     due: float
     missing: bool | None = None
     asked: int = 0
-    ear: AttachmentProbe | None = None
+    probe: AttachmentProbe | None = None
 
     def close(self) -> None:
-        if self.ear is not None:
-            self.ear.close()
-            self.ear = None
+        if self.probe is not None:
+            self.probe.close()
+            self.probe = None
 
 
 class Learner:
@@ -149,12 +149,12 @@ class Learner:
         if not self._wanted(key):
             pursuit.close()
             return
-        if pursuit.ear is None:
-            if sum(each.ear is not None for each in list(self._pursued.values())) < _MOST_EARS:
-                pursuit.ear = AttachmentProbe(key, self.sessions, partial(self._hurry, pursuit))
+        if pursuit.probe is None:
+            if sum(each.probe is not None for each in list(self._pursued.values())) < _MOST_PROBES:
+                pursuit.probe = AttachmentProbe(key, self.sessions, partial(self._hurry, pursuit))
             return
         before = self._questions
-        if registry.learn(key, self._tokens(), pursuit.ear.attachments, self._ask):
+        if registry.learn(key, self._tokens(), pursuit.probe.attachments, self._ask):
             self._settle(pursuit)
             _LOG.info("the type of %s was told by those who use it", registry.topic(key))
             self._learnt(key)
@@ -162,7 +162,7 @@ class Learner:
             pursuit.asked += 1
             if pursuit.asked > len(_AGAIN_S):
                 pursuit.close()
-                self._pursued.pop(key)  # until somebody else announces it
+                self._pursued.pop(key)  # until another component announces it
             else:
                 pursuit.due = time.monotonic() + _AGAIN_S[pursuit.asked - 1]
 
@@ -196,7 +196,7 @@ class Learner:
                     allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for services
                     cancellation_token=self._asking,
                 )
-            except zenoh.ZError:  # it is closed, or this is no key
+            except zenoh.ZError:  # it is closed, or this is not a key
                 continue
             answered = False
             for _, reply in zip(range(_MOST_REPLIES), replies, strict=False):

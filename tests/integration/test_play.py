@@ -298,7 +298,7 @@ def test_what_is_published_into_the_void_is_counted(tmp_path: Path) -> None:
         ({"until": "0"}, "not after the beginning"),
         ({"until": "1", "duration": 1.0}, "both say"),
         ({"ack": "a", "lockstep": ["b"]}, "both say"),
-        ({"name": "a/b"}, "is no name"),
+        ({"name": "a/b"}, "is not a name"),
         ({"interceptors": ["no_such"]}, "unknown interceptor 'no_such'"),
         ({"latched": ["a/x=0"]}, "what to latch"),
     ],

@@ -146,7 +146,7 @@ class HistoryMirror:
 
     def _fetched(self, state: PublisherState, found: CacheAnswer) -> None:
         adopt = partial(self._locked, state, _once(partial(self._adopt, state, found)))
-        with state.lock:  # nobody publishes yet, so nobody holds it for long
+        with state.lock:  # no thread publishes yet, so the lock is not held for long
             wait = bool(found.samples) and state.first is None and not state.ended
             state.on_first = partial(self._worker.do, adopt) if wait else None
         if wait:

@@ -273,7 +273,7 @@ class PublisherProxies:
             segment, key = self._unasked.popleft()
             self._search(segment, f"{key}/@adv/pub/**", again=False)
             if (took := time.monotonic() - began) > _ASK_PAUSE_S / _ASK_REST:
-                break  # nobody publishes meanwhile
+                break  # Zenoh delays publications meanwhile
         self._asking = False
         if self._unasked:
             self._asking = True

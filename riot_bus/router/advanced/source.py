@@ -27,7 +27,7 @@ class AdvancedSource(NamedTuple):
 
 
 def source_of(segment: str, sample: Any) -> tuple[AdvancedSource, int] | None:
-    """Return who published a sample, and its place in order; None if the sample does not tell."""
+    """Return the publisher of a sample, and its place in order; None if the sample does not tell."""
     info, stamp, key = sample.source_info, sample.timestamp, str(sample.key_expr)
     if info is not None:
         return AdvancedSource(segment, key, str(info.source_id.zid), str(info.source_id.eid)), info.source_sn

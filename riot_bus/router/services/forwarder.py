@@ -134,7 +134,7 @@ class CallForwarder:
         if wide and includes(key, self.expression):
             key = self.expression
         targets = self._asked(self.segment, key)
-        if not targets:  # nobody is there, or only in the caller's own segment
+        if not targets:  # there is no service, or only in the caller's own segment
             query.drop()
             return
         request = Request(

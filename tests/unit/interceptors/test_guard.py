@@ -157,10 +157,10 @@ def several(*names):
     ("rule_", "action", "message"),
     [
         (several("a[0]:x", "a[999]:x"), "drop", "too long ago|not there"),
-        (several("a:x", "b:"), "drop", "no field of a topic"),
-        (several("**:x", "b:y"), "drop", "no field of a topic"),
+        (several("a:x", "b:"), "drop", "not a field of a topic"),
+        (several("**:x", "b:y"), "drop", "not a field of a topic"),
         (several("x", "b:y"), "drop", "is not the name of a field"),
-        (several("a where b:x", "b:y"), "drop", "no field of a topic"),
+        (several("a where b:x", "b:y"), "drop", "not a field of a topic"),
         (Rule(()), "drop", "has no fields"),
         (Rule(((),)), "drop", "has no fields"),
         (several("a:x", "b:y"), "clamp", "know the type of 'b:y'"),
@@ -308,7 +308,7 @@ def test_a_huge_or_missing_file(tmp_path):
         RuleGuard(path)
     with path.open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(ConfigError, match="it is no rule"):
+    with pytest.raises(ConfigError, match="it is not a rule"):
         RuleGuard(path)
 
 

@@ -195,7 +195,7 @@ def test_messages_without_stamps_pass_as_they_are(bench):
 def test_a_field_that_is_no_time_is_an_error():
     pipeline = Pipeline([ClockOffset(1.0, field="t")], registry=TypeRegistry())
     pipeline.feed(Message(0, "a", b'{"t": "noon"}'))
-    assert "'noon' is no time" in pipeline.errors["clock_offset"].first
+    assert "'noon' is not a time" in pipeline.errors["clock_offset"].first
 
 
 def test_seconds_of_ros_wrap_in_32_bits():
