@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.faults import fault_of
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.predicate import Predicate
 
 __all__ = ["Injector"]
 
@@ -61,7 +59,8 @@ class Injector:
             except ConfigError as error:
                 raise ConfigError(error.message, where=error.where or f"inject[{number}]", hint=error.hint) from None
         self._decide = [
-            decider(each, partial(_draw, f"{seed}:{each.seed}:{number}"), holds=_holds)
+            # strict: a message that lacks the fields is reported, as one to which the fault cannot be applied
+            decider(each, source=f"{seed}:{each.seed}:{number}", strict=True)
             for number, each in enumerate(self.injections)
         ]
         self._registry: TypeRegistry | None = None
@@ -146,11 +145,3 @@ class Injector:
         if topic not in self.problems:
             self.problems[topic] = error
             _LOG.warning("%s: an injection cannot be carried out, messages pass as they are: %s", topic, error)
-
-
-def _draw(source: str, event: Event) -> float:
-    return event.draw(source=source)
-
-
-def _holds(predicate: Predicate, event: Event) -> bool:
-    return predicate(event.read)  # a PayloadError is reported, as if the fault could not be applied

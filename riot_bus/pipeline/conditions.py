@@ -92,7 +92,7 @@ class When:
                 return None
             if None not in matching:
                 choices = [parse_predicate(where) for where in matching if where is not None]
-        decide = decider(self, lambda event: event.draw("chosen"), holds=_holds, choices=choices)
+        decide = decider(self, choices=choices)
         source = self.source
         if source is None:
             return decide
@@ -100,40 +100,36 @@ class When:
 
 
 def decider(
-    conditions: When | Injection,
-    draw: Callable[[Event], float],
-    *,
-    holds: Callable[[Predicate, Event], bool],
-    choices: Sequence[Predicate] = (),
+    conditions: When | Injection, *, choices: Sequence[Predicate] = (), source: str | None = None, strict: bool = False
 ) -> Callable[[Event], bool]:
     """Return a function that decides whether a message is in the window, meets the predicate and is drawn.
 
     Args:
         conditions: Window, predicate and probability; all must hold.
-        draw: Function that returns a number in [0, 1) for a message, always the same one.
-        holds: Function that returns whether a message meets a predicate.
         choices: Further predicates, of which one must hold, too.
+        source: Source of the random numbers; see `Event.draw`.
+        strict: Whether a predicate raises PayloadError if its fields cannot be read; if not, it does not hold then.
     """
-    start, end, first, last = conditions.start, conditions.end, conditions.first, conditions.last
     where = None if conditions.where is None else parse_predicate(conditions.where)
     probability = conditions.probability
-    timed = start > 0 or end is not None
-    numbered = first > 0 or last is not None
+    start = conditions.start if conditions.start > 0 else -math.inf  # times are negative when a clock was set back
+    end = math.inf if conditions.end is None else conditions.end
+    first = conditions.first
+    last = math.inf if conditions.last is None else conditions.last
+    timed, numbered = start > 0 or end < math.inf, first > 0 or last < math.inf
     if not (timed or numbered or probability < 1.0 or where or choices):
         return always
 
-    def decide(event: Event) -> bool:
-        if timed:
-            seconds = max(0.0, event.seconds)  # a clock may be set back
-            if seconds < start or (end is not None and seconds >= end):
-                return False
-        if numbered and (event.index < first or (last is not None and event.index > last)):
+    def decide(event: Event) -> bool:  # called for each message and condition: the cheap questions come first
+        if timed and not start <= event.seconds < end:
             return False
-        if where is not None and not holds(where, event):
+        if numbered and not first <= event.index <= last:
             return False
-        if choices and not any(holds(each, event) for each in choices):
+        if where is not None and not (where(event.read) if strict else _holds(where, event)):
             return False
-        return probability >= 1.0 or draw(event) < probability
+        if choices and not any(_holds(each, event) for each in choices):
+            return False
+        return probability >= 1.0 or event.draw("chosen", source=source) < probability
 
     return decide
 
