@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from riot_bus.interceptors.recorder import Recorder
     from riot_bus.log.writer import LogWriter
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
