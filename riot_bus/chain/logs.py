@@ -74,7 +74,7 @@ def inputs_of(
     Raises:
         ConfigError: The log has no input of the unit.
     """
-    inputs = file.components[file.unit[unit].component or unit].inputs
+    inputs = file.components[file.component_of(unit)].inputs
     log = list(messages)
     found = tuple(message for message in log if any(registry.matches(topic, message.key) for topic in inputs))
     if not found:

@@ -19,7 +19,6 @@ from riot_bus.fleet.stores import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
-from riot_bus.sut.unit_trial import component_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
@@ -146,7 +145,7 @@ class _Work:
     def __init__(self, workspace: Workspace, template: CaseTemplate, unit: str, options: FleetOptions) -> None:
         file = workspace.context.file
         self._workspace, self._template, self._unit, self._options = workspace, template, unit, options
-        self._inputs = file.components[component_of(file, unit)].inputs
+        self._inputs = file.components[file.component_of(unit)].inputs
         self._learning = threading.Lock()
         self._stopping = threading.Event()
         self._runner: Runner

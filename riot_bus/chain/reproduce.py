@@ -16,7 +16,6 @@ from riot_bus.monitors.model import Monitor, names_of
 from riot_bus.plugins import MONITORS
 from riot_bus.statistics.noise import Noise
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
-from riot_bus.sut.unit_trial import component_of
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
@@ -126,7 +125,7 @@ def play_again(
         messages, parameters = FailingLog.load(path, registry=registry).messages, ()
         nominal = workspace.known_unit_log(finding.unit)
         runner = workspace.runners.unit(finding.unit, lambda: nominal)
-        monitors = workspace.context.monitors_of(component_of(workspace.context.file, finding.unit))
+        monitors = workspace.context.monitors_of(workspace.context.file.component_of(finding.unit))
         of = {"unit": finding.unit, "monitor": finding.monitor, "signature": finding.signature}
         untold = why_untold(workspace, **of, nominal=nominal)
         if untold and finding.monitor != "hang":  # if it occurs again, it may show in other ways

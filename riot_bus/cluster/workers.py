@@ -22,7 +22,6 @@ from riot_bus.cluster.facts import facts_of
 from riot_bus.cluster.remote import MOST_FILES, TRIAL, serve
 from riot_bus.sut.scarce import needed
 from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import component_of
 from riot_bus.sut.wire import TrialAnswer, read_answer
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
@@ -269,7 +268,7 @@ class ClusterWorkers:
 def _components(file: SystemFile, trial: Trial, case: TestCase) -> list[str]:
     """Return the components that run in a trial."""
     if not isinstance(trial, SystemTrial):
-        return [component_of(file, trial.unit)]
+        return [file.component_of(trial.unit)]
     return [name for name, component in file.components.items() if not (case.messages and component.external)]
 
 

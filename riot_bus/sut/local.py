@@ -18,7 +18,7 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.sut.hangs import KnownHangs
-from riot_bus.sut.persistent import KEPT
+from riot_bus.sut.kept import FOLDER_PREFIX
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.wire import TrialBatch, read_answer, remember
 from riot_bus.vocabulary.trial import Outcome, Verdict
@@ -164,7 +164,7 @@ class _LocalWorker:
         try:
             return how_ended(self.process)
         finally:
-            for folder in self._keep.glob(KEPT.format(self.process.pid) + "*"):
+            for folder in self._keep.glob(FOLDER_PREFIX.format(self.process.pid) + "*"):
                 shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -54,7 +54,7 @@ def measure_in_system(
     """
     if not alone.trials:
         return Baseline(mute=alone.mute or ("it has no nominal trial of its own",))
-    name = context.file.unit[unit].component or unit
+    name = context.file.component_of(unit)
     own = [topic for topic in alone.log_answers if not context.others_publish(topic, name)]
     answers = {topic: alone.log_answers[topic] for topic in own}
     expected = {topic: count for topic, count in alone.probe_answers.items() if topic in answers}

@@ -1,41 +1,31 @@
-"""Trials that share a process of the unit, which saves starts; failures are repeated with a fresh process.
+"""Trials that share a process of the unit (see `kept`); failures are repeated with a fresh process.
 
 After each trial, the probe of the verdict tells whether the unit works as before. A process is ended after a failure,
-when it has grown, and after a number of trials. A case that fails is executed again at once with a fresh process, and
-that outcome counts, so that no failure depends on the history. If the fresh trial passes, its outcome tells of the
+when it has grown, and after a number of trials. If the repetition of a failing case passes, its outcome tells of the
 failure with the history.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-import time
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from riot_bus.sut.baseline import UNKNOWN, Baseline, growth_of
-from riot_bus.sut.scarce import held
+from riot_bus.sut.kept import MOST_TRIALS, KeptSetup, end_kept, kept_folder, not_subscribed, reset_components
 from riot_bus.sut.signs import Feeder
-from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.unit_trial import UnitTrial, component_of
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.vocabulary.message import Message
+from riot_bus.sut.unit_trial import UnitTrial, unit_setup
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from riot_bus.sut.stage import TrialPlace
+    from contextlib import ExitStack
+
+    from riot_bus.sut.stage import TrialPlace, TrialSetup
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["KEPT", "LiveUnit", "PersistentTrial", "end_kept"]
+__all__ = ["LiveUnit", "PersistentTrial"]
 
-KEPT = "persistent-{}-"
-"""Prefix of the folder of a persistent process, with the process id of the worker."""
-_MOST_TRIALS = 100
-"""Largest number of trials of one process, and thus of a history, so that a start costs less than 1 % of the time."""
 _CPU_SHARE = 0.5
 """Share of the limit of processor time at which a process is replaced, since the limit is for one trial."""
 
@@ -77,13 +67,7 @@ class PersistentTrial:
         return replace(fresh, statistics={**fresh.statistics, "history": history})
 
 
-def end_kept(place: TrialPlace) -> None:
-    """End everything that is kept over trials, since the next trial needs the place for itself."""
-    while place.kept:
-        place.kept.pop().__exit__(None, None, None)
-
-
-class LiveUnit:
+class LiveUnit(KeptSetup):
     """A running unit with the cases that it has got so far; a context manager.
 
     Args:
@@ -99,43 +83,26 @@ class LiveUnit:
         self.before: list[TestCase] = []
         self._had: list[TestCase] = []
         self._kind, self._trial = trial, UnitTrial(trial.unit, trial.baseline)
-        self._place, self._context = place, place.context.alone(trial.unit)
-        self._file = self._context.file
-        self._name = component_of(self._file, trial.unit)
-        component = self._file.components[self._name]
-        self._seeded = any("{seed}" in text for text in self._file.texts_of(component))
-        self._limits = component.limits
-        self._first = case
+        self._place, self._first = place, case
+        file = place.context.alone(trial.unit).file
+        self._name, self._unit = file.component_of(trial.unit), file.unit[trial.unit]
+        self._component = file.components[self._name]
+        self._seeded = any("{seed}" in text for text in file.texts_of(self._component))
         self._keys = {each.key for each in (*case.messages, *trial.baseline.probe)}
-        self._stack = ExitStack()
-        self._stage: TrialSetup
+        self._where = f"{file.path}: [unit.{trial.unit}] reset"
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.enter_context(held(self._file, [self._name]))
-            folder = Path(tempfile.mkdtemp(prefix=KEPT.format(os.getpid()), dir=self._place.directory.parent))
-            stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            self._stage = stack.enter_context(
-                TrialSetup(
-                    self._context,
-                    self._place.launcher,
-                    folder,
-                    segments=[self._file.segment_of(self._file.components[self._name])],
-                    stall=self._file.unit[self._trial.unit].settle.timeout,
-                    imports=self._place.imports,
-                    attach=[self._name],
-                    network=self._place.network,
-                )
-            )
-            self._trial.start(self._stage, self._first)
-            self._check_reset()
-            self._stage.sample_resources([self._name])
-            self._born = self._stage.samples(self._name)[0]
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    def _open(self, stack: ExitStack) -> TrialSetup:
+        folder = kept_folder(self._place, stack)
+        stage = stack.enter_context(unit_setup(self._trial.unit, self._place, directory=folder))
+        self._trial.start(stage, self._first)
+        reset = self._unit.reset
+        if reset is not None and reset.topic is not None:
+            keys, timeout = stage.context.topics(reset.topic), self._unit.settle.timeout
+            if stage.bus.wait_subscribed(stage.segment_of(self._name), keys, timeout=timeout):
+                raise not_subscribed(reset.topic, where=self._where)
+        stage.sample_resources([self._name])
+        self._born = stage.samples(self._name)[0]
+        return stage
 
     def fits(self, trial: PersistentTrial, case: TestCase) -> bool:
         """Return whether a case can be played to the unit: trial and seed are the same, and it reads all keys."""
@@ -152,49 +119,30 @@ class LiveUnit:
         self.before = list(self._had)
         self._had.append(case)
         if self.before:
-            self._reset()
-            self._stage.renew()
-        outcome = self._trial.play(self._stage, case)
+            if self._unit.reset is not None:
+                timeout = self._unit.settle.timeout
+                reset_components(self.stage, self._unit.reset, self._feed, where=self._where, timeout=timeout)
+            self.stage.renew()
+        outcome = self._trial.play(self.stage, case)
         started = f"persistent, {outcome.statistics['started']}"
         return replace(outcome, statistics={**outcome.statistics, "started": started})
 
-    def _check_reset(self) -> None:
-        """Raise ConfigError if the message that is to reset the unit does not reach it."""
-        unit = self._file.unit[self._trial.unit]
-        if unit.reset is None or unit.reset.topic is None:
-            return
-        segment = self._file.segment_of(self._file.components[self._name])
-        keys = self._place.context.topics(unit.reset.topic)
-        if self._stage.bus.wait_subscribed(segment, keys, timeout=unit.settle.timeout):
-            raise ConfigError(
-                f"the unit has not subscribed to {unit.reset.topic}",
-                where=f"{self._file.path}: [unit.{self._trial.unit}] reset",
-                hint="name a topic that resets it, or leave `reset` out",
-            )
-
-    def _reset(self) -> None:
-        unit = self._file.unit[self._trial.unit]
-        if unit.reset is None:
-            return
-        if unit.reset.topic is None:
-            self._stage.execute("reset", unit.reset.command, timeout=unit.settle.timeout)
-            return
-        (key,) = self._place.context.topics(unit.reset.topic)
-        message = Message(time.time_ns(), key, unit.reset.payload.encode(), encoding=unit.reset.encoding)
-        Feeder(self._stage, self._name, unit, self._trial.baseline).feed([message])
+    def _feed(self, message: Message) -> bool:
+        Feeder(self.stage, self._name, self._unit, self._trial.baseline).feed([message])
+        return True  # it had subscribed when it was started
 
     def is_spent(self) -> bool:
         """Return whether the process has to be replaced: it has grown, has run for long, or has had many cases.
 
         A process with limited resources is replaced after each case, so that it does not keep them from others.
         """
-        component = self._file.components[self._name]
-        if len(self._had) >= _MOST_TRIALS or component.resources or component.attach:
+        if len(self._had) >= MOST_TRIALS or self._component.resources or self._component.attach:
             return True
-        last = self._stage.samples(self._name)[-1]
+        last = self.stage.samples(self._name)[-1]
         if self._trial.baseline.grown(growth_of([self._born, last]), messages=0, input_bytes=0):
             return True
-        if self._limits == "off" or not self._limits.cpu:
+        limits = self._component.limits
+        if limits == "off" or not limits.cpu:
             return False
-        ran = sum(times[0] for times in self._stage.activity([self._name]).threads.values()) / 1e9
-        return ran > _CPU_SHARE * self._limits.cpu
+        ran = sum(times[0] for times in self.stage.activity([self._name]).threads.values()) / 1e9
+        return ran > _CPU_SHARE * limits.cpu

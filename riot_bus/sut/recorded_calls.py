@@ -22,7 +22,7 @@ __all__ = ["calls_of_unit", "serve_calls"]
 
 def serve_calls(stage: TrialSetup, unit: str) -> None:
     """Answer the calls that a unit makes on a stage; raises as `calls_of_unit`."""
-    segment = stage.segment_of(stage.context.file.unit[unit].component or unit)
+    segment = stage.segment_of(stage.context.file.component_of(unit))
     for number, (key, calls) in enumerate(calls_of_unit(stage.context, unit).items(), start=1):
         service = RecordedService(calls)
         stage.services.append(service)
@@ -38,7 +38,7 @@ def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[Recorded
     """
     file = context.file
     described = file.unit[unit]
-    name = described.component or unit
+    name = file.component_of(unit)
     services = file.components[name].calls
     if not services:
         return {}

@@ -17,7 +17,7 @@ from riot_bus.sut.nominal import measure_baseline
 from riot_bus.sut.nominal_system import measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import UnitTrial, component_of
+from riot_bus.sut.unit_trial import UnitTrial
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -191,7 +191,7 @@ class LocalRunners:
                 )
                 if not self._fresh:
                     self._kept_hangs[unit] = self._kept.hangs(unit, messages)
-                    self._hangs.setdefault(component_of(self._context.file, unit), self._kept_hangs[unit])
+                    self._hangs.setdefault(self._context.file.component_of(unit), self._kept_hangs[unit])
             return self._baselines[unit]
 
     def in_system(
@@ -268,6 +268,6 @@ class LocalRunners:
         if self._started is not None:
             self._started.close()
         for unit, before in self._kept_hangs.items():
-            known = self._hangs[component_of(self._context.file, unit)]
+            known = self._hangs[self._context.file.component_of(unit)]
             if known != before:
                 self._kept.keep_hangs(unit, self._baselines[unit].log, known)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
@@ -73,7 +73,6 @@ class TrialPlace:
         context: The system.
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
-        parameters: Values of {param:NAME} in commands that differ from the nominal ones.
         imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
         kept: Units and systems that are kept over trials.
         network: Segments that stay open between trials.
@@ -93,6 +92,26 @@ class TrialPlace:
     def left(self) -> Path:
         """Where a trial leaves what it is asked to."""
         return self.directory / self.LEFT
+
+    def setup(
+        self,
+        *,
+        segments: Sequence[str],
+        context: Context | None = None,
+        directory: Path | None = None,
+        **options: Any,
+    ) -> TrialSetup:
+        """Return a setup in this place.
+
+        Args:
+            segments: Names of the segments, as for `TrialSetup`.
+            context: The system, if it is another one than that of the place.
+            directory: Folder, if it is another one.
+            options: Further arguments of `TrialSetup`.
+        """
+        given: dict[str, Any] = {"imports": self.imports, "network": self.network, **options}
+        context, directory = context or self.context, directory or self.directory
+        return TrialSetup(context, self.launcher, directory, segments=segments, **given)
 
 
 class TrialSetup:

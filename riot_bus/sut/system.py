@@ -557,17 +557,21 @@ class SystemFile(_Table):
         """Return the segment that a component connects to."""
         return component.segment or self.system.segments[0]
 
+    def component_of(self, unit: str) -> str:
+        """Return the name of a unit's component."""
+        return self.unit[unit].component or unit
+
     def component_alone(self, unit: str) -> Component:
         """Return the component of a unit as it is when the unit is tested alone: with the unit's own command."""
         described = self.unit[unit]
-        component = self.components[described.component or unit]
+        component = self.components[self.component_of(unit)]
         own = {key: getattr(described, key) for key in ("command", "env", "cwd")}
         given = {key: value for key, value in own.items() if value is not None}
         return component.model_copy(update=given) if given else component
 
     def alone(self, unit: str) -> SystemFile:
         """Return the file as it holds for trials of a unit alone."""
-        name, component = self.unit[unit].component or unit, self.component_alone(unit)
+        name, component = self.component_of(unit), self.component_alone(unit)
         if component is self.components[name]:
             return self
         return self.model_copy(update={"components": {**self.components, name: component}})
@@ -577,16 +581,20 @@ class SystemFile(_Table):
         """All components as they are started: in runs of the whole system, and as units alone."""
         return [*self.components.values(), *map(self.component_alone, self.unit)]
 
+    def shared_segments(self) -> set[str]:
+        """Return the segments that external components share with the system."""
+        inside, outside = (
+            {self.segment_of(one) for one in self.components.values() if one.external is way} for way in (False, True)
+        )
+        return inside & outside
+
     def check_outside_apart(self) -> None:
         """Check that what external components publish passes riot on its way to the system.
 
         Raises:
             ConfigError: They share a segment with the system.
         """
-        inside, outside = (
-            {self.segment_of(one) for one in self.components.values() if one.external is way} for way in (False, True)
-        )
-        if shared := inside & outside:
+        if shared := self.shared_segments():
             raise ConfigError(
                 f"external components share segment {min(shared)!r} with the system, so nothing can be intercepted",
                 where=f"{self.path}: [components]",
@@ -595,7 +603,7 @@ class SystemFile(_Table):
 
     def isolation_of(self, component: str) -> str:
         """Return how processes of a component are started: "fresh" if one of its units says so, else "auto"."""
-        units = [unit for name, unit in self.unit.items() if (unit.component or name) == component]
+        units = [unit for name, unit in self.unit.items() if self.component_of(name) == component]
         return "fresh" if any(unit.isolation == "fresh" for unit in units) else "auto"
 
     def choose_unit(self, name: str | None) -> str:

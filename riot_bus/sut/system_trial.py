@@ -16,16 +16,13 @@ from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
 from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.monitors.model import NO_SIGNS, judge
-from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
-from riot_bus.sut.kept_system import KeptSystem
-from riot_bus.sut.live_system import LiveSystem
+from riot_bus.sut.kept import end_kept
 from riot_bus.sut.node_parameters import set_parameters
-from riot_bus.sut.persistent import end_kept
+from riot_bus.sut.running_system import RealTimeSystem, VirtualTimeSystem, can_be_kept
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
-from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
 from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.clock import SystemClock
@@ -42,9 +39,10 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.activity import Activity
     from riot_bus.sut.context import Context
-    from riot_bus.sut.stage import TrialPlace, Watch
+    from riot_bus.sut.stage import TrialPlace, TrialSetup, Watch
     from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Scalar, TestCase, Violation
 
 __all__ = ["EXTERNAL_LOG", "SystemTrial", "write_log"]
@@ -138,109 +136,69 @@ class SystemTrial:
         """Return the outcome of a run, and whether its processes had been used for earlier runs."""
         started, again = time.monotonic(), False
         try:
-            kept = self._kept_components(case, place)
-            again = kept is not None and kept.runs > 0
-            return self._run(case, place, kept, started), again
+            system = self._system(case, place)
+            again = system.runs > 0
+            return self._run(case, place, system, started), again
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), again
 
-    def _kept_components(self, case: TestCase, place: TrialPlace) -> LiveSystem | KeptSystem | None:
-        """Return components that are kept between runs or that use virtual time; None if neither applies."""
+    def _system(self, case: TestCase, place: TrialPlace) -> RealTimeSystem | VirtualTimeSystem:
+        """Return the components for a run: those of earlier runs if they fit, else new ones."""
         file = place.context.file
-        system, parameters = file.system, _at_start(case, file)
-        goes_on = not (self.unit or self.record or self.evidence)
-        virtual = system.clock is not None and bool(case.messages)
-        in_time = not virtual and system.reset is not None and goes_on and KeptSystem.can_carry(file, case)
-        wanted: type[LiveSystem | KeptSystem] = LiveSystem if virtual else KeptSystem
-        kept = next((each for each in place.kept if isinstance(each, wanted)), None) if virtual or in_time else None
-        if kept and goes_on and kept.fits(seed=case.seed, pace=self.pace, parameters=parameters):
-            return kept
+        clock = file.system.clock if case.messages else None
+        made: dict[str, Any] = {"seed": case.seed, "pace": self.pace, "parameters": _at_start(case, file)}
+        goes_on = not (self.unit or self.record or self.evidence) and (clock is not None or can_be_kept(file, case))
+        kind = RealTimeSystem if clock is None else VirtualTimeSystem
+        system = next((each for each in place.kept if isinstance(each, kind)), None)
+        if system and goes_on and system.fits(**made):
+            return system
         end_kept(place)
-        made: dict[str, Any] = {"seed": case.seed, "pace": self.pace, "parameters": parameters}
         made |= {"timeout": _SETTLE_TIMEOUT, "stall": _STALL}
-        if virtual and system.clock is not None:
-            kept = LiveSystem(place, system.clock, **made)
-        elif in_time:
-            kept = KeptSystem(place, _inside(file), reset=system.reset, **made)
+        if clock is not None:
+            system = VirtualTimeSystem(place, clock, **made)
         else:
-            return None
-        if goes_on and kept.may_go_on:
-            place.kept.append(kept.__enter__())
-            return kept
-        return kept if isinstance(kept, LiveSystem) else None
+            inside, outside, injections = _cast(case, file)
+            if not inside:
+                raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
+            injected = set() if case.messages else {each.topic for each in injections}
+            reset = file.system.reset if goes_on else None
+            system = RealTimeSystem(place, inside, outside, sorted(injected), reset=reset, **made)
+        if goes_on and system.may_go_on:
+            place.kept.append(system.__enter__())
+        return system
 
-    def _run(self, case: TestCase, place: TrialPlace, kept: LiveSystem | KeptSystem | None, started: float) -> Outcome:
+    def _run(
+        self, case: TestCase, place: TrialPlace, system: RealTimeSystem | VirtualTimeSystem, started: float
+    ) -> Outcome:
         context = place.context
         file, registry = context.file, context.registry
-        live = kept if isinstance(kept, LiveSystem) else None
-        going_on = kept if isinstance(kept, KeptSystem) else None
-        inside = _inside(file)
-        outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
-        if not inside:
-            raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
+        live = system if isinstance(system, VirtualTimeSystem) else None
+        inside, outside, injections = _cast(case, file)
         home = file.segment_of(file.components[inside[0]])
-        injections = tuple(each for each in case.injections if each.topic != PARAMETERS)
         if injections and outside:
             file.check_outside_apart()
-        injected = {injection.topic for injection in injections} if not case.messages else set()
         injector, seen = Injector(injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)
         begin, messages = time.time_ns(), case.messages
         if messages:
             messages, _ = inject_log(messages, injections, registry=registry, seed=case.seed)
         with ExitStack() as stack:
+            stack.enter_context(held(file, outside) if system in place.kept else system)
+            stage = system.stage
             if live:
-                stage = live.stage if live in place.kept else stack.enter_context(live).stage
                 begin, tap.now = messages[0].time if messages else case.messages[0].time, live.time.now
-                live.prepare(begin)
-            elif going_on:
-                stack.enter_context(held(file, outside))
-                stage = going_on.stage
-                going_on.begin([] if case.messages else [injector, tap])
-            else:
-                stack.enter_context(held(file, [*inside, *outside]))
-                stage = stack.enter_context(
-                    TrialSetup(
-                        context,
-                        place.launcher,
-                        place.directory,
-                        segments=file.system.segments,
-                        intercept=context.topics(*sorted(injected)),
-                        pipeline=Pipeline([injector, tap], registry=registry),
-                        stall=_STALL,
-                        parameters=_at_start(case, file),
-                        imports=place.imports,
-                        attach=[*inside, *outside],
-                        network=place.network,
-                    )
-                )
-
-            def watching(segment: str) -> Watch:
-                """Return a function that observes a segment; in virtual time, it sees the messages of all segments."""
-                if going_on:
-                    return going_on.watching(segment)
-
-                def watch(expression: str, take: Callable[[Message], None]) -> None:
-                    if live:
-                        live.time.observers.append(
-                            lambda one: take(one) if registry.matches(expression, one.key) else None
-                        )
-                    else:
-                        stage.bus.subscribe(segment, expression, take)
-
-                return watch
-
-            watch = watching(home)
+            system.begin([] if case.messages else [injector, tap], time=begin)
+            watch = system.watching(home)
             controlled = file.external.topics
             internal = {parse_selector(text).topic for text in self.observe} - set(controlled)
             internal = {topic for topic in internal if not any(registry.matches(each, topic) for each in controlled)}
             for expression in context.topics(*sorted(internal)):
                 watch(expression, seen.append)
-            if not case.messages and not going_on:
-                for expression in context.topics(*sorted(set(file.external.topics) - injected)):
-                    stage.bus.subscribe(home, expression, tap.observe)
+            if not case.messages:
+                for expression in context.topics(*sorted(set(controlled) - set(system.intercepted))):
+                    watch(expression, tap.observe)
             stage.watch_outputs(context.watched, watch)
-            probe = _Probe(self, stage, watching) if self.unit else None
+            probe = _Probe(self, stage, system.watching) if self.unit else None
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
@@ -248,14 +206,7 @@ class SystemTrial:
                     )
                 )
                 watch("**", writer.write)
-            if live:
-                live.start()
-            elif going_on:
-                going_on.start()
-            else:
-                for name in inside:
-                    stage.start(name, seed=case.seed, pace=self.pace)
-                stage.wait_ready(inside)
+            system.start()
             refused = set_parameters(stage, inside, _parameters(case))
             if probe:
                 probe.begin()
@@ -342,7 +293,7 @@ class SystemTrial:
         messages: Sequence[Message],
         stage: TrialSetup,
         observe: Callable[[Message], None],
-        live: LiveSystem | None,
+        live: VirtualTimeSystem | None,
     ) -> bool:
         """Play messages; return False if, in virtual time, components did not come to rest before the end."""
         file, registry = stage.context.file, stage.context.registry
@@ -462,8 +413,11 @@ class _Probe:
         return (*found, *self._baseline.mined.judge(view))
 
 
-def _inside(file: SystemFile) -> list[str]:
-    return [name for name, component in file.components.items() if not component.external]
+def _cast(case: TestCase, file: SystemFile) -> tuple[list[str], list[str], tuple[Injection, ...]]:
+    """Return the components inside the system, the external ones that drive a case, and the injections into topics."""
+    inside = [name for name, component in file.components.items() if not component.external]
+    outside = [] if case.messages else [name for name in file.components if name not in inside]
+    return inside, outside, tuple(each for each in case.injections if each.topic != PARAMETERS)
 
 
 def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import time
 from bisect import bisect_left
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import inject_log
 from riot_bus.monitors.forging import mute_monitors
@@ -17,20 +18,18 @@ from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.recorded_calls import serve_calls
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
-from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from riot_bus.sut.stage import TrialPlace
-    from riot_bus.sut.system import SystemFile
+    from riot_bus.sut.stage import TrialPlace, TrialSetup
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["IdleTrial", "UnitTrial", "component_of"]
+__all__ = ["IdleTrial", "UnitTrial", "unit_setup"]
 
 _DEBUGGER_S = 60.0
 """Timeout behind a debugger, which spends most of it reading symbols."""
@@ -49,23 +48,9 @@ class IdleTrial:
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Start the unit and watch it."""
-        context = place.context.alone(self.unit)
-        file = context.file
-        name = component_of(file, self.unit)
         try:
-            segments = [file.segment_of(file.components[name])]
-            with (
-                held(file, [name]),
-                TrialSetup(
-                    context,
-                    place.launcher,
-                    place.directory,
-                    segments=segments,
-                    imports=place.imports,
-                    attach=[name],
-                    network=place.network,
-                ) as stage,
-            ):
+            with unit_setup(self.unit, place) as stage:
+                name = stage.context.file.component_of(self.unit)
                 serve_calls(stage, self.unit)
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
@@ -99,23 +84,9 @@ class UnitTrial:
 
         A fault of the environment has its own verdict (`Verdict.ERROR`) and is never a failure of the unit.
         """
-        context = place.context.alone(self.unit)
-        file = context.file
-        name = component_of(file, self.unit)
+        more: dict[str, Any] = {"imports": None} if self.evidence else {}
         try:
-            with (
-                held(file, [name]),
-                TrialSetup(
-                    context,
-                    place.launcher,
-                    place.directory,
-                    segments=[file.segment_of(file.components[name])],
-                    stall=file.unit[self.unit].settle.timeout,
-                    imports=None if self.evidence else place.imports,
-                    attach=[name],
-                    network=place.network,
-                ) as stage,
-            ):
+            with unit_setup(self.unit, place, **more) as stage:
                 self.start(stage, case)
                 return self.play(stage, case, evidence=place.left if self.evidence else None)
         except EnvironmentFaultError as error:
@@ -127,7 +98,7 @@ class UnitTrial:
         Raises:
             EnvironmentFaultError: It does not start.
         """
-        name = component_of(stage.context.file, self.unit)
+        name = stage.context.file.component_of(self.unit)
         component = stage.context.file.components[name]
         serve_calls(stage, self.unit)
         stage.start(name, seed=case.seed, before=self.before)
@@ -148,7 +119,7 @@ class UnitTrial:
         """
         started = time.monotonic()
         context, unit = stage.context, stage.context.file.unit[self.unit]
-        name, reached, ahead = component_of(context.file, self.unit), list[list[int]](), list[int]()
+        name, reached, ahead = context.file.component_of(self.unit), list[list[int]](), list[int]()
         process = stage.processes[name]
         messages, touched = inject_log(
             case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached, ahead=ahead
@@ -200,9 +171,21 @@ class UnitTrial:
         )
 
 
-def component_of(file: SystemFile, unit: str) -> str:
-    """Return the name of a unit's component."""
-    return file.unit[unit].component or unit
+@contextmanager
+def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSetup]:
+    """Reserve the resources that a unit needs, and open a setup for it alone.
+
+    Args:
+        unit: Name of the unit.
+        place: Place of the trial.
+        options: Arguments of `TrialPlace.setup` that differ.
+    """
+    context = place.context.alone(unit)
+    file, name = context.file, context.file.component_of(unit)
+    segments, stall = [file.segment_of(file.components[name])], file.unit[unit].settle.timeout
+    setup = place.setup(context=context, segments=segments, stall=stall, attach=[name], **options)
+    with held(file, [name]), setup as stage:
+        yield stage
 
 
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:

@@ -78,5 +78,5 @@ def test_a_reset_that_does_not_reach_the_unit_is_an_error(tmp_path: Path) -> Non
     path.write_text(path.read_text().replace(head, f"""{head}reset = {{ topic = "comand", payload = '1' }}\n"""))
     with Workspace(path, tmp_path / "out", jobs=1) as workspace:
         log = workspace.unit_log(HISTORY)
-        with pytest.raises(ConfigError, match="has not subscribed to comand"):
+        with pytest.raises(ConfigError, match="no component has subscribed to 'comand'"):
             workspace.runners.unit(HISTORY, lambda: log, persistent=True).run([TestCase(log)])
