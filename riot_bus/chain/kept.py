@@ -15,7 +15,7 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
-from riot_bus.sut.nominal_system import needs_baseline
+from riot_bus.sut.nominal import needs_baseline
 from riot_bus.vocabulary.trial import TestCase, Violation
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.monitors.model import Monitor, names_of
 from riot_bus.plugins import MONITORS
 from riot_bus.statistics.noise import Noise
-from riot_bus.sut.nominal_system import needs_baseline, why_not_told
+from riot_bus.sut.nominal import needs_baseline, why_not_told
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection

@@ -20,7 +20,7 @@ from riot_bus.log.reader import LogReader
 from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.sut.context import Context, open_system
-from riot_bus.sut.nominal_system import needs_baseline, why_not_told
+from riot_bus.sut.nominal import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, did_you_mean

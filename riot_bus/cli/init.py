@@ -104,7 +104,7 @@ def init(
 
         found, lines = init_ros2(out, endpoint, **live), _lines
     else:
-        from riot_bus.sut.plain_init import init_plain, init_plain_log
+        from riot_bus.sut.init import init_plain, init_plain_log
 
         lines = _plain_lines
         if log is not None:
@@ -132,7 +132,7 @@ def _written(file: str) -> str:
 
 
 def _plain_lines(found: dict[str, Any]) -> list[str]:
-    from riot_bus.sut.plain_scaffold import draft_lines
+    from riot_bus.sut.scaffold import draft_lines
 
     return [*draft_lines(found), f"written: {found['file']}"]
 

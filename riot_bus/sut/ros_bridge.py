@@ -1,14 +1,16 @@
-"""Bridges for nodes that use DDS: a ROS domain of their own is joined to a segment of the router."""
+"""ROS domains for nodes that use DDS: unused ones, and bridges that join them to segments of the router."""
 
 from __future__ import annotations
 
 import json
+import random
 import signal
+import socket
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.sut.existing_tests.commands import riot_command
+from riot_bus.sut.existing_tests.packages import riot_command
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others, wait_until
 
@@ -18,11 +20,16 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.launcher import ComponentProcess, Launcher
 
-__all__ = ["bridged_domains", "domain_environment", "start_bridge"]
+__all__ = ["bridged_domains", "domain_environment", "free_domains", "start_bridge"]
 
 _READY_S = 60.0  # as long as the bridge itself waits for its node, which imports rclpy
 _END_S = 15.0  # a bridge waits up to 5 s for its last messages, and 10 s for its node
 _LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
+_DOMAINS = range(1, 101)
+_LOCK_PORT = 32_768
+"""A domain is taken by binding this port plus its number, as ROS's domain_coordinator and colcon's do."""
+_DDS_PORT, _PORTS_OF_DOMAIN = 7400, 250
+"""First port, and distance between domains, of the ports on which participants discover each other."""
 
 
 @contextmanager
@@ -110,3 +117,32 @@ def _event(bridge: ComponentProcess, name: str) -> dict[str, Any]:
         if line.startswith("{") and line.endswith("\n") and (event := json.loads(line)).get("event") == name:
             return dict(event)
     return {}
+
+
+@contextmanager
+def free_domains(count: int) -> Iterator[list[int]]:
+    """Reserve domains that no other tests and no participants on this machine use, until the context ends.
+
+    Raises:
+        EnvironmentFaultError: Fewer domains than that are free.
+    """
+    with ExitStack() as stack:
+        found: list[int] = []
+        for number in random.SystemRandom().sample(_DOMAINS, len(_DOMAINS)):
+            if len(found) == count:
+                break
+            with suppress(OSError):
+                stack.enter_context(_taken(number))
+                found.append(number)
+        if len(found) < count:
+            raise EnvironmentFaultError("all ROS domains from 1 to 100 are in use", hint="end some ROS nodes")
+        yield found
+
+
+@contextmanager
+def _taken(number: int) -> Iterator[None]:
+    with socket.socket() as lock, socket.socket(type=socket.SOCK_DGRAM) as probe:
+        lock.bind(("", _LOCK_PORT + number))
+        probe.bind(("", _DDS_PORT + _PORTS_OF_DOMAIN * number))
+        probe.close()
+        yield

@@ -13,8 +13,7 @@ from riot_bus.sut.baseline import UNKNOWN
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
 from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.sut.local import LocalRunner, Pool
-from riot_bus.sut.nominal import measure_baseline
-from riot_bus.sut.nominal_system import measure_in_system
+from riot_bus.sut.nominal import measure_baseline, measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial

@@ -10,8 +10,7 @@ from riot_bus.log.playback.player import play
 from riot_bus.monitors.liveness import crashes_of
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.sut.hang_watch import Watch
-from riot_bus.sut.hangs import hang_stacks
+from riot_bus.sut.hangs import HangWatch, hang_stacks
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.resource_limits import Guard
 from riot_bus.sut.settling import wait_sent, wait_taken
@@ -74,7 +73,7 @@ class Feeder:
         self._fed = time.monotonic()
         self.begun: tuple[Activity, Activity] | None = None
         self._hangs = stage.context.hangs[name]
-        self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
+        self._watch = HangWatch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
     @property
     def alive(self) -> bool:

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.sut.containers import first_process
-from riot_bus.sut.domains import free_domains
 from riot_bus.sut.existing_tests.placement import STARTED, only_some, started_in
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
-from riot_bus.sut.ros_bridge import domain_environment, start_bridge
+from riot_bus.sut.ros_bridge import domain_environment, free_domains, start_bridge
 from riot_bus.sut.starts import start_of
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.sut.system import FREE_PORT

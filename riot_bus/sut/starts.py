@@ -7,15 +7,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.sut.attached import attached_command
 from riot_bus.sut.containers import ENGINE_FAILED, container_commands, engine_of
-from riot_bus.sut.remote_command import CONNECTION_LOST, ssh_command
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.sut.system import Component
+    from riot_bus.sut.system import Component, RemoteHost
 
-__all__ = ["Start", "start_of"]
+__all__ = ["CONNECTION_LOST", "Start", "ssh_command", "start_of"]
+
+CONNECTION_LOST = 255
+"""Status of `ssh` when the connection, not the command, has failed."""
+_OPTIONS = ("BatchMode=yes", "ExitOnForwardFailure=yes", "ServerAliveInterval=5", "ServerAliveCountMax=3")
+_THERE = "exec 3<&0; {{ cat <&3; kill -9 0; }} >/dev/null 2>&1 & cd {cwd} && env {command} </dev/null 3<&-; exit $?"
+"""All of the process group is killed when standard input ends, as it does with the connection."""
 
 
 class Start(NamedTuple):
@@ -80,3 +86,31 @@ def start_of(
     if component.attach is not None:
         return Start(attached_command(int(component.attach.rpartition(":")[2])), component.teardown, lost=1)
     return Start(argv, component.teardown)
+
+
+def ssh_command(
+    remote: RemoteHost, endpoint: str, there: str, *, command: Sequence[str], env: Mapping[str, str], cwd: str
+) -> list[str]:
+    """Return the command that executes a component's command on another machine, where it finds the segment.
+
+    Its standard input has to stay open as long as the component is to run.
+
+    Args:
+        remote: The other machine.
+        endpoint: Endpoint of the segment on this machine.
+        there: Endpoint on the other machine: a loopback port that is forwarded to the segment.
+        command: Command to execute there.
+        env: Variables that the command gets there.
+        cwd: Working folder there, relative to the folder of a login.
+
+    Raises:
+        ConfigError: The segment does not listen on TCP, so `ssh` cannot forward to it.
+    """
+    protocol, _, address = endpoint.partition("/")
+    if protocol != "tcp":
+        raise ConfigError(f"ssh forwards TCP alone, and the segment listens at {endpoint}", where="[components] ssh")
+    options = [word for option in _OPTIONS for word in ("-o", option)]
+    forward = f"{there.removeprefix('tcp/')}:{address}"
+    words = shlex.join([*(f"{key}={value}" for key, value in env.items()), *command])
+    executed = f"sh -c {shlex.quote(_THERE.format(cwd=shlex.quote(cwd), command=words))}"
+    return ["ssh", "-T", *options, "-R", forward, *remote.options, remote.host, executed]

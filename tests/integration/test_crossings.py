@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from riot_bus.router.bus import Bus
-from riot_bus.sut.existing_tests.crossings import Crossings
+from riot_bus.sut.existing_tests.segments import Crossings
 from riot_bus.zenoh.session import wait_until
 from tests.integration.zenoh_process import ZenohProcess
 

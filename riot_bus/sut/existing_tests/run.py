@@ -16,11 +16,9 @@ from riot_bus.control.log_paths import claim, file_stem
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import settings_of
 from riot_bus.control.signals import END_S, ended_by_signals
-from riot_bus.sut.existing_tests.commands import is_colcon_test, router_per_package
-from riot_bus.sut.existing_tests.crossings import Crossings
-from riot_bus.sut.existing_tests.package_accounts import leave_account, package_lines
+from riot_bus.sut.existing_tests.packages import is_colcon_test, leave_account, package_lines, router_per_package
 from riot_bus.sut.existing_tests.passage import Passage
-from riot_bus.sut.existing_tests.segments import HERE, UNIT, Components, open_segments
+from riot_bus.sut.existing_tests.segments import HERE, UNIT, Components, Crossings, open_segments
 from riot_bus.sut.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others

@@ -1,26 +1,30 @@
-"""The two segments of the router of `riot ros-test`: placement of processes, and the components that connected."""
+"""The two segments of the router of `riot ros-test`: placement of processes, connected components, and crossings.
+
+Only a message with a subscriber in another segment passes the router: within one segment, messages bypass riot.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
-from riot_bus.sut.domains import free_domains
+from riot_bus.router.receivers import Receivers
 from riot_bus.sut.existing_tests.placement import Placement
-from riot_bus.sut.ros_bridge import bridged_domains
-from riot_bus.zenoh.session import environment_of_others
+from riot_bus.sut.ros_bridge import bridged_domains, free_domains
+from riot_bus.zenoh.session import environment_of_others, includes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
     from riot_bus.control.router_service import RouterService
+    from riot_bus.router.bus import Bus
     from riot_bus.sut.launcher import Launcher
 
-__all__ = ["HERE", "UNIT", "Components", "ReadySegments", "open_segments"]
+__all__ = ["HERE", "UNIT", "Components", "Crossings", "ReadySegments", "open_segments"]
 
 HERE, UNIT = "system", "unit"
 """The segment of the command, and that of the chosen processes."""
@@ -100,3 +104,36 @@ class Components:
     def found(self) -> dict[str, int]:
         """Number of components by segment, without empty segments."""
         return {name: len(found) for name, found in self._seen.items() if found}
+
+
+class Crossings:
+    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager.
+
+    Args:
+        bus: Bus that is open.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._receivers = Receivers(bus)
+
+    def __enter__(self) -> Self:
+        for expression in self._bus.intercepted:
+            self._receivers.watch(expression)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._receivers.__exit__(*error)
+
+    def count(self, inhabited: Collection[str]) -> int:
+        """Return how many messages came from one segment and had a subscriber in another one.
+
+        Args:
+            inhabited: Segments that have components: a recorder of everything looks like a subscriber in each.
+        """
+        heard = {text: self._receivers.heard(text) & set(inhabited) for text in self._bus.intercepted}
+        return sum(
+            number
+            for (key, segment), number in self._bus.flows().items()
+            if any(where - {segment} and includes(text, key) for text, where in heard.items())
+        )

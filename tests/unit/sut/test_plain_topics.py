@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import pytest
+
 from riot_bus.graph.model import Edge, Graph, Topic
-from riot_bus.sut.plain_topics import remark, topic_groups, topics_by_name, uses_of
+from riot_bus.sut.plain_topics import grouped, remark, topic_groups, topics_by_name, uses_of
 from riot_bus.sut.topic_look import TopicDraft
 
 NAMES = {"11": "sim", "22": "planner", "33": "planner"}
 POSE = TopicDraft(
     "r/1/pose", "r/1/pose", "json", encodings=("application/json",), count=10, rate=5.0, sizes=(3, 9), read=10
 )
+UUIDS = [f"{number:08x}-0000-4000-8000-000000000000" for number in range(2)]
 
 
 def edges(*rows: tuple[str, str, str]) -> Graph:
@@ -51,3 +54,29 @@ def test_remarks() -> None:
     assert remark(POSE, 3) == "json, application/json, 3 to 9 bytes, 5/s, 3 keys"
     assert remark(TopicDraft("k", "k", count=1, sizes=(4, 4))) == "type unknown, 4 bytes, 1 seen"
     assert remark(None) == "no message was seen"
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        (["r/1/p", "r/2/p"], {"r/*/p"}),
+        (["r/1/p", "r/20/p", "r/1/q", "r/20/q"], {"r/*/p", "r/*/q"}),
+        ([f"r/{each}" for each in UUIDS], {"r/*"}),
+        (["r/1/p"], {"r/1/p"}),  # one is no group
+        (["r/a/p", "r/b/p"], {"r/a/p", "r/b/p"}),  # names are not numbers
+        (["r1/p", "r2/p"], {"r1/p", "r2/p"}),  # a number within a chunk is a name
+        (["r/1/2", "r/1/3", "r/2/2"], {"r/1/2", "r/1/3", "r/2/2"}),  # by which of two numbers?
+        ([f"r/{a}/{b}" for a in (1, 2) for b in (1, 2, 3)], {"r/1/*", "r/2/*"}),
+        (["r/1/p", "r/2/p", "r/x/p"], {"r/1/p", "r/2/p", "r/x/p"}),  # the expression would include another key
+    ],
+)
+def test_keys_that_differ_by_a_number_or_id(keys: list[str], expected: set[str]) -> None:
+    found = grouped(dict.fromkeys(keys, "json"))
+    assert found.keys() == expected
+    assert sorted(key for members in found.values() for key in members) == sorted(keys)
+
+
+def test_what_is_not_alike_stays_apart() -> None:
+    assert grouped({"r/1/p": "json", "r/2/p": "raw"}).keys() == {"r/1/p", "r/2/p"}
+    assert grouped({"r/1/p": 0, "r/2/p": 0}, ["r/3/p"]).keys() == {"r/1/p", "r/2/p"}
+    assert grouped({}) == {}

@@ -1,13 +1,23 @@
 from __future__ import annotations
 
+import os
+import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
-from riot_bus.sut.starts import Start, start_of
+import psutil
+import pytest
+
+from riot_bus.sut.starts import Start, ssh_command, start_of
 from riot_bus.sut.system import Component, Container, RemoteHost
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.zenoh.session import wait_until
 
 ENDPOINT = "tcp/127.0.0.1:41234"
+ENDPOINT, THERE = "tcp/127.0.0.1:41234", "tcp/127.0.0.1:15001"
+WAIT_S = 30.0
 
 
 def start(component: Component, folder: Path) -> Start:
@@ -54,3 +64,74 @@ def test_what_runs_already_is_found_by_its_port(tmp_path: Path) -> None:
     made = start(Component(attach="tcp/127.0.0.1:7447"), tmp_path)
     assert made.argv[:6] == [sys.executable, "-E", "-P", "-m", "riot_bus.sut.attached", "7447"]
     assert made.lost == 1
+
+
+def command(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> list[str]:
+    return ssh_command(
+        RemoteHost(host="robot", options=("-p", "22")), ENDPOINT, THERE, command=words, env=env or {}, cwd=cwd
+    )
+
+
+def run(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> subprocess.Popen[str]:
+    """Execute what the other machine would, in a session of its own as there."""
+    pipe = subprocess.PIPE
+    there = command(*words, env=env, cwd=cwd)[-1]
+    return subprocess.Popen(["sh", "-c", there], stdin=pipe, stdout=pipe, text=True, start_new_session=True)
+
+
+def ended(process: subprocess.Popen[str]) -> str:
+    """Return what it prints to its end; until then, the connection stays."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process.stdin, process.stdout:
+        out = process.stdout.read()
+        process.wait(WAIT_S)
+    return out
+
+
+def test_the_port_of_the_segment_leads_back() -> None:
+    words = command("plan")
+    assert words[0] == "ssh"
+    assert words[words.index("-R") + 1] == "127.0.0.1:15001:127.0.0.1:41234"
+    assert words[-4:-1] == ["-p", "22", "robot"]
+    assert "BatchMode=yes" in words
+    with pytest.raises(ConfigError, match="ssh forwards TCP alone, and the segment listens at quic"):
+        ssh_command(RemoteHost(host="robot"), "quic/127.0.0.1:1", THERE, command=["plan"], env={}, cwd=".")
+
+
+def test_words_and_variables_arrive_as_they_are(tmp_path: Path) -> None:
+    show = "import os, sys; print(sys.argv[1:], os.environ['NAME'], os.getcwd()); sys.exit(3)"
+    words = ["a b", "$HOME", "'", '"']
+    process = run(sys.executable, "-c", show, *words, env={"NAME": "it's $x"}, cwd=str(tmp_path))
+    assert ended(process) == f"{words} it's $x {os.path.realpath(tmp_path)}\n"
+    assert process.returncode == 3
+
+
+def test_a_signal_is_told_as_shells_tell_it() -> None:
+    process = run(sys.executable, "-c", f"import os; os.kill(os.getpid(), {int(signal.SIGSEGV)})")
+    ended(process)
+    assert process.returncode == 128 + signal.SIGSEGV
+
+
+def test_all_of_it_is_killed_when_the_connection_ends(tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    inner = f"trap '' HUP TERM; sleep 98.5 & echo $! > {shlex.quote(str(ready))}.part; "
+    inner += f"mv {shlex.quote(str(ready))}.part {shlex.quote(str(ready))}; wait"
+    process = run("sh", "-c", inner)
+    assert wait_until(ready.exists, WAIT_S)
+    child = int(ready.read_text())
+    assert psutil.pid_exists(child)
+    assert process.stdin is not None
+    process.stdin.close()
+    process.wait(WAIT_S)
+    assert process.returncode == -signal.SIGKILL
+    assert wait_until(lambda: not _runs(child), WAIT_S)
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

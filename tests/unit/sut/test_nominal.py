@@ -9,7 +9,7 @@ from riot_bus.monitors.mined import Mined, MinedRule
 from riot_bus.sut.activity import STILL
 from riot_bus.sut.baseline import UNKNOWN, Baseline, NominalTrial
 from riot_bus.sut.context import open_system
-from riot_bus.sut.nominal_system import in_system_of, needs_baseline, why_not_told
+from riot_bus.sut.nominal import in_system_of, needs_baseline, why_not_told
 from riot_bus.sut.python_report import ThreadStack
 from riot_bus.vocabulary.message import Message
 

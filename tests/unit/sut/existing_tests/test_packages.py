@@ -6,7 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.existing_tests.commands import is_colcon_test, riot_command, router_per_package
+from riot_bus.sut.existing_tests.packages import (
+    is_colcon_test,
+    leave_account,
+    package_lines,
+    riot_command,
+    router_per_package,
+)
 
 
 @pytest.mark.parametrize(
@@ -38,3 +44,19 @@ def test_riot_starts_whatever_python_path_there_is(tmp_path: Path) -> None:
     environment = {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run([*riot_command(), "--version"], capture_output=True, text=True, env=environment, check=True)
     assert done.stdout.startswith("riot_bus ")
+
+
+def test_all_packages_are_told_and_what_has_shown_nothing_loudly(tmp_path: Path) -> None:
+    leave_account(tmp_path, "nav", ["5 messages", "NOTHING WAS INJECTED"], vacuous=True)
+    leave_account(tmp_path, "../map\x1b", ["7 messages"], vacuous=False)
+    assert package_lines(tmp_path) == [
+        "../map\\x1b: 7 messages",
+        "nav: 5 messages",
+        "nav: NOTHING WAS INJECTED",
+        "tests of 2 packages, each through a router of its own; NOTHING SHOWN by nav",
+    ]
+
+
+def test_no_package_at_all(tmp_path: Path) -> None:
+    (line,) = package_lines(tmp_path)
+    assert line.startswith("NO TESTS OF A PACKAGE WENT THROUGH A ROUTER")

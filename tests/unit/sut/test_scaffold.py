@@ -7,7 +7,7 @@ from pathlib import Path
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph
 from riot_bus.sut.command_draft import CommandDraft
 from riot_bus.sut.plain_draft import PlainDraft, PlainFacts, plain_draft
-from riot_bus.sut.plain_scaffold import draft_json, draft_lines, draft_toml, left_to_fill_in
+from riot_bus.sut.scaffold import draft_json, draft_lines, draft_toml, left_to_fill_in
 from riot_bus.sut.system import SystemFile
 from riot_bus.sut.topic_look import TopicDraft
 
@@ -84,7 +84,7 @@ def test_what_is_left_to_fill_in_is_what_the_file_marks() -> None:
     assert "components.sim: what it reads and writes" in left_to_fill_in(silent)
     assert left_to_fill_in(silent)[-1] == "unit: the component that is to be tested"
     assert "# [unit.NAME]   # FILL IN" in text_of(silent)
-    assert "Whose these are is not known: cmd, mode, pose/*, raw, tick" in text_of(silent)
+    assert "The components of these topics are unknown: cmd, mode, pose/*, raw, tick" in text_of(silent)
     assert set(parsed(draft(unit="arm")).unit) == {"arm"}
 
 
@@ -103,15 +103,15 @@ def test_what_people_are_told() -> None:
     assert lines[0] == "arm  inside   1 in, 0 out  FILL_IN arm"
     assert lines[1] == "sim  outside  0 in, 4 out  '{python}' sim.py -e '{endpoint}'"
     assert lines[2] == "external topics: pose/*"
-    assert "published by nobody that is known: cmd" in lines
+    assert "published by an unknown component: cmd" in lines
     assert any(line.startswith("FILL IN components.arm") for line in lines)
     silent = {**draft_json(draft()), "started": False}
     assert draft_lines(silent)[-1].startswith("--start starts each component once")
     assert not draft_lines({**silent, "started": True})[-1].startswith("--start")
     heard = draft_lines({**silent, "listener": True, "skipped": 3, "unknown_receiver": ["a\x1b[31m"]})
-    assert "somebody reads everything, such as a recorder, so that who else reads what does not show" in heard
+    assert "a component reads everything, such as a recorder, which hides what the others read" in heard
     assert "3 more keys were too many to look at" in heard
-    assert "read by somebody who is not known: a\\x1b[31m" in heard
+    assert "read by an unknown component: a\\x1b[31m" in heard
 
 
 def test_texts_from_the_network_stay_texts() -> None:

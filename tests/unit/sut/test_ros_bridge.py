@@ -4,8 +4,8 @@ import socket
 
 import pytest
 
-from riot_bus.sut import domains
-from riot_bus.sut.domains import free_domains
+from riot_bus.sut import ros_bridge
+from riot_bus.sut.ros_bridge import free_domains
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 
@@ -21,7 +21,7 @@ def test_domains_are_taken_as_ros_takes_them_and_given_back() -> None:
 
 @pytest.mark.parametrize(("kind", "port"), [(socket.SOCK_STREAM, 32768 + 77), (socket.SOCK_DGRAM, 7400 + 250 * 77)])
 def test_a_domain_in_use_is_not_taken(kind: socket.SocketKind, port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(domains, "_DOMAINS", range(77, 78))
+    monkeypatch.setattr(ros_bridge, "_DOMAINS", range(77, 78))
     with socket.socket(type=kind) as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         other.bind(("", port))

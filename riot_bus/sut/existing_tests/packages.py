@@ -1,22 +1,54 @@
-"""Reports of the `riot ros-test` of each package, collected by the one that runs all packages."""
+"""`riot ros-test colcon test`: a `riot ros-test` for the tests of each package, and their reports."""
 
 from __future__ import annotations
 
 import json
 import os
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.log_paths import file_stem
+from riot_bus.sut.existing_tests.placement import hooked
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["leave_account", "package_lines"]
+__all__ = ["is_colcon_test", "leave_account", "package_lines", "riot_command", "router_per_package"]
 
 _LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so more is no report
+
+
+def riot_command() -> list[str]:
+    """Return the command that starts this same riot again, whatever `PYTHONPATH` the user's ROS environment sets."""
+    return [sys.executable, "-E", "-m", "riot_bus"]
+
+
+def is_colcon_test(command: Sequence[str]) -> bool:
+    """Return whether a command is `colcon test`, which runs the tests of many packages."""
+    names = [os.path.basename(word) for word in command]
+    return "colcon" in names[:3] and "test" in names[names.index("colcon") :]
+
+
+def router_per_package(
+    given: Mapping[str, str], options: Sequence[str], *, folder: Path, accounts: Path
+) -> dict[str, str]:
+    """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own.
+
+    Args:
+        given: Other variables that colcon gets.
+        options: Options of `riot ros-test`, as the user wrote them.
+        folder: Folder to write a file to; only this user should be able to write there.
+        accounts: Folder in which each `riot ros-test` leaves its report.
+    """
+    plan = folder / "packages.json"
+    own = ["--package", "{package}", "--in", "{folder}", "--account", str(accounts), "--"]
+    wrap = [*riot_command(), "ros-test", *options, *own]
+    plan.write_text(json.dumps({"wrap": wrap, "cwd": str(Path.cwd())}), encoding="utf-8")
+    return hooked(given, plan)
 
 
 def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:
