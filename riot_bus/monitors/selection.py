@@ -24,7 +24,7 @@ def message_selector(text: str) -> Selector:
     """Return a selector of whole messages; raises ConfigError if the text is not one."""
     selector = parse_selector(text)
     if selector.field is not None:
-        hint = "write it like '1/1/STATUSTEXT where severity <= 2'"
+        hint = f"write '{selector.topic} where {selector.field} <= 2', say, or only {selector.topic!r}"
         raise ConfigError(f"{text!r} selects a field instead of messages", hint=hint)
     if selector.where is not None:
         parse_predicate(selector.where)

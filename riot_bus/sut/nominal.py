@@ -198,13 +198,8 @@ def measure_in_system(
     )
     if wrong := _not_passed(runs):
         return Baseline(mute=(wrong,))
-    found = in_system_of(
-        alone,
-        answers,
-        [nominal_of(one) for one in runs],
-        context=context,
-        idle=functools.reduce(Idle.or_more, map(_idle, runs)),
-    )
+    idle = functools.reduce(Idle.or_more, map(_idle, runs))
+    found = in_system_of(alone, answers, [nominal_of(one) for one in runs], context=context, idle=idle)
     judged = pool.map(
         SystemTrial(pace, unit=unit, baseline=found),
         [TestCase(driving, seed=number) for number in range(_RUNS, 2 * _RUNS)],

@@ -1,4 +1,4 @@
-"""Names of the keys of a plain Zenoh system in a system file, grouped where they are alike, and remarks on each; pure."""
+"""Names of the keys of a plain Zenoh system in a system file, in groups of similar ones, and remarks on each; pure."""
 
 from __future__ import annotations
 

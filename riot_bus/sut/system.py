@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -15,12 +16,11 @@ from riot_bus.config.router_settings import RouterSettings, router_keys
 from riot_bus.config.toml_file import MistakeError, explained, line_of, place_of, read_toml
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.model import Invariant
+from riot_bus.monitors.selection import message_selector
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.vocabulary.predicate import parse_predicate
-from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 __all__ = [
     "FILE",
@@ -67,6 +67,34 @@ _NEAR = 0.8
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    with_placeholders: ClassVar[tuple[str, ...]] = ()
+    """Fields whose texts may have placeholders."""
+
+    def filled(self, fill: Callable[[str], str]) -> Self:
+        """Return a copy with placeholders filled in, by a function from text to text."""
+        return self.model_copy(update={name: _filled(getattr(self, name), fill) for name in self.with_placeholders})
+
+
+def _filled(value: Any, fill: Callable[[str], str]) -> Any:
+    """Return a value of a table with `fill` applied to all texts in it."""
+    match value:
+        case str():
+            return fill(value)
+        case tuple():
+            return tuple(fill(text) for text in value)
+        case dict():
+            return {key: fill(text) for key, text in value.items()}
+        case _Table():
+            return value.filled(fill)
+    return value
+
+
+def _texts(value: Any) -> list[str]:
+    """Return all texts in a value of a table that may have placeholders."""
+    found: list[str] = []
+    _filled(value, lambda text: found.append(text) or text)  # type: ignore[func-returns-value]
+    return found
 
 
 class RunPace(_Table):
@@ -123,25 +151,24 @@ class System(_Table):
     reset: Reset | None = None
 
 
-def _messages(text: str) -> str:
-    """Return a selector of whole messages as it is; refuse what is none."""
-    try:
-        selector = parse_selector(text)
-        if selector.where is not None:
-            parse_predicate(selector.where)
-    except ConfigError as error:
-        raise MistakeError(error.message, hint=error.hint) from None
-    if selector.field is not None:
-        raise MistakeError(f"{text!r} names a field", hint=f"write '{selector.topic} where ...' to ask for a value")
-    return text
+def _checked(check: Callable[[Any], object]) -> Callable[[Any], Any]:
+    """Return a validator that returns values as they are, if `check` raises no ConfigError."""
+
+    def validate(value: Any) -> Any:
+        try:
+            check(value)
+        except ConfigError as error:
+            raise MistakeError(error.message, hint=error.hint) from None
+        return value
+
+    return validate
 
 
 def _service(text: str) -> str:
-    """Return the name of a service as it is; refuse what is none."""
+    """Return the name of a service unchanged; raise MistakeError for any other text."""
     if not re.fullmatch(r"/?[^/*$?#\s]+(/[^/*$?#\s]+)*", text):
-        raise MistakeError(
-            f"{text!r} is not the name of a service", hint="write its key or ROS name, without wildcards"
-        )
+        hint = "write its key or ROS name, without wildcards"
+        raise MistakeError(f"{text!r} is not the name of a service", hint=hint)
     return text
 
 
@@ -155,15 +182,17 @@ class Ready(_Table):
 
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
-    topic: Annotated[str, AfterValidator(_messages)] | None = None
+    topic: Annotated[str, AfterValidator(_checked(message_selector))] | None = None
     service: Annotated[str, Field(max_length=1000), AfterValidator(_service)] | None = None
     port: Annotated[int, Field(ge=1, le=65_535)] | Annotated[str, Field(pattern=f"^{FREE_PORT.pattern}$")] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
     command: tuple[str, ...] = ()
 
+    with_placeholders = ("command",)
+
 
 def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
-    """Return what reads an amount that is written with its unit."""
+    """Return a validator that reads amounts with units."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, str):
@@ -203,6 +232,8 @@ class Container(_Table):
     engine: Annotated[str, Field(min_length=1)] | None = None
     options: tuple[str, ...] = ()
 
+    with_placeholders = ("image", "compose", "options")
+
     @model_validator(mode="after")
     def _has_both(self) -> Self:
         if (self.compose is None) != (self.service is None):
@@ -216,23 +247,25 @@ class RemoteHost(_Table):
     host: Annotated[str, Field(min_length=1, pattern="^[^-]")]
     options: tuple[str, ...] = ()
 
+    with_placeholders = ("host", "options")
+
 
 def _pattern(text: str) -> str:
-    """Return a regular expression as it is; refuse what is none."""
+    """Return a regular expression unchanged; raise MistakeError for any other text."""
     try:
         re.compile(text)
     except re.error as error:
-        raise MistakeError(f"{text!r} is no regular expression: {error}", hint="such as 'planner|map.*'") from None
+        hint = "such as 'planner|map.*'"
+        raise MistakeError(f"{text!r} is not a regular expression: {error}", hint=hint) from None
     return text
 
 
 def _way_to_end(value: Any) -> Any:
-    """Return how a component is ended as it is; refuse what is none of the ways."""
+    """Return a way to end a component unchanged; raise MistakeError for any other value."""
     if value in ("kill", "term") or (isinstance(value, list | tuple) and value):
         return value
-    raise MistakeError(
-        f"{value!r} is no way to end a component", hint='"kill", "term" or a command: ["PROGRAM", "ARGUMENT", ...]'
-    )
+    hint = '"kill", "term" or a command: ["PROGRAM", "ARGUMENT", ...]'
+    raise MistakeError(f"{value!r} is not a way to end a component", hint=hint)
 
 
 class Component(_Table):
@@ -273,6 +306,8 @@ class Component(_Table):
     limits: ResourceLimits | Literal["off"] = ResourceLimits()
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
+    with_placeholders = ("command", "env", "cwd", "setup", "stop", "teardown", "ready", "container", "ssh")
+
     @model_validator(mode="after")
     def _can_be_started(self) -> Self:
         ways = [name for name in ("container", "ssh", "attach") if getattr(self, name) is not None]
@@ -283,9 +318,10 @@ class Component(_Table):
                 "no command", hint='write command = ["PROGRAM", "ARGUMENT", ...], or container = { ... }'
             )
         if self.attach is not None and self.command:
-            raise MistakeError("what runs already has no command", hint="leave out `command`, or `attach`")
+            raise MistakeError("a component that runs already has no command", hint="leave out `command`, or `attach`")
         if self.attach is not None and self.stop_command:
-            raise MistakeError("what runs already is not ended", hint="leave out `stop`, or use `teardown`")
+            hint = "leave out `stop`, or use `teardown`"
+            raise MistakeError("a component that runs already is not ended", hint=hint)
         if self.only is not None and ways:
             raise MistakeError("`only` is for commands that are executed here")
         if self.dds and ways not in ([], ["container"]):
@@ -300,36 +336,6 @@ class Component(_Table):
         return () if isinstance(self.stop, str) else self.stop
 
     @property
-    def texts(self) -> tuple[str, ...]:
-        """All texts that may have placeholders."""
-        there: list[str] = [*self.setup, *self.stop_command, *self.teardown, *self.ready.command]
-        if self.container is not None:
-            there += [self.container.image, self.container.compose or "", *self.container.options]
-        if self.ssh is not None:
-            there += [self.ssh.host, *self.ssh.options]
-        return (*self.command, *self.env.values(), self.cwd, *there)
-
-    def filled(self, fill: Callable[[str], str]) -> Component:
-        """Return it with placeholders filled in, by a function from text to text."""
-        update: dict[str, Any] = {
-            "command": tuple(map(fill, self.command)),
-            "env": {key: fill(value) for key, value in self.env.items()},
-            "cwd": fill(self.cwd),
-            "setup": tuple(map(fill, self.setup)),
-            "teardown": tuple(map(fill, self.teardown)),
-            "stop": self.stop if isinstance(self.stop, str) else tuple(map(fill, self.stop)),
-            "ready": self.ready.model_copy(update={"command": tuple(map(fill, self.ready.command))}),
-        }
-        if (box := self.container) is not None:
-            there = {"image": fill(box.image), "compose": fill(box.compose) if box.compose else None}
-            update["container"] = box.model_copy(update={**there, "options": tuple(map(fill, box.options))})
-        if self.ssh is not None:
-            update["ssh"] = self.ssh.model_copy(
-                update={"host": fill(self.ssh.host), "options": tuple(map(fill, self.ssh.options))}
-            )
-        return self.model_copy(update=update)
-
-    @property
     def is_process(self) -> bool:
         """Whether its command is executed on this machine, as a descendant of riot's."""
         return self.container is None and self.ssh is None and self.attach is None
@@ -337,7 +343,7 @@ class Component(_Table):
     @property
     def files(self) -> list[str]:
         """Files that it gets a copy of with placeholders filled in, relative to the folder of riot.toml."""
-        return sorted({path for text in self.texts for path in FILE.findall(text)})
+        return sorted({path for text in _texts(self) for path in FILE.findall(text)})
 
 
 class Parameter(_Table):
@@ -362,9 +368,9 @@ class Parameter(_Table):
         if (self.range is None) == (not self.values):
             raise MistakeError("give either range = [LEAST, MOST] or values = [...]")
         if self.values and self.nominal not in self.values:
-            raise MistakeError(f"the nominal value {self.nominal!r} is none of the values")
+            raise MistakeError(f"the nominal value {self.nominal!r} is not one of the values")
         if self.range is not None and (isinstance(self.nominal, str) or not self.range[0] < self.range[1]):
-            raise MistakeError(f"{list(self.range)} is no range of {self.nominal!r}")
+            raise MistakeError(f"{list(self.range)} is not a range of {self.nominal!r}")
         return self
 
 
@@ -462,60 +468,63 @@ class SystemFile(_Table):
     _invariants: tuple[Invariant, ...] = ()
 
     @model_validator(mode="after")
-    def _names_exist(self) -> Self:
+    def _is_consistent(self) -> Self:
+        for place, message, hint in self._mistakes():
+            raise MistakeError(message, hint=hint, place=place.split("."))
+        return self
+
+    def _mistakes(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the mistakes that several tables make together: place, what is wrong, what to do."""
         taken: dict[str, str] = {}
         for name, component in self.components.items():
             if component.attach is not None and (other := taken.setdefault(component.attach, name)) != name:
                 why = f"{component.attach!r} is the address of {other!r}, too"
-                raise ValueError(f"components.{name}.attach|{why}|each needs one of its own")
+                yield f"components.{name}.attach", why, "each needs an address of its own"
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
-                raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
-            self._check_placeholders(component, f"components.{name}")
+                yield _unknown(f"components.{name}.segment", component.segment, self.system.segments)
+            yield from self._placeholder_mistakes(component, f"components.{name}")
             for resource, count in component.resources.items():
+                place = f"components.{name}.resources"
                 if resource not in self.resources:
-                    raise _unknown(f"components.{name}.resources", resource, self.resources)
-                if count > self.resources[resource]:
+                    yield _unknown(place, resource, self.resources)
+                elif count > self.resources[resource]:
                     there = f"[resources] has {self.resources[resource]} of {resource!r}"
-                    raise ValueError(f"components.{name}.resources|{count} are more than there are|{there}")
+                    yield place, f"{count} are more than there are", there
         if self.system.clock is not None:
             if self.system.reset is not None:
-                raise ValueError(
-                    "system.reset|runs in virtual time have a reset of their own|write clock = { reset = ... }"
-                )
+                hint = "write clock = { reset = ... }"
+                yield "system.reset", "runs in virtual time have a reset of their own", hint
             if any(component.external for component in self.components.values()):
-                raise ValueError("system.clock|external components have a time of their own|let the nominal log drive")
+                hint = "let the nominal log drive the system"
+                yield "system.clock", "external components have a time of their own", hint
             for name in ("trial_run", "perturbed_run"):
                 if getattr(self.system, name).speed != 1.0:
-                    raise ValueError(
-                        f"system.{name}.speed|with [system.clock], runs are as fast as they can|leave `speed` out"
-                    )
+                    why = "with [system.clock], runs are as fast as they can"
+                    yield f"system.{name}.speed", why, "leave `speed` out"
         for name, unit in self.unit.items():
-            if (unit.component or name) not in self.components:
-                place = f"unit.{name}.component" if unit.component else f"unit.{name}"
-                raise _unknown(place, unit.component or name, self.components)
+            part = self.component_of(name)
+            if part not in self.components:
+                yield _unknown(f"unit.{name}.component" if unit.component else f"unit.{name}", part, self.components)
+                continue
             if unit.reset is not None and unit.isolation != "persistent":
-                raise ValueError(f'unit.{name}.reset|only a process that goes on is reset|add isolation = "persistent"')
-            if self.components[unit.component or name].ssh is not None:
-                why = "a unit runs on this machine, where it can be seen what its processes do"
-                raise ValueError(f"unit.{name}|{why}|leave `ssh` out, or test another component")
-            if self.components[unit.component or name].attach is not None and unit.command is not None:
-                raise ValueError(
-                    f"unit.{name}.command|what runs already has no command|leave out `command`, or `attach`"
-                )
-            self._check_placeholders(self.component_alone(name), f"unit.{name}")
-        return self
+                yield f"unit.{name}.reset", "only a process that goes on is reset", 'add isolation = "persistent"'
+            if self.components[part].ssh is not None:
+                why = "a unit runs on this machine, where riot can see what its processes do"
+                yield f"unit.{name}", why, "leave `ssh` out, or test another component"
+            if self.components[part].attach is not None and unit.command is not None:
+                hint = "leave out `command`, or `attach`"
+                yield f"unit.{name}.command", "a component that runs already has no command", hint
+            yield from self._placeholder_mistakes(self.component_alone(name), f"unit.{name}")
 
-    def _check_placeholders(self, component: Component, place: str) -> None:
-        by_key = {"command": component.command, "env": component.env.values(), "cwd": (component.cwd,)}
-        by_key |= {"setup": component.setup, "stop": component.stop_command, "teardown": component.teardown}
-        for key, texts in by_key.items():
-            for text in texts:
+    def _placeholder_mistakes(self, component: Component, place: str) -> Iterator[tuple[str, str, str]]:
+        for key in component.with_placeholders:
+            for text in _texts(getattr(component, key)):
                 for parameter in PARAMETER.findall(text):
                     if why := self.external.why_not_in_commands(parameter):
-                        raise ValueError(f"{place}.{key}|{why[0]}|{why[1]}")
+                        yield f"{place}.{key}", *why
                 if found := _misspelt(text):
-                    raise ValueError(f"{place}.{key}|{found[0]}|{found[1]}")
+                    yield f"{place}.{key}", *found
 
     def texts_of(self, component: Component) -> list[str]:
         """Return all texts that may have placeholders: those of a component, and of the files that it gets copies of.
@@ -523,7 +532,7 @@ class SystemFile(_Table):
         Raises:
             ConfigError: A file cannot be read.
         """
-        return [*component.texts, *map(self.text_of, component.files)]
+        return [*_texts(component), *map(self.text_of, component.files)]
 
     def text_of(self, name: str) -> str:
         """Return the text of a file in which placeholders are filled in.
@@ -628,15 +637,15 @@ def _misspelt(text: str) -> tuple[str, str] | None:
     for found in _PLACEHOLDER.finditer(text):
         word, more = found.groups()
         if word == "free_port" and more is not None and not FREE_PORT.fullmatch(found[0]):
-            return f"{found[0]!r} is no placeholder", "the name has letters, digits and _, 40 at most"
+            return f"{found[0]!r} is not a placeholder", "the name has letters, digits and _, 40 at most"
         near = [] if word in _PLACEHOLDERS else get_close_matches(word, _PLACEHOLDERS, n=1, cutoff=_NEAR)
         if near:
-            return f"{found[0]!r} is no placeholder", f"did you mean {{{near[0]}}}? If not, write it {{{found[0]}}}"
+            return f"{found[0]!r} is not a placeholder", f"did you mean {{{near[0]}}}? If not, write it {{{found[0]}}}"
     return None
 
 
-def _unknown(place: str, word: str, known: Any) -> ValueError:
-    return ValueError(f"{place}|{word!r} is not described|{did_you_mean(word, known) or ''}")
+def _unknown(place: str, word: str, known: Any) -> tuple[str, str, str]:
+    return place, f"{word!r} is not described", did_you_mean(word, known) or ""
 
 
 def load_system(path: Path) -> SystemFile:
@@ -666,25 +675,20 @@ def _place(path: Path, text: str, number: str, key: str) -> str:
 def _known_keys(place: list[str]) -> list[str]:
     if place[:1] == ["router"]:
         return router_keys(place)
-    tables: dict[str, type[BaseModel]] = {
-        "": SystemFile,
-        "system": System,
-        "components": Component,
-        "external": External,
-        "parameters": Parameter,
-        "unit": Unit,
-        "settle": Settle,
-        "reset": Reset,
-        "nominal_run": RunPace,
-        "trial_run": RunPace,
-        "perturbed_run": RunPace,
-        "clock": VirtualClock,
-        "ready": Ready,
-        "container": Container,
-        "ssh": RemoteHost,
-        "limits": ResourceLimits,
-    }
+    tables: dict[str, type[BaseModel]] = {"": SystemFile, **_tables(SystemFile)}
     for name in reversed(place or [""]):
         if name in tables:
             return [key for key in tables[name].model_fields if key != "path"]
     return []
+
+
+def _tables(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
+    """Return the models of all tables below that of a model, by the name of the field that holds them."""
+    found: dict[str, type[BaseModel]] = {}
+    for name, field in model.model_fields.items():
+        annotations = [field.annotation]
+        for each in annotations:  # grows by the arguments of unions, mappings and the like
+            annotations += get_args(each)
+            if inspect.isclass(each) and issubclass(each, BaseModel):
+                found |= {name: each, **_tables(each)}
+    return found

@@ -54,7 +54,8 @@ class Placement:
             re.compile(nodes or "")
         except re.error as error:
             hint = "such as 'planner|/robot1/controller'"
-            raise ConfigError(f"{nodes!r} is no regular expression: {error}", where="--unit-nodes", hint=hint) from None
+            text = f"{nodes!r} is not a regular expression: {error}"
+            raise ConfigError(text, where="--unit-nodes", hint=hint) from None
         self._plan, self._told = folder / "placement.json", folder / "started.jsonl"
         self._told.touch(0o600)
         plan = {"segment": segment, "nodes": nodes or "", "variables": dict(variables), "told": str(self._told)}

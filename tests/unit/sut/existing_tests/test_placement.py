@@ -21,7 +21,7 @@ def test_the_hook_comes_first_and_what_was_there_stays(tmp_path: Path) -> None:
 
 
 def test_what_is_no_regular_expression(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--unit-nodes: 'a\\(' is no regular expression"):
+    with pytest.raises(ConfigError, match="--unit-nodes: 'a\\(' is not a regular expression"):
         placement(tmp_path, "a(")
 
 
