@@ -330,9 +330,6 @@ class _ClusterWorker:
         if self._future is not None and not self._future.done():
             self._future.cancel()
 
-    def receive(self) -> bytes:
-        return self.link.recv_bytes()
-
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
         found, self._found, self._future = self._found, {}, None
         if "error" in found:

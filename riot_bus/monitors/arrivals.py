@@ -10,7 +10,7 @@ from pydantic import Field
 
 from riot_bus.monitors.forging import with_message, without
 from riot_bus.monitors.model import why_no_message
-from riot_bus.monitors.selection import message_selector, selected, why_unseen
+from riot_bus.monitors.selection import WithSelectors, message_selector, selected, why_unseen
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import Selector
 from riot_bus.vocabulary.trial import Violation
@@ -80,16 +80,10 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class _Condition:
+class _Condition(WithSelectors):
     when: str
 
-    def __post_init__(self) -> None:
-        message_selector(self.when)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the messages."""
-        return (message_selector(self.when).topic,)
+    selectors = (("when", message_selector),)
 
 
 @dataclass(frozen=True)
@@ -173,7 +167,7 @@ class Reached(_Condition):
 
 
 @dataclass(frozen=True)
-class Ratio:
+class Ratio(WithSelectors):
     """The number of outputs per input, over the whole trial, is within bounds.
 
     Attributes:
@@ -189,16 +183,12 @@ class Ratio:
     high: _Ratio
 
     whole_trial = True
+    selectors = (("output", message_selector), ("input", message_selector))
 
     def __post_init__(self) -> None:
-        message_selector(self.output), message_selector(self.input)
+        super().__post_init__()
         if self.low > self.high:
             raise ConfigError(f"low = {self.low:g} is above high = {self.high:g}")
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topics of outputs and inputs."""
-        return (message_selector(self.output).topic, message_selector(self.input).topic)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when the ratio is out of bounds."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.monitors.arrivals import Seconds
 from riot_bus.monitors.forging import without
-from riot_bus.monitors.selection import message_selector, selected, why_unseen
+from riot_bus.monitors.selection import WithSelectors, message_selector, selected, why_unseen
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ __all__ = ["Answered"]
 
 
 @dataclass(frozen=True)
-class Answered:
+class Answered(WithSelectors):
     """Each request gets an answer in time, counted from the first input for requests before it.
 
     Attributes:
@@ -36,13 +36,7 @@ class Answered:
     within: Seconds
     same: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        message_selector(self.request), message_selector(self.answer)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topics of requests and answers."""
-        return (message_selector(self.request).topic, message_selector(self.answer).topic)
+    selectors = (("request", message_selector), ("answer", message_selector))
 
     @property
     def missed(self) -> tuple[str, ...]:

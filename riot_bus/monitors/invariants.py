@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from riot_bus.monitors.forging import with_value
-from riot_bus.monitors.selection import field_selector, integers, numbers, why_unseen
+from riot_bus.monitors.selection import WithSelectors, field_selector, integers, numbers, why_unseen
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
@@ -24,18 +24,12 @@ __all__ = ["Finite", "Gapless", "Range", "Values"]
 _Bound = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _OfField:
+class _OfField(WithSelectors):
     """Base class of monitors of one field."""
 
     field: str
 
-    def __post_init__(self) -> None:
-        field_selector(self.field)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the field."""
-        return (field_selector(self.field).topic,)
+    selectors = (("field", field_selector),)
 
     def unseen(self, view: TrialView) -> str | None:
         """Return why there was no number to judge, None if there was one."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable  # not for types alone: options of monitors are checked by their annotations
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.monitors.model import why_no_message
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -17,7 +18,25 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["field_selector", "integers", "message_selector", "numbers", "selected", "why_unseen"]
+__all__ = ["WithSelectors", "field_selector", "integers", "message_selector", "numbers", "selected", "why_unseen"]
+
+
+class WithSelectors:
+    """Base class of monitors some of whose attributes are selectors.
+
+    Attributes:
+        selectors: Names of these attributes, each with the function that parses it; in the order of `topics`.
+    """
+
+    selectors: ClassVar[tuple[tuple[str, Callable[[str], Selector]], ...]]
+
+    def __post_init__(self) -> None:
+        _ = self.topics  # raises ConfigError
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics whose messages it looks at."""
+        return tuple(parse(getattr(self, name)).topic for name, parse in self.selectors)
 
 
 def message_selector(text: str) -> Selector:
@@ -35,7 +54,7 @@ def field_selector(text: str) -> Selector:
     """Return a selector of a field; raises ConfigError if the text is not one."""
     selector = parse_selector(text)
     if selector.field is None:
-        raise ConfigError(f"{text!r} names no field", hint="write it like 'topic:field'")
+        raise ConfigError(f"{text!r} does not name a field", hint="write it like 'topic:field'")
     return selector
 
 
@@ -67,11 +86,11 @@ def numbers(view: TrialView, selector: Selector) -> Iterator[float]:
 
 
 def integers(view: TrialView, selector: Selector) -> Iterator[int]:
-    """Yield the selected field of the selected outputs; raises PayloadError where it is no integer."""
+    """Yield the selected field of the selected outputs; raises PayloadError where it is not an integer."""
     for message, kind in selected(view, selector):
         value = kind.read(message.payload, selector.field or "")
         if not isinstance(value, int):
-            raise PayloadError(f"{selector.topic}:{selector.field} is no integer")
+            raise PayloadError(f"{selector.topic}:{selector.field} is not an integer")
         yield value
 
 
@@ -99,7 +118,7 @@ def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str 
                 continue
             if selector.field is None or isinstance(read(selector.field), bool | int | float):
                 return None
-            why = f"{selector.field!r} is no number"
+            why = f"{selector.field!r} is not a number"
         except PayloadError as error:
             why = "; ".join(filter(None, (error.message, error.hint)))
     return f"of {count} messages of {selector.topic!r}: {why}"

@@ -13,7 +13,17 @@ from riot_bus.monitors.model import ResourceSample
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "out_of_memory_kills", "resources"]
+__all__ = [
+    "STILL",
+    "Activity",
+    "Idle",
+    "Threads",
+    "families",
+    "idle_between",
+    "out_of_memory_kills",
+    "read_proc",
+    "resources",
+]
 
 _LEAST_SHARE = 0.1  # a divisor; it is near 0 if all time was spent waiting, and rates had no bound
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
@@ -38,7 +48,7 @@ class Activity:
 
     def ran_since(self, before: Activity) -> float:
         """Return the seconds for which the processes have run, summed over their threads."""
-        return self._sum_since(before, 0)
+        return sum(times[0] - before.of(thread)[0] for thread, times in self.threads.items()) / 1e9
 
     def had_since(self, before: Activity, *, seconds: float) -> float:
         """Return how many of these seconds the processes did not wait for a processor, at least a tenth of them."""
@@ -55,9 +65,6 @@ class Activity:
     def of(self, thread: int) -> tuple[int, int, int]:
         """Return the values of one thread; zeros if it is not known."""
         return self.threads.get(thread, (0, 0, 0))
-
-    def _sum_since(self, before: Activity, which: int) -> float:
-        return sum(times[which] - before.of(thread)[which] for thread, times in self.threads.items()) / 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +238,7 @@ class Threads:
         for thread in now.keys() - self._files.keys():
             if thread in self._called:  # it was left out
                 continue
-            self._called[thread] = name = _read(f"{now[thread]}/comm")
+            self._called[thread] = name = read_proc(f"{now[thread]}/comm")
             if thread == self._but or not name.startswith(self._names):
                 continue
             with suppress(OSError):
@@ -261,8 +268,10 @@ def families(pids: Sequence[int]) -> list[int]:
     """Return processes and all their running descendants, such as the node behind `ros2 run`."""
     found = list(pids)
     for pid in found:
-        for task in _tasks([pid]):
-            found += [child for child in map(int, _read(f"{task}/children").split()) if child not in found]
+        with suppress(OSError):
+            for thread in os.listdir(f"/proc/{pid}/task"):
+                children = read_proc(f"/proc/{pid}/task/{thread}/children").split()
+                found += [child for child in map(int, children) if child not in found]
     return found
 
 
@@ -275,7 +284,7 @@ def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
     """
     memory = files = threads = 0
     for pid in pids:
-        memory += int(_read(f"/proc/{pid}/status").partition(b"VmRSS:")[2].split(b"kB")[0] or 0) << 10
+        memory += int(read_proc(f"/proc/{pid}/status").partition(b"VmRSS:")[2].split(b"kB")[0] or 0) << 10
         with suppress(OSError):
             files += len(os.listdir(f"/proc/{pid}/fd"))
             threads += len(os.listdir(f"/proc/{pid}/task"))
@@ -284,18 +293,11 @@ def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
 
 def out_of_memory_kills() -> int:
     """Return how many processes of this machine the kernel has killed for lack of memory; 0 if unknown."""
-    return int(_read("/proc/vmstat").partition(b"\noom_kill ")[2].split(b"\n")[0] or 0)
+    return int(read_proc("/proc/vmstat").partition(b"\noom_kill ")[2].split(b"\n")[0] or 0)
 
 
-def _tasks(pids: Sequence[int]) -> list[str]:
-    found = []
-    for pid in pids:
-        with suppress(OSError):
-            found += [f"/proc/{pid}/task/{thread}" for thread in os.listdir(f"/proc/{pid}/task")]
-    return found
-
-
-def _read(file: str) -> bytes:
+def read_proc(file: str) -> bytes:
+    """Return the content of a file below /proc; empty if it is gone or not readable."""
     try:
         with open(file, "rb", buffering=0) as stream:
             return stream.read()

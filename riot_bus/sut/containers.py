@@ -9,7 +9,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.system import Container
 
-__all__ = ["ENGINE_FAILED", "ContainerCommands", "container_commands", "engine_of", "first_process", "image_id"]
+__all__ = ["ENGINE_FAILED", "container_commands", "engine_of", "first_process", "image_id"]
 
 ENGINE_FAILED = 125
 """Status of `run` when the engine, not the program, has failed."""
@@ -27,20 +27,6 @@ _ENGINES = ("podman", "docker")
 _ASKED_S = 30.0
 _REMOVE = '"$0" kill "$1"; "$0" rm -f "$1"; exit 0'
 """Kill before removal, since some engines give a removed container ten seconds to end; it may be gone already."""
-
-
-class ContainerCommands(NamedTuple):
-    """Commands that start and remove a container.
-
-    Attributes:
-        name: Name of the container, unique on this machine.
-        run: Command that runs it to its end, with its output and status.
-        remove: Command that ends and removes it.
-    """
-
-    name: str
-    run: Sequence[str]
-    remove: Sequence[str]
 
 
 def engine_of(container: Container) -> str:
@@ -59,12 +45,14 @@ def engine_of(container: Container) -> str:
 
 def container_commands(
     container: Container, name: str, *, command: Sequence[str], env: Mapping[str, str], folder: Path, cwd: Path
-) -> ContainerCommands:
-    """Return the commands of a container that uses this machine's network, with a process 1 that forwards signals.
+) -> tuple[list[str], list[str]]:
+    """Return the commands that run and remove a container with this machine's network.
+
+    The first one runs it to its end, with its output and status; its process 1 forwards signals.
 
     Args:
         container: Settings of the container in riot.toml, with placeholders filled in.
-        name: Name that the container gets.
+        name: Name that the container gets, unique on this machine.
         command: Command that replaces the image's own one; empty for the latter.
         env: Variables that the container gets in addition to those of its image.
         folder: Folder of the trial, visible in the container under the same path.
@@ -87,7 +75,7 @@ def container_commands(
         files = [compose, str(override)]
         run = [*program, *(word for file in files for word in ("-f", file)), "run", "--no-deps", "-T"]
         run += [*words, container.service, *command]
-    return ContainerCommands(name, run, ["sh", "-c", _REMOVE, engine, name])
+    return run, ["sh", "-c", _REMOVE, engine, name]
 
 
 def _as_run(service: str, program: tuple[str, ...], compose: Path) -> str:

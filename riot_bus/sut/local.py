@@ -91,15 +91,6 @@ class WorkerLink(Protocol):
         """Send a case for execution; `request` holds trial and case."""
         ...
 
-    def receive(self) -> bytes:
-        """Return the received data.
-
-        Raises:
-            EOFError: The process has ended.
-            OSError: The process has ended.
-        """
-        ...
-
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
         """Return the answer in received data, and ensure that the files of the trial are in its folder.
 
@@ -152,9 +143,6 @@ class _LocalWorker:
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
         with suppress(OSError):  # it has died, as its link will tell
             self.link.send_bytes(request)
-
-    def receive(self) -> bytes:
-        return self.link.recv_bytes()
 
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
         return read_answer(data)
@@ -401,7 +389,7 @@ class Pool:
     def _take_answer(self, worker: _PoolWorker) -> None:
         task = worker.task
         try:
-            data = worker.process.receive()
+            data = worker.process.link.recv_bytes()
         except (EOFError, OSError):
             self._workers.remove(worker)
             how = worker.process.end()

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.monitors.signature import frames_in
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
@@ -19,7 +21,6 @@ __all__ = ["MainEnd", "PythonReport", "ThreadStack", "deepest_common", "parse_st
 HOOK = Path(__file__).with_name("python_hook")
 _OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))
 
-_FRAME = re.compile(r'^\s*File "(?P<file>[^"]+)", line \d+ in (?P<function>.+)$')
 _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
 _LARGEST = 1 << 20
 _STACKS_S = 1.0
@@ -99,7 +100,7 @@ class PythonReport:
                 if event.get("pid") != pid:
                     continue
                 if event.get("event") == "exit":
-                    last = MainEnd(f"{event.get('call')}({event.get('status')})", str(event.get("function")))
+                    last = _exit(event)
                 elif event.get("event") == "main ended":
                     return last
         return None
@@ -113,9 +114,7 @@ class PythonReport:
         """Return the last call that was to end one of these processes; None if there was none."""
         wanted = set(pids)
         calls = [event for event in self._read() if event.get("event") == "exit" and event.get("pid") in wanted]
-        if not calls:
-            return None
-        return MainEnd(f"{calls[-1].get('call')}({calls[-1].get('status')})", str(calls[-1].get("function")))
+        return _exit(calls[-1]) if calls else None
 
     def stacks(self, pids: Iterable[int]) -> list[ThreadStack]:
         """Request the stacks of Python processes; nothing for processes without the hook."""
@@ -161,6 +160,10 @@ class PythonReport:
         return found
 
 
+def _exit(event: Mapping[str, object]) -> MainEnd:
+    return MainEnd(f"{event.get('call')}({event.get('status')})", str(event.get("function")))
+
+
 def _another_runs(pid: int) -> bool:
     """Return whether a thread other than the main one runs; its frames cannot be read safely without Python's help.
 
@@ -188,13 +191,9 @@ def parse_stacks(text: str) -> list[ThreadStack]:
     """Return the threads of what `faulthandler` has written; those that never ran the component's code are left out."""
     found = []
     for part in re.split(r"\n\s*\n", text):
-        functions = []
-        for line in part.splitlines():
-            frame = _FRAME.match(line)
-            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(_OURS):
-                functions.append(frame["function"])
-        if functions:
-            found.append(ThreadStack(tuple(functions), part.strip()))
+        frames = (each for each in frames_in(part) if not each.file.startswith(_OURS))
+        if functions := tuple(each.function for each in frames if not _LIBRARIES.search(each.file)):
+            found.append(ThreadStack(functions, part.strip()))
     return found
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from riot_bus.sut.activity import families, resources
+from riot_bus.sut.activity import families, read_proc, resources
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -71,23 +71,15 @@ def told(what: str, amount: float) -> str:
 
 
 def _resident(pid: int) -> int:
-    return int((_read(f"/proc/{pid}/statm").split() or [b"0", b"0"])[1]) * _PAGE
+    return int((read_proc(f"/proc/{pid}/statm").split() or [b"0", b"0"])[1]) * _PAGE
 
 
 def _own(pid: int) -> int:
     """Return the bytes of a process; those that it shares with others are divided among them, if this user may know."""
-    told = _read(f"/proc/{pid}/smaps_rollup")
+    told = read_proc(f"/proc/{pid}/smaps_rollup")
     return int((told.partition(b"\nPss:")[2].split() or [b"0"])[0]) << 10 if told else _resident(pid)
 
 
 def _cpu(pid: int) -> float:
     """Return the seconds in which a process has run, and those of its children that are gone."""
-    return sum(map(int, _read(f"/proc/{pid}/stat").rpartition(b") ")[2].split()[11:15])) / _TICKS
-
-
-def _read(file: str) -> bytes:
-    try:
-        with open(file, "rb", buffering=0) as stream:
-            return stream.read()
-    except OSError:  # it is gone
-        return b""
+    return sum(map(int, read_proc(f"/proc/{pid}/stat").rpartition(b") ")[2].split()[11:15])) / _TICKS

@@ -74,12 +74,10 @@ def start_of(
         ConfigError: The component cannot be started so on this machine.
     """
     if component.container is not None:
-        made = container_commands(component.container, called, command=argv, env=env, folder=folder, cwd=cwd)
-        teardown: Sequence[str] = made.remove
+        run, remove = container_commands(component.container, called, command=argv, env=env, folder=folder, cwd=cwd)
         if component.teardown:
-            teardown = ["sh", "-c", f"{shlex.join(made.remove)}; {shlex.join(component.teardown)}"]
-        engine = engine_of(component.container)
-        return Start(made.run, teardown, engine, made.name, relayed=True, lost=ENGINE_FAILED)
+            remove = ["sh", "-c", f"{shlex.join(remove)}; {shlex.join(component.teardown)}"]
+        return Start(run, remove, engine_of(component.container), called, relayed=True, lost=ENGINE_FAILED)
     if component.ssh is not None:
         words = ssh_command(component.ssh, endpoint, there, command=argv, env=env, cwd=component.cwd)
         return Start(words, component.teardown, held=True, relayed=True, lost=CONNECTION_LOST)

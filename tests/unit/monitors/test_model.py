@@ -35,7 +35,7 @@ class Plain:
     [
         (Range("sped:x", max=2), "Range: no message of 'sped' came; did you mean 'speed'?"),
         (Finite("speed:y"), "Finite: of 1 messages of 'speed': no field 'y'; known: name, x"),
-        (Range("speed:name", max=2), "Range: of 1 messages of 'speed': 'name' is no number"),
+        (Range("speed:name", max=2), "Range: of 1 messages of 'speed': 'name' is not a number"),
         (Values("speed:x where x > 5", allowed=(1,)), "Values: of 1 messages of 'speed': none meets 'x > 5'"),
         (Gapless("speed:x"), "Gapless: only one message of speed:x came"),
         (Rate("odom", gap=9.0), "Rate: the trial took 0.300 s, which is no longer than the gap allowed"),
@@ -73,7 +73,7 @@ def test_one_that_had_something_is_silent(monitor: Invariant) -> None:
 def test_one_that_raises_is_isolated_and_never_called_unseen() -> None:
     assert judge(VIEW, [Broken(), Values("odom:x", allowed=(1,))]).broken == (
         "Broken: RuntimeError: oops",
-        "Values odom:x: PayloadError: odom:x is no integer",
+        "Values odom:x: PayloadError: odom:x is not an integer",
     )
 
 

@@ -20,7 +20,7 @@ def test_numbers_and_messages_of_outputs_or_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "why"), [("a/c:y", "is no number"), ("a/b where x > 9", "none meets"), ("b", "no message")]
+    ("text", "why"), [("a/c:y", "is not a number"), ("a/b where x > 9", "none meets"), ("b", "no message")]
 )
 def test_why_nothing_is_selected(text: str, why: str) -> None:
     selector = field_selector(text) if ":" in text else message_selector(text)

@@ -220,7 +220,7 @@ def test_it_is_shown_to_fire_only_if_its_fields_can_violate_it() -> None:
         ("always (sped > 1)", {"speed": "a:x"}, "'sped'.*did you mean 'speed'"),
         ("speed >", {"speed": "a:x"}, "1:7: Syntax ERROR.*such as"),
         ("speed > 1 speed > 2", {"speed": "a:x"}, "more than one"),
-        ("speed > 1", {"speed": "a"}, "names no field"),
+        ("speed > 1", {"speed": "a"}, "does not name a field"),
         ("speed > 1", {"speed": "a:x", "ack": "a:y"}, "'ack' is not in the formula"),
         ("speed > 1", {}, "signals"),
         ("not > 1", {"not": "a:x"}, "cannot name a signal"),

@@ -23,16 +23,16 @@ def engine(folder: Path, text: str, name: str = "podman") -> str:
 
 def test_an_image_is_run_in_the_network_of_this_machine(tmp_path: Path) -> None:
     container = Container(image="registry/planner:2", engine="podman", options=("--memory=1g",))
-    made = container_commands(
+    run, remove = container_commands(
         container, "riot-1-planner", command=["plan", "-v"], env=ENV, folder=tmp_path, cwd=tmp_path
     )
     options = ["--rm", "--name", "riot-1-planner", "--env=GAIN=2", "--env=NAME=a b", f"--volume={tmp_path}:{tmp_path}"]
-    assert made.run == [
+    assert run == [
         *("podman", "run", "--network=host", "--init"),
         *options,
         *("--memory=1g", "registry/planner:2", "plan", "-v"),
     ]
-    assert made.remove[-2:] == ["podman", "riot-1-planner"]
+    assert remove[-2:] == ["podman", "riot-1-planner"]
 
 
 AS_RUN = """services:
@@ -64,10 +64,10 @@ def test_a_service_is_run_alone_and_in_the_network_of_this_machine(
     compose = [engine(tmp_path, answer, words[0]), *words[1:]]
     program = compose[0].removesuffix("-compose")
     container = Container(image="planner", compose="stack.yaml", service="planner", engine=program)
-    made = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path, cwd=there)
+    run, _ = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path, cwd=there)
     changed = tmp_path / "riot-1-planner.compose.yaml"
-    assert made.run[: len(compose)] == compose
-    rest = made.run[len(compose) :]
+    assert run[: len(compose)] == compose
+    rest = run[len(compose) :]
     assert rest[:7] == ["-f", "stack.yaml", "-f", str(changed), "run", "--no-deps", "-T"]
     assert rest[-1] == "planner"
     assert changed.read_text() == f"{AS_RUN}{reset}x-podman: {{ in_pod: false }}\n"
@@ -82,8 +82,8 @@ def test_a_compose_file_that_is_not_there_is_told(tmp_path: Path) -> None:
 def test_removing_is_no_error_where_there_is_nothing(tmp_path: Path) -> None:
     program = engine(tmp_path, 'echo "$@" >> asked; exit 1')
     one = Container(image="x", engine=program)
-    made = container_commands(one, "one", command=[], env={}, folder=tmp_path, cwd=tmp_path)
-    subprocess.run(made.remove, cwd=tmp_path, check=True)
+    _, remove = container_commands(one, "one", command=[], env={}, folder=tmp_path, cwd=tmp_path)
+    subprocess.run(remove, cwd=tmp_path, check=True)
     assert (tmp_path / "asked").read_text() == "kill one\nrm -f one\n"
 
 

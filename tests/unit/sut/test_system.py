@@ -92,7 +92,7 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', "stop = []", 7, ("[] is not a way to end a component",)),
         ('segment = "a"', 'stop = ["x", "{enpoint}"]', 7, ("'{enpoint}' is not a placeholder",)),
         ('segment = "a"', 'stop = ["x", "{param:gain}"]', 7, ("'{param:gain}' is not described",)),
-        ('command = ["true"]', 'attach = "tcp/127.0.0.1:7447"\nstop = ["x"]', 5, ("a component that runs already is not ended",)),
+        ('command = ["true"]', 'attach = "tcp/127.0.0.1:7447"\nstop = ["x"]', 5, ("runs already is not ended",)),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
         ("[unit.one]", '[unit.one]\nreset = { topic = "x" }', 10, ("goes on is reset", 'isolation = "persistent"')),
         ("[unit.one]", "[unit.one]\ncommand = []", 10, ("at least 1",)),
@@ -103,7 +103,7 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", '[[monitors]]\nkind = "range"\nfeild = "x:y"', 11, ("feild", "did you mean 'field'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nmin = 1', 9, ("'field' is missing",)),
         ("[unit.one]", '[[monitors]]\nkind = "rate"\ntopic = "x"\ngap = -1', 12, ("gap", "greater than 0", "-1")),
-        ("[unit.one]", '[[monitors]]\nkind = "finite"\nfield = "x"', 9, ("names no field",)),
+        ("[unit.one]", '[[monitors]]\nkind = "finite"\nfield = "x"', 9, ("does not name a field",)),
         ('command = ["true"]', 'command = ["true", "{param:gain}"]', 6, ("'{param:gain}' is not described",)),
         (
             'command = ["true"]',
@@ -116,7 +116,7 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', 'cwd = "{free_port:a-b}"', 7, ("'{free_port:a-b}' is no", "letters, digits and _")),
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1.0 }", 10, ("range = [LEAST, MOST]",)),
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1, range = [3, 2] }", 10, ("not a range of 1",)),
-        ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("not one of the values",)),
+        ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("one of the values",)),
         ("[unit.one]", '[external.parameters]\ng = { nominal = true, name = "h" }', 10, ("add node", "`name` is what")),
         (
             "[unit.one]",
