@@ -37,7 +37,7 @@ from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import with_observed
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.sut.behaviour import behaviour_of
+from riot_bus.sut.unit_trial import behaviour_of
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message

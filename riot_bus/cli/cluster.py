@@ -34,7 +34,7 @@ def check(
     """Check that the workers of a cluster would take trials of a system. Exit code 4: none or not all would."""
     from dataclasses import asdict
 
-    from riot_bus.cluster.check import check_cluster
+    from riot_bus.cluster.workers import check_cluster
     from riot_bus.sut.context import open_system
     from riot_bus.vocabulary.counting import counted
 

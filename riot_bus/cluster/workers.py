@@ -1,6 +1,14 @@
 """The workers of a Dask cluster as those of a pool: each has one case at a time, so a death has one case to blame.
 
-All decisions are made here: which case is executed when, how often it is tried, what its outcome is.
+All decisions are made here: which case is executed when, how often it is tried, what its outcome is. The states of a
+worker of the cluster (`WorkerState`):
+
+    state      from       by
+    asked      -, in use  it was found, or its process has ended: versions and code are compared, a process starts
+    refused    asked      its answer, or its address and number of threads, which are looked at first
+    ready      asked      its answer
+    in use     ready      the pool, which gives it one case at a time
+    gone       any        the scheduler no longer lists it: its case is executed again elsewhere
 """
 
 from __future__ import annotations
@@ -36,7 +44,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["ClusterWorkers", "WorkerState", "ask", "begin_of", "why_not"]
+__all__ = ["ClusterWorkers", "WorkerCheck", "WorkerState", "ask", "begin_of", "check_cluster", "why_not"]
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
@@ -49,6 +57,7 @@ _FETCH_S = 5.0
 """How long the answer of a worker may take to come, once it is known to be there: a few bytes, maybe over a network.
 If the worker dies just then, Dask waits for another one at the same address, for ever."""
 _HINT = "all trials that have ended are kept: run the same command again to go on"
+_ANSWERS_WITHIN_S = 120.0  # as long as a worker itself waits for its versions and code (`remote._FACTS_WITHIN_S`)
 
 
 def ask(client: Client, address: str, table: Mapping[str, Any]) -> Future[Any]:
@@ -363,3 +372,47 @@ def write_files(directory: Path, files: Mapping[str, bytes]) -> None:
         path = directory / parts
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerCheck:
+    """The answer of a worker.
+
+    Attributes:
+        address: Address of the worker.
+        host: Name of its machine; empty if it has not answered.
+        refused: Why it takes no trials; empty if it does.
+    """
+
+    address: str
+    host: str
+    refused: str
+
+
+def check_cluster(executor: str, context: Context) -> list[WorkerCheck]:
+    """Ask all workers of a cluster whether they would take trials of a system.
+
+    Raises:
+        RiotError: As `connect` raises it.
+    """
+    client = connect(executor)
+    try:
+        facts = facts_of(context)
+        threads: dict[str, int] = client.nthreads()
+        wrong = {address: why for address, count in threads.items() if (why := why_not(address, count))}
+        asked = {
+            address: ask(client, address, begin_of(context, facts, name=uuid.uuid4().hex, slot=None))
+            for address in threads
+            if address not in wrong
+        }
+        found = [WorkerCheck(address, "", why) for address, why in wrong.items()]
+        for address, future in asked.items():
+            try:
+                told = msgpack.unpackb(future.result(timeout=_ANSWERS_WITHIN_S))
+                why = str(told.get("refused") or told.get("error") or "")
+                found.append(WorkerCheck(address, str(told.get("host", "")), why))
+            except Exception as error:
+                found.append(WorkerCheck(address, "", f"no answer: {type(error).__name__} {error}".strip()))
+        return sorted(found, key=lambda each: each.address)
+    finally:
+        client.close()

@@ -57,7 +57,7 @@ def init_ros2(
     """
     from riot_bus.control.component import client_cfg
     from riot_bus.graph.survey import survey
-    from riot_bus.sut.dds_nodes import bridged_domain, nodes_of_domain
+    from riot_bus.sut.process_facts import bridged_domain, nodes_of_domain
     from riot_bus.sut.scaffold import sketch_json, sketch_toml
     from riot_bus.sut.system_draft import sketch
 

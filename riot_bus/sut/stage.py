@@ -17,12 +17,11 @@ from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Sig
 from riot_bus.router.bus import Bus
 from riot_bus.router.services.offer import ServiceOffer
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, out_of_memory_kills, resources
-from riot_bus.sut.kept_network import KeptNetwork
+from riot_bus.sut.kept import KeptNetwork
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
-from riot_bus.sut.rest import all_wait, is_at_rest
-from riot_bus.sut.settling import own_others, own_senders, wait_settled
+from riot_bus.sut.settling import all_wait, is_at_rest, own_others, own_senders, wait_settled
 from riot_bus.sut.starter import ComponentStarter, last_words
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Qos

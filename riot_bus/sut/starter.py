@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import json
 import math
 import os
@@ -11,6 +13,7 @@ import secrets
 import socket
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,7 +24,7 @@ from riot_bus.sut.forking import fork_of
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.ros_bridge import domain_environment, free_domains, start_bridge
 from riot_bus.sut.starts import start_of
-from riot_bus.sut.surroundings import fixed_environment
+from riot_bus.sut.supervisor import ADDR_NO_RANDOMIZE
 from riot_bus.sut.system import FREE_PORT
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import environment_of_others
@@ -38,7 +41,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import RunPace
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["ComponentStarter", "last_words"]
+__all__ = ["FIXED", "ComponentStarter", "fixed_environment", "fixes_addresses", "last_words"]
 
 _PORTS = range(15_000, 32_000)
 """Ports below those that the kernel assigns, so that none is taken before the component listens there."""
@@ -46,6 +49,16 @@ _CHECKED_EVERY_S = 0.1
 """Shortest time between two executions of `ready.command`."""
 _STOPPED_WITHIN_S = 10.0
 """Time that `stop` and the end of its component may take, as long as the command of a reset may."""
+FIXED: Mapping[str, str] = {
+    "LC_ALL": "C.UTF-8",
+    "TZ": "UTC",
+    "PYTHONHASHSEED": "0",
+    "PYTHONUNBUFFERED": "1",  # what was printed last is there when a process is killed
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
+"""Variables of components in trials. One thread for numeric libraries, since sums in another order differ."""
 
 
 @dataclass(slots=True)
@@ -396,3 +409,19 @@ def _fill(text: str, words: Mapping[str, str]) -> str:
     for word, value in words.items():
         text = text.replace(word, value)
     return text
+
+
+def fixed_environment(given: Mapping[str, str]) -> dict[str, str]:
+    """Return the fixed variables except those that the component's `env` in riot.toml sets itself."""
+    return {name: value for name, value in FIXED.items() if name not in given}
+
+
+@functools.cache
+def fixes_addresses() -> bool:
+    """Return whether the kernel lets processes have the same addresses each time; in some containers it does not."""
+    personality = ctypes.CDLL(None).personality
+    before = personality(0xFFFFFFFF)
+    fixed = before != -1 and personality(before | ADDR_NO_RANDOMIZE) != -1
+    if fixed:
+        personality(before)
+    return bool(fixed)

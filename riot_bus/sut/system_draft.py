@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from riot_bus.graph.survey import Started
-    from riot_bus.sut.dds_nodes import NodeStart
+    from riot_bus.sut.process_facts import NodeStart
     from riot_bus.types.capabilities import Announcement
 
 __all__ = ["INSIDE", "OUTSIDE", "DraftComponent", "SystemDraft", "Used", "described", "free_name", "sketch"]
@@ -120,7 +120,7 @@ def sketch(
         external: Nodes that play the outside world, named in the same way.
         started: How processes were started, by session id.
         behind: Processes of the ROS domain behind each `riot bridge ros2`, by session id and name, as
-            `dds_nodes.nodes_of_domain` returns them.
+            `process_facts.nodes_of_domain` returns them.
         where: Name of the network in errors.
 
     Raises:

@@ -7,13 +7,14 @@ import time
 from bisect import bisect_left
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import inject_log
+from riot_bus.inject.modes import MOST_MODES, modes_of
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline, growth_of
-from riot_bus.sut.behaviour import behaviour_of
 from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.recorded_calls import serve_calls
 from riot_bus.sut.scarce import held
@@ -22,14 +23,15 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from riot_bus.sut.stage import TrialPlace, TrialSetup
+    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["IdleTrial", "UnitTrial", "unit_setup"]
+__all__ = ["IdleTrial", "UnitTrial", "behaviour_of", "unit_setup"]
 
 _DEBUGGER_S = 60.0
 """Timeout behind a debugger, which spends most of it reading symbols."""
@@ -38,6 +40,10 @@ _MOST_KEYS = 64
 _GROWN = 1 / 32
 """Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
 _WARM_UP = 0.15  # as `stage._MEASURE`: Zenoh's threads for callbacks wake up after 0.1 s
+_MOST_NAMES = 64
+"""Largest number of topics and fields in a summary, so that a line of the store stays below some KiB."""
+_MOST_OUTPUTS = 512
+"""Largest number of outputs that are decoded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +202,40 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
     if len(payloads) > _MOST_KEYS:
         return None
     return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}
+
+
+def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
+    """Return a summary of the behaviour that outputs show, sorted.
+
+    Args:
+        outputs: All outputs of a trial except those of its probe, in their order.
+        registry: Registry of topic names and types.
+
+    Returns:
+        By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by
+        `TOPIC:FIELD` the values of a field that has few of them, and which value followed which.
+    """
+    topics = [registry.topic(message.key) for message in outputs]
+    found: dict[str, list[str]] = {
+        f"number of {topic}": [str(topics.count(topic).bit_length())] for topic in sorted(set(topics))
+    }
+    found["order"] = sorted({f"{one} > {other}" for one, other in pairwise(topics)})[:_MOST_NAMES]
+    for topic in sorted(set(topics)):
+        messages = (message for other, message in zip(topics[:_MOST_OUTPUTS], outputs, strict=False) if other == topic)
+        for path, column in sorted(_columns(messages, registry).items()):
+            if len(set(column)) <= MOST_MODES:
+                found[f"{topic}:{path}"] = sorted({*column, *(f"{one} > {other}" for one, other in pairwise(column))})
+    return dict(list(found.items())[:_MOST_NAMES])
+
+
+def _columns(messages: Iterable[Message], registry: TypeRegistry) -> dict[str, list[str]]:
+    """Return the values of a topic's fields wherever they change; stops once all fields have many values."""
+    columns: dict[str, list[str]] = {}
+    for number, message in enumerate(messages):
+        if number > MOST_MODES and all(len(set(column)) > MOST_MODES for column in columns.values()):
+            break
+        for path, value in modes_of(message, registry):
+            column = columns.setdefault(path, [])
+            if not column or column[-1] != repr(value):
+                column.append(repr(value))
+    return columns

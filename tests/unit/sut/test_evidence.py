@@ -11,7 +11,7 @@ from riot_bus.monitors.model import ComponentView, ResourceSample, Signs, TrialV
 from riot_bus.sut import evidence
 from riot_bus.sut.context import Context
 from riot_bus.sut.evidence import native_backtrace, write_evidence
-from riot_bus.sut.surroundings import FIXED, fixes_addresses
+from riot_bus.sut.starter import FIXED, fixes_addresses
 from riot_bus.sut.system import SystemFile
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message

@@ -8,10 +8,28 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+import pytest
 
 from riot_bus.graph.survey import Started
-from riot_bus.sut.process_facts import facts_of
+from riot_bus.sut.process_facts import bridged_domain, facts_of, nodes_of_domain
 from riot_bus.zenoh.session import wait_until
+
+DOMAIN = 200 + os.getpid() % 32
+"""One that no bridge and no other test uses: riot's own are 1 to 100, and DDS has none above 232."""
+LAUNCH = """
+import os, subprocess, sys
+
+commands = [
+    [sys.executable, "nodes.py", "--ros-args", "-r", "__node:=planner", "-r", "__ns:=/robot1"],
+    [sys.executable, "nodes.py", "--ros-args", "-r", "__node:=lidar"],
+    [sys.executable, "-u", "motor.py"],
+]
+nodes = [subprocess.Popen(command) for command in commands]
+os.write(1, b"started\\n")
+for each in nodes:
+    each.wait()
+"""
+NODE = "import os, sys\nos.write(1, b'up\\n')  # at once, since all write to one pipe\nsys.stdin.read()\n"
 
 
 @contextmanager
@@ -52,3 +70,62 @@ def test_what_is_gone_is_as_it_was_started() -> None:
     found = facts_of(Started(2**22 + 1, ("no-such-program", "x"), "/"), {1})
     assert (found.program, found.environment, found.files) == ("", {}, {})
     assert found.command == ("no-such-program", "x")
+
+
+@pytest.fixture
+def launched(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A Python program that has started three nodes, which end with it."""
+    for name, text in (("launch.py", LAUNCH), ("nodes.py", NODE), ("motor.py", NODE)):
+        (tmp_path / name).write_text(text)
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    command = [sys.executable, "launch.py"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert sorted(process.stdout.readline() for _ in range(4)) == ["started\n", "up\n", "up\n", "up\n"]
+        yield process
+
+
+def test_nodes_of_a_launch_file(launched: subprocess.Popen[str], tmp_path: Path) -> None:
+    found = nodes_of_domain(DOMAIN)
+    launch = Started(launched.pid, (sys.executable, "launch.py"), str(tmp_path))
+    chosen = {name: start.only for name, start in found.items() if start.only and start.started == launch}
+    assert chosen == {"/robot1/planner": "/robot1/planner", "/lidar": "lidar", "/motor": "motor"}
+    assert nodes_of_domain(DOMAIN + 1) == {}
+
+
+def test_a_node_that_was_started_by_itself(tmp_path: Path) -> None:
+    (tmp_path / "motor.py").write_text(NODE)
+    command = [sys.executable, "motor.py", "--ros-args", "-r", "__node:=arm"]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        (start,) = nodes_of_domain(DOMAIN).values()
+    assert (start.started, start.only) == (Started(process.pid, tuple(command), str(tmp_path)), "")
+
+
+@pytest.mark.parametrize(
+    ("command", "domain"),
+    [
+        (("riot", "bridge", "ros2", "--domain", "7"), 7),
+        (("riot", "bridge", "ros2", "-d", "8", "--segment", "unit"), 8),
+        (("python", "-m", "riot_bus", "bridge", "ros2", "--domain=9"), 9),
+        (("riot", "bridge", "ros2", "--domain", "x"), None),
+        (("riot", "bridge", "mavlink"), None),
+        (("riot", "router"), None),
+    ],
+)
+def test_the_domain_of_a_bridge(command: tuple[str, ...], domain: int | None) -> None:
+    assert bridged_domain(Started(1, command, "/")) == domain
+
+
+def test_the_domain_of_a_bridge_that_was_told_by_its_environment() -> None:
+    command = ("riot", "bridge", "ros2")
+    with subprocess.Popen(["cat"], stdin=subprocess.PIPE, env={**os.environ, "ROS_DOMAIN_ID": "11"}) as process:
+        assert bridged_domain(Started(process.pid, command, "/")) == 11
+        assert process.stdin is not None
+        process.stdin.close()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.graph.survey import Started
-from riot_bus.sut.dds_nodes import NodeStart
+from riot_bus.sut.process_facts import NodeStart
 from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
 from riot_bus.sut.system_draft import SystemDraft, sketch

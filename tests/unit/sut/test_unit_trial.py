@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.sut.behaviour import behaviour_of
+from riot_bus.sut.unit_trial import behaviour_of
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
