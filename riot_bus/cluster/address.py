@@ -1,4 +1,4 @@
-"""Where a cluster is, and connecting to it: TLS is required beyond this machine."""
+"""The address of a cluster, and the connection to it: TLS is required beyond this machine."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def scheduler_of(executor: str, *, tls: bool) -> str:
     """
     found = re.fullmatch(r"dask://(\[[0-9A-Fa-f:.]+\]|[\w.-]+):(\d{1,5})", executor)
     if not found:
-        raise ConfigError(f"{executor!r} is no executor", where="--executor", hint="write dask://HOST:PORT")
+        raise ConfigError(f"{executor!r} is not an executor", where="--executor", hint="write dask://HOST:PORT")
     address = f"{'tls' if tls else 'tcp'}://{found[1]}:{found[2]}"
     if is_open(address):
         raise ConfigError(f"{executor} is another machine, and there is no TLS", where="--executor", hint=_CERTIFICATES)

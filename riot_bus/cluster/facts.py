@@ -1,4 +1,4 @@
-"""What an outcome depends on besides the test case, as two machines compare it: versions, riot.toml, code.
+"""Facts that an outcome depends on besides the test case, as two machines compare them: versions, riot.toml, code.
 
 `python -m riot_bus.cluster.facts RIOT_TOML` prints it as JSON, in a process that has just loaded all of it.
 """

@@ -1,6 +1,6 @@
-"""What runs on a worker of Dask: one function from bytes to bytes, which keeps a `sut.worker` process and asks it.
+"""The part of riot on a worker of Dask: one function from bytes to bytes, which keeps a `sut.worker` process.
 
-That process is the same as on riot's own machine. It ends with the worker, when nobody waits for its trial any more
+That process is the same as on riot's own machine. It ends with the worker, when its trial is no longer awaited
 (Ctrl-C, a riot that was killed, a scheduler that is gone), and when it has not been used for a minute.
 """
 
@@ -36,12 +36,12 @@ __all__ = ["MOST_FILES", "TRIAL", "serve"]
 MOST_FILES = 256 << 20
 """Most bytes of files that one trial returns: enough for most nominal logs; evidence is limited to a tenth of it."""
 TRIAL = Path("trial")
-"""Where a trial has its folder, below the working folder of the process that executes it."""
+"""Folder of a trial, below the working folder of the process that executes it."""
 _ACQUIRE_S = 1.0
 _LOOK_S = 0.2
 _FACTS_WITHIN_S = 120.0
 _UNUSED_S = 60.0
-"""How long a process is kept that nobody uses: its user was killed."""
+"""How long an unused process is kept; it is unused when riot was killed."""
 
 
 class _Kept:
@@ -74,8 +74,8 @@ def serve(data: bytes) -> bytes:
 
     Returns:
         A table in MessagePack. After `begin`: `refused` (why, if so) and `host`. After `run`: `answer` and `files`, or
-        `died` (how the process has ended), or neither if there is no such process or nobody waits any more. `error`: a
-        traceback.
+        `died` (how the process has ended), or neither if there is no such process or the trial is no longer awaited.
+        `error`: a traceback.
     """
     asked = msgpack.unpackb(data)
     name = str(asked["name"])
@@ -115,7 +115,7 @@ def _end(_: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Have a case executed; give up when nobody waits for it any more."""
+    """Have a case executed; give up when its outcome is no longer awaited."""
     waited_for = _waited_for()
     if name not in _kept:
         return {}
@@ -141,7 +141,7 @@ def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def _waited_for() -> Callable[[], bool]:
-    """Return a function that tells whether anybody still waits for the task of this thread."""
+    """Return a function that tells whether the task of this thread is still awaited."""
     from distributed import Status, get_worker
 
     alive = (Status.running, Status.paused, Status.closing_gracefully)
@@ -163,7 +163,7 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
 
     Args:
         needs: How many the trial needs, and how many there are in all, by name.
-        waited_for: Function that tells whether anybody still waits.
+        waited_for: Function that tells whether the trial is still awaited.
 
     Yields:
         The names of the semaphores held; one that is removed from the list is not given back.

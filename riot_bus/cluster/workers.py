@@ -49,12 +49,12 @@ __all__ = ["ClusterWorkers", "WorkerCheck", "WorkerState", "ask", "begin_of", "c
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
 _SCHEDULER_S = 10.0
-"""How long a scheduler may be away: a broken connection is restored within this time."""
+"""Longest absence of the scheduler: a broken connection is restored within this time."""
 _WORKERS_S = 60.0
-"""How long there may be no worker, such as while killed ones are started again."""
+"""Longest time without any worker, such as while killed ones are started again."""
 _ENDS_WITHIN_S = 20.0  # not measured; a worker that does not answer ends its process after `remote._UNUSED_S`
 _FETCH_S = 5.0
-"""How long the answer of a worker may take to come, once it is known to be there: a few bytes, maybe over a network.
+"""Longest transfer of a worker's answer once it is complete: a few bytes, maybe over a network.
 If the worker dies just then, Dask waits for another one at the same address, for ever."""
 _HINT = "all trials that have ended are kept: run the same command again to go on"
 _ANSWERS_WITHIN_S = 120.0  # as long as a worker itself waits for its versions and code (`remote._FACTS_WITHIN_S`)
@@ -82,13 +82,13 @@ def why_not(address: str, threads: int) -> str:
 
 @dataclass(eq=False, slots=True)
 class WorkerState:
-    """What is known about a worker of the cluster.
+    """The state of a worker of the cluster.
 
     Attributes:
         slot: Number of the worker.
         name: Name of the process that it keeps for us.
         begun: Its answer to `begin`.
-        refused: Why it takes no trials; empty if it does.
+        refused: Reason why it takes no trials; empty if it does.
         ready: Whether it has agreed to take trials.
         worker: The worker of the pool that uses it now.
     """
@@ -106,7 +106,7 @@ class ClusterWorkers:
 
     Args:
         executor: `dask://HOST:PORT`.
-        context: The system.
+        context: Context of the system.
         jobs: Maximum number of workers to use; 0 for all.
 
     Raises:
@@ -309,7 +309,7 @@ class _ClusterWorker:
             self._found = msgpack.unpackb(self._result(future))
         except KilledWorker:
             self._how = f"with its worker {self._address}"
-        except Exception as error:  # nobody waits any more, or the scheduler is gone
+        except Exception as error:  # the task was cancelled, or the scheduler is gone
             _LOG.debug("%s: %s", self._address, error)
         if self._found.keys() & {"answer", "error"}:
             with suppress(OSError):
@@ -381,7 +381,7 @@ class WorkerCheck:
     Attributes:
         address: Address of the worker.
         host: Name of its machine; empty if it has not answered.
-        refused: Why it takes no trials; empty if it does.
+        refused: Reason why it takes no trials; empty if it does.
     """
 
     address: str

@@ -63,7 +63,7 @@ _Answers = dict[str, list[_Answer]]
 
 @dataclass(frozen=True, slots=True)
 class MinedRule:
-    """What all answers to the probe had in common.
+    """A property that all answers to the probe had in common.
 
     Attributes:
         kind: `finite` (no number is NaN or infinite), `count` (of the topic's messages), `value` (of the field, message
@@ -155,7 +155,7 @@ class Mined:
 
     @property
     def origin(self) -> str:
-        """Where the rules come from, and how often they raise false alarms."""
+        """Origin of the rules, and how often they raise false alarms."""
         low, high = exact_interval(self.alarms, self.held_out)
         return (
             f"rule mined from {self.trials} nominal trials; in {self.alarms} of {self.held_out} others a rule fired, "

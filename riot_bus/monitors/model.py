@@ -1,4 +1,4 @@
-"""What a monitor sees of one finished trial."""
+"""The view of a finished trial that monitors judge, and the judgement of all monitors."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ class ResourceSample:
 
 @dataclass(frozen=True, slots=True)
 class Signs:
-    """How a component's state after a trial differs from that after nominal trials; empty where that is not known.
+    """Differences of a component's state after a trial from that after nominal trials; empty where they are not known.
 
     Attributes:
-        ended: Why it has ended, perhaps while its process still runs; empty if it has not, or is allowed to.
+        ended: Reason why it has ended, perhaps while its process still runs; empty if it has not, or is allowed to.
         silent: Outputs of nominal trials that no nominal input brings back.
         blocked: Functions in which threads block that wait elsewhere at rest.
         lost: Start functions of threads that no longer exist.
@@ -91,13 +91,13 @@ class ComponentView:
 
     Attributes:
         status: Exit status, negative for a signal, None if it still ran.
-        errors: What it wrote to stderr.
+        errors: Text that it wrote to stderr.
         root: Folder of its code; frames outside it belong to others.
         tracebacks: Whether a traceback in stderr of a live process counts as a crash.
-        printed: What it wrote to stdout.
+        printed: Text that it wrote to stdout.
         stack: File and function of each native frame at the signal that ended it, innermost first.
         resources: Its use of resources over time.
-        signs: How its state differs from that after nominal trials.
+        signs: Differences of its state from that after nominal trials.
         excess: Resource limit for which it was ended, and the usage as text; None if it was not.
         unread: Number of bytes in the middle of its output that are missing in `errors` and `printed`.
     """
@@ -125,7 +125,7 @@ class TrialView:
         outputs: Messages of the watched outputs, in order of reception.
         inputs: Messages published to the components, each with its time of publication.
         probed: Index of the first output that came after the last probe had begun; None if there was none.
-        end: When watching ended, nanoseconds since the epoch.
+        end: Time at which watching ended, nanoseconds since the epoch.
         held_up: Seconds for which components or riot waited for a processor since the first input.
     """
 

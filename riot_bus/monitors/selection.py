@@ -1,4 +1,4 @@
-"""What monitors look at: the selected outputs of a trial, and numbers in their fields."""
+"""Selection of the outputs of a trial that monitors judge, and of numbers in their fields."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str 
     """Return why no output has what is selected: a message, a number in the field; None if one has.
 
     Args:
-        view: A trial.
-        selector: What is looked for.
+        view: View of a trial.
+        selector: Selector of messages or of a field.
         met: Whether its condition must be met; otherwise, its fields only have to exist.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Signatures: what makes two crashes the same crash.
+"""Signatures of crashes: two crashes with the same signature are the same finding.
 
 A crash is identified by its place, not by its words, so that one defect that raises different exceptions for different
 inputs stays one finding. The place is not a file or a line number, which change with every edit. For a Python
@@ -55,7 +55,7 @@ _CALLERS = 3  # with more, one defect that is reached in several ways would be s
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """Where a component crashed, and its last words."""
+    """Place at which a component crashed, and its last message."""
 
     place: str
     detail: str

@@ -61,7 +61,7 @@ class Stl:
         for name, text in self.signals.items():
             field_selector(text)
             if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII) or _OPERATOR.fullmatch(name):
-                raise ConfigError(f"{name!r} cannot name a signal", hint="use a word that is no operator")
+                raise ConfigError(f"{name!r} cannot name a signal", hint="use a word that is not an operator")
         words = _NUMBER.sub(" ", self.formula)
         for word in re.findall(r"[^\W\d]\w*", words):
             if word not in self.signals and not _OPERATOR.fullmatch(word):

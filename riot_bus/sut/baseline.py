@@ -74,7 +74,7 @@ class NominalTrial:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What all nominal trials of a unit have in common.
+    """Common behaviour of all nominal trials of a unit.
 
     Attributes:
         idle: Activity of the unit without any input.
@@ -126,7 +126,7 @@ class Baseline:
         if not self.probe_answers:
             found.append("whether it falls silent: it publishes nothing in answer to nominal input after the log")
         if not self.at_rest:
-            found.append("where its threads stand: it is no Python program, or runs without site")
+            found.append("where its threads stand: it is not a Python program, or runs without site")
         return tuple(found)
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ class CommandDraft:
     """Draft of how a component is started, as for riot.toml.
 
     Attributes:
-        missing: What the user has to fill in, one line each.
+        missing: Lines that say what the user has to fill in.
         pid: Id of the process that the draft is taken from; 0 if there is none.
         files: Texts of the files that the draft names by `{file:NAME}`, by name.
     """

@@ -160,14 +160,14 @@ class ElfFile:
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: It is not a file of this format.
+        ValueError: It is nott a file of this format.
     """
 
     def __init__(self, path: str) -> None:
         self._path = path
         header = self._read(0, 64)
         if header[:6] != b"\x7fELF\x02\x01":
-            raise ValueError(f"{path} is no 64-bit little-endian ELF file")
+            raise ValueError(f"{path} is not a 64-bit little-endian ELF file")
         segments, self._sections, _, _, size, count, *sections = struct.unpack("<QQIHHHHHH", header[32:])
         self._section_size, self._section_count = sections[:2]
         fields = struct.iter_unpack("<IIQQQQQQ", self._read(segments, size * count))

@@ -43,7 +43,7 @@ class Expectation:
     Attributes:
         log: Path of a log with the expected answers.
         topics: Names or key expressions of the answers; empty for all topics of the log that are not played.
-        wishes: What counts as a difference.
+        wishes: Settings of the comparison.
         wait: Longest time to wait for answers after the playback, in seconds.
         answers: Path of the log in which to keep the answers; None to drop them.
     """

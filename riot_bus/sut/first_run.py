@@ -66,10 +66,10 @@ class _Tap:
 
 
 def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
-    """Start components and watch them; their messages reach each other and nobody else.
+    """Start components and watch them; their messages reach no other system.
 
     Args:
-        context: The system.
+        context: Context of the system.
         names: Names of the components.
         keys: Further keys that they may have subscribed to.
         seconds: Time to watch them after all have connected, in seconds.

@@ -22,7 +22,7 @@ _OF_A_TRIAL = "RIOT_TRIAL_"
 _WORD = re.compile(r"\w+")
 _BEGINNING = 2048
 """Bytes of a script that are read: the scripts that pip and setuptools write for installed programs are shorter."""
-_NO_PYTHON = "its command is no Python script or module"
+_NO_PYTHON = "its command is not a Python script or module"
 
 
 class Fork(NamedTuple):

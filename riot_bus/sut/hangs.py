@@ -178,7 +178,7 @@ class HangWatch:
             self._since = now, seen
             return False
         begin, before = self._since
-        self._busy = now - begin - seen.waited_since(before)  # a loaded machine is no hang
+        self._busy = now - begin - seen.waited_since(before)  # a loaded machine is not a hang
         if self._hangs:
             self._looks = [*self._looks, self._stage.stacks(self._names)][-_LOOKS:]
             stacks = deepest_common(self._looks)

@@ -53,7 +53,7 @@ def init_ros2(
 
     Raises:
         ConfigError: The file exists already, or a named node was not seen.
-        EnvironmentFaultError: Nobody answers, or no nodes were seen.
+        EnvironmentFaultError: No router answers, or no nodes were seen.
     """
     from riot_bus.control.component import client_cfg
     from riot_bus.graph.survey import survey
@@ -181,7 +181,7 @@ def init_plain(
 
     Raises:
         ConfigError: A file exists already, or a named component was not seen.
-        EnvironmentFaultError: Nobody answers, or nothing was seen.
+        EnvironmentFaultError: No router answers, or nothing was seen.
     """
     from riot_bus.control.component import client_cfg
 

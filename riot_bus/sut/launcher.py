@@ -143,7 +143,7 @@ class Launcher:
             cwd: Working folder of the component.
             directory: Folder for its output; None for the output of this process, unless that is `quiet`.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
-            fork: How it is forked, or why not; None to execute its command.
+            fork: Description of its fork server, or the reason why it has none; None to execute its command.
             limits: Resource limits (see `resource_limits.Guard`); None for no limits.
             held: Whether its standard input stays open until it or riot ends; else it has none.
             teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to

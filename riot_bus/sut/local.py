@@ -262,7 +262,7 @@ class Pool:
 
     @property
     def jobs(self) -> int:
-        """How many trials run at once."""
+        """Number of trials that run at once."""
         return self._source.jobs
 
     def __enter__(self) -> Self:
@@ -365,7 +365,7 @@ class Pool:
                     worker = _PoolWorker(process)
                     self._workers.append(worker)
                 self._give(task, worker)
-            except Exception as error:  # the disk is full, there is no process to be had: whoever asked is told
+            except Exception as error:  # such as a full disk: raised where the outcome is awaited
                 task.fail(error)
 
     def _give(self, task: _Task, worker: _PoolWorker) -> None:
@@ -485,7 +485,7 @@ class LocalRunner:
 
     @property
     def parallelism(self) -> int:
-        """How many cases are worth asking for at once."""
+        """Number of cases worth asking for at once."""
         return self._batch or self._at_once()
 
     def _at_once(self) -> int:

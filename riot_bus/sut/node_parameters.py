@@ -26,12 +26,12 @@ def set_parameters(stage: TrialSetup, names: Sequence[str], chosen: Mapping[str,
     One that is refused is set to its nominal value, since a process that goes on has that of an earlier run.
 
     Args:
-        stage: Where the components run, and are ready.
+        stage: Setup on which the components are ready.
         names: Names of the components inside the system.
         chosen: Values by parameter; others are nominal.
 
     Returns:
-        The refused ones, each with what was refused, by whom and why.
+        Refused parameters, each with the value, the node and the reason.
 
     Raises:
         ConfigError: A nominal value is refused, or a value is of a type that the parameter cannot have.
@@ -63,7 +63,7 @@ def set_in_nodes(
     """Set parameters through ports; see `set_parameters`.
 
     Args:
-        context: The system.
+        context: Context of the system.
         chosen: Values by parameter; others are nominal.
         ports: The segments of the components inside.
         timeout: Seconds within which each node has to answer.

@@ -46,7 +46,7 @@ def measure_baseline(context: Context, unit: str, pool: Pool, log: Sequence[Mess
     If nominal trials fail, only the former is known.
 
     Args:
-        context: The system.
+        context: Context of the system.
         unit: Name of the unit.
         pool: Pool that executes the trials.
         log: Nominal log of the unit.
@@ -175,7 +175,7 @@ def measure_in_system(
     """Measure the baseline of a unit in nominal runs of the whole system.
 
     Args:
-        context: The system.
+        context: Context of the system.
         unit: Name of the unit.
         pool: Pool that executes the runs.
         alone: Baseline of the unit alone, whose probe is used here, too.
@@ -226,7 +226,7 @@ def in_system_of(
         alone: Baseline of the unit alone.
         answers: Outputs for the whole log in that, by topic, without topics on which other components publish, too.
         runs: Observations of the runs.
-        context: The system.
+        context: Context of the system.
         idle: Activity of the unit before anything comes from outside.
     """
     found = baseline_of(runs, idle=idle, log=alone.log, ordered=alone.ordered)

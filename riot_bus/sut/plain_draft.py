@@ -61,7 +61,7 @@ class PlainDraft:
         segments: Segment of each component, by its name.
         sessions: Name of the component of each session, by the session's id.
         groups: Keys by the name of their topic in inputs and outputs: the key itself, or a key expression for several.
-        topics: What is known of each topic that had messages, by its name in `groups`.
+        topics: Known facts about each topic that had messages, by its name in `groups`.
         unwritten: Topics that had messages from an unknown publisher.
         unread: Topics that an unknown subscriber reads.
         silent: Components that are not known to read or write anything.
@@ -95,7 +95,7 @@ def plain_draft(
     Sessions of one process are one component. What is external is told as by `system_draft.sketch`.
 
     Args:
-        facts: What was seen of the system.
+        facts: Observed facts about the system.
         unit: Component to test.
         external: Components that play the outside world.
         names: Names of components by the ids of their sessions, where they have some already.
@@ -186,7 +186,7 @@ def component_names(processes: Sequence[Process], commands: Mapping[str, Command
 
     Args:
         processes: The sessions of each component.
-        commands: How components are started, by the ids of their sessions.
+        commands: Drafts of the components' commands, by the ids of their sessions.
     """
     called = [_short(process[0].label) for process in processes]
     words = [_words(process, commands) for process in processes]

@@ -76,7 +76,7 @@ def look_at_network(
 
     Raises:
         ConfigError: The recording cannot be written, or there are several routers.
-        EnvironmentFaultError: Nobody answers at the endpoint.
+        EnvironmentFaultError: No router answers at the endpoint.
     """
     from riot_bus.graph.survey import survey
 

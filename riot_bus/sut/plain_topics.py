@@ -48,7 +48,7 @@ def topic_groups(graph: Graph, uses: Uses, topics: Mapping[str, TopicDraft]) -> 
     Args:
         graph: Graph with the adapters' names of keys.
         uses: Keys that each component uses.
-        topics: What is known of keys that had messages.
+        topics: Known facts about keys that had messages.
     """
     users: defaultdict[str, set[tuple[str, str]]] = defaultdict(set)
     for (name, role), keys in uses.items():
@@ -97,11 +97,11 @@ def size_of(topic: TopicDraft) -> str:
 
 
 def remark(topic: TopicDraft | None, keys: int = 1) -> str:
-    """Return what is worth knowing of a topic, for a comment.
+    """Return a remark on a topic, for a comment.
 
     Args:
-        topic: What is known of it; None if no message was seen.
-        keys: How many keys it stands for.
+        topic: Known facts about the topic; None if no message was seen.
+        keys: Number of keys that it stands for.
     """
     if topic is None:
         return "no message was seen"

@@ -68,7 +68,7 @@ def _texts(started: Started, environment: Mapping[str, str]) -> Iterator[tuple[P
     words = [*started.command[1:_MOST_WORDS], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
     for word in dict.fromkeys(words):
         path = Path(os.path.normpath(os.path.join(started.cwd, word.rpartition("=")[2])))
-        with suppress(OSError, ValueError):  # a word that is no path, or a file that is no text
+        with suppress(OSError, ValueError):  # the word is not a path, or the file is not text
             if path.is_file() and path.stat().st_size <= _MOST_BYTES:
                 yield path, path.read_text(encoding="utf-8")
 
@@ -87,7 +87,7 @@ class NodeStart:
 
 
 def bridged_domain(bridge: Started) -> int | None:
-    """Return the ROS domain that a process joins to a segment; None if it is no `riot bridge ros2`."""
+    """Return the ROS domain that a process joins to a segment; None for other processes than `riot bridge ros2`."""
     import psutil
 
     words = bridge.command

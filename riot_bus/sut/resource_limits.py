@@ -39,7 +39,7 @@ class Guard:
         self._looks = 0
 
     def include(self, pids: Sequence[int]) -> None:
-        """Watch other processes and their descendants, too, such as a container's, which are no descendants here."""
+        """Watch other processes and their descendants, too, such as a container's, which are not descendants here."""
         self._others = pids
 
     def excess(self, orphans: Sequence[int] = ()) -> tuple[str, float] | None:

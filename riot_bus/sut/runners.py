@@ -126,7 +126,7 @@ class LocalRunners:
     """Factory of runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
-        context: The system.
+        context: Context of the system.
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
         workers: Function that returns a source of workers to use instead of this machine; called when first needed.
         keep: Folder in which the files of failing trials, and the baselines, are kept.

@@ -57,7 +57,7 @@ def sketch_toml(found: SystemDraft, *, origin: str) -> str:
 
     Args:
         found: The system.
-        origin: Where and how it was seen, for the first comment.
+        origin: Place and way of the observation, for the first comment.
     """
     outside = _external(
         found.external,
@@ -79,8 +79,8 @@ def draft_toml(found: PlainDraft, *, origin: str, name: str, nominal: str | None
 
     Args:
         found: The system.
-        origin: Where and how it was seen, for the first comment.
-        name: What the system is called.
+        origin: Place and way of the observation, for the first comment.
+        name: Name of the system.
         nominal: Path of its nominal log.
     """
     parts, unit = found.system.parts, found.system.unit

@@ -5,7 +5,7 @@ running or waiting for a processor (measured: a window of 15 ms came right after
 callbacks in 5 of 5 tries; the state of the threads makes this reliable on a loaded machine, too). A component with its
 own timers never stands still: it is done when it does no more than without input, in switches and in processor time.
 
-Deadlines do not run while a component waits for a processor that others use: a loaded machine is no hang.
+Deadlines do not run while a component waits for a processor that others use: a loaded machine is not a hang.
 
 Often it is certain, without such a window, that a process does nothing more without input (`is_at_rest`), by what each
 thread waits for according to the kernel. A thread that waits for a time (a sleep, a wait with a timeout) or for a file
@@ -55,7 +55,7 @@ _LONGER, _LONGER_BY = 10, 60.0  # after waiting nine tenths of it for a processo
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
 """Timers vary: only more than twice the switches, or thrice the time and 5 % of a processor, is work; guesses."""
 RUNTIME = (b"app-", b"tx-", b"rx-", b"net-", b"acc-")
-"""What names of the threads of Zenoh's runtimes begin with."""
+"""Prefixes of the names of the threads of Zenoh's runtimes."""
 _FUTEX, _EPOLL = {"x86_64": (202, (232, 281)), "aarch64": (98, (22,))}.get(platform.machine(), (-1, ()))
 """Numbers of system calls; elsewhere nothing is certain."""
 _PRIVATE, _COMMAND, _WAITS = 0x80, 0x7F, (0, 9)
@@ -63,7 +63,7 @@ _PRIVATE, _COMMAND, _WAITS = 0x80, 0x7F, (0, 9)
 
 
 class _Own(threading.local):
-    """Looks at the threads of this process, kept by who looks: there are a hundred, and they outlive a trial."""
+    """Open files of the threads of this process, for each thread that reads them: there are a hundred threads."""
 
     def __init__(self) -> None:
         self.senders = Threads([os.getpid()], names=_SENDERS)
@@ -225,8 +225,8 @@ def waits_for_input(name: bytes, call: bytes, *, window: float) -> bool:
     """Return whether a thread waits for another thread of its process, or is one of Zenoh's and waits for its sockets.
 
     Args:
-        name: Its name.
-        call: Its line in /proc: number of the system call and its arguments.
+        name: Name of the thread.
+        call: Line of the thread in /proc: number of the system call and its arguments.
         window: Seconds within which no timer of Zenoh's may be due.
     """
     words = call.split()
@@ -248,8 +248,8 @@ def all_wait(threads: Threads, *, since: Activity, window: float) -> bool:
     So it is certain of threads that only get work from those that have begun before them.
 
     Args:
-        threads: Those of some processes.
-        since: What they had done before the input; a thread that has not run since has nothing to do with it.
+        threads: Threads of some processes.
+        since: Activity before the input; a thread that has not run since is not affected by it.
         window: Seconds within which no timer of Zenoh's may be due.
     """
     return all(

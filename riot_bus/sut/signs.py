@@ -37,7 +37,7 @@ _LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
 """A thread without an end takes all of a processor that it gets, one that works off its timers some percent."""
 _RUNS_OUT_S, _RUNS_OUT_AT_MOST_S = 30.0, 120.0
-"""How long a program that fills memory is waited for, without and with the time in which it has no processor."""
+"""Longest wait for the end of a program that fills memory, without and with the time in which it has no processor."""
 _TAKEN_BYTES, _TAKEN_RUN, _TAKEN_LOOK = 1 << 22, 0.1, 0.5
 """A program that fills memory gets so many bytes in so many seconds in which it runs, a fortieth of what one does that
 is alone on its machine; one that sleeps is looked at after so many seconds."""
@@ -84,9 +84,9 @@ class Feeder:
         """Publish messages and wait until the unit has come to rest or died; see `rest`.
 
         Args:
-            messages: What is published.
-            expected: Outputs that tell that it has taken in everything, by topic. Without them it has to be still for
-                a window: on a loaded machine, the kernel may hold back what was sent for some milliseconds.
+            messages: Messages to publish.
+            expected: Number of outputs by topic after which it has received everything. Without them it has to be still
+                for a window: on a loaded machine, the kernel may hold back what was sent for some milliseconds.
         """
         stage, begin = self._stage, len(self._stage.outputs)
         start, own = begun = stage.activity([self._name]), stage.others.activity()
@@ -149,11 +149,11 @@ class Feeder:
         """Publish messages.
 
         Args:
-            messages: What is published.
-            before: What the unit has done so far.
+            messages: Messages to publish.
+            before: Activity of the unit so far.
 
         Returns:
-            What it had done just before the last one.
+            Activity of the unit just before the last message.
         """
         stage, names = self._stage, [self._name]
         self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
@@ -273,7 +273,7 @@ class Feeder:
         """Set `probed`. Where answers differ from nominal ones, the unit gets the nominal log and the probe once more.
 
         Args:
-            begin: Where the answers to the probe begin; None if the whole log came after it.
+            begin: Index of the first answer to the probe; None if the whole log came after it.
         """
         stage, baseline = self._stage, self._baseline
         if begin is not None and not baseline.mined.differs(stage.outputs[begin:], stage.context.registry):
@@ -299,7 +299,7 @@ class Feeder:
             time.sleep(_POLL)
 
     def works(self, trial: NominalTrial) -> bool:
-        """Return whether a unit that did not come to rest in a nominal trial is no worse for it.
+        """Return whether a unit that did not come to rest in a nominal trial still works.
 
         One with timers of its own may find no rest on a loaded machine; if it answers, and does not run all the time,
         it works.
@@ -309,7 +309,7 @@ class Feeder:
     def _runs_out(self) -> bool:
         """Wait while a busy unit takes ever more memory, or has too much already; return whether it was ended for that.
 
-        On a loaded machine memory may come slowly, and whoever ends it late: that is no hang.
+        On a loaded machine, memory may grow slowly, and the limit may be enforced late: that is not a hang.
         """
         stage, limits = self._stage, self._stage.context.file.components[self._name].limits
         if limits == "off" or self._watch.known:

@@ -1,4 +1,4 @@
-"""One trial's stage: its segments, fresh components, and the view that monitors judge."""
+"""The setup of one trial: its segments, its components, and the view that monitors judge."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _KILLED_WITHIN = 10.0
 _MEASURE = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
 _MEASURED, _STILL = 3, 0.03
-"""How often that is measured for components that are started in the same way, and the window of rest, in seconds, that
+"""Number of measurements for components that are started in the same way, and the window of rest, in seconds, that
 they have to keep once it is known, as long as the default of `settle.window`."""
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
@@ -66,10 +66,10 @@ _ALIKE = 0.2  # timers do about the same each time, a start does not; a guess
 
 @dataclass(frozen=True, slots=True)
 class TrialPlace:
-    """Where a trial runs.
+    """The place of a trial: system, launcher, folder, and what is kept between trials.
 
     Attributes:
-        context: The system.
+        context: Context of the system.
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
         imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
@@ -89,7 +89,7 @@ class TrialPlace:
 
     @property
     def left(self) -> Path:
-        """Where a trial leaves what it is asked to."""
+        """Path of the evidence or recording that a trial is asked for."""
         return self.directory / self.LEFT
 
     def setup(
@@ -114,10 +114,10 @@ class TrialPlace:
 
 
 class TrialSetup:
-    """Segments that nobody else uses and the components on them; a context manager that leaves nothing behind.
+    """Segments of their own for components, and the components; a context manager that leaves nothing behind.
 
     Args:
-        context: The system.
+        context: Context of the system.
         launcher: Owner of the processes.
         directory: Folder for their output and for what they write to `{trial_dir}`.
         segments: Names of the segments; empty for one segment for each component, with its name.
@@ -127,7 +127,7 @@ class TrialSetup:
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
-        network: Where segments are taken from and given back to; without it, they are opened and closed.
+        network: Network that is kept between trials; without it, segments are opened and closed.
 
     Attributes:
         idle: Activity of components that are ready and never rest; no activity if they rest.
@@ -341,8 +341,8 @@ class TrialSetup:
     def wait_ready(self, names: Iterable[str]) -> None:
         """Wait until components have connected and come to rest, so whatever they declare at start is declared.
 
-        Nodes behind a bridge may be at rest and not known yet, so declared inputs are waited for as well; one that
-        nobody subscribes to is no error.
+        Nodes behind a bridge may be at rest and not known yet, so declared inputs are waited for as well; one
+        without a subscriber is not an error.
 
         Raises:
             EnvironmentFaultError: One died before, or they did not connect in time.
@@ -400,7 +400,7 @@ class TrialSetup:
         """Return what is still missing of what `ready` asks for; None if nothing is."""
         process = self.processes[name]
         if self.context.file.components[name].attach is not None and not process.printed().endswith("\n"):
-            return "is no process of this machine that this user may look at, or has not connected"
+            return "has not connected, or is not a process of this machine that this user may inspect"
         if ready.line is not None and ready.line not in process.printed() and ready.line not in process.errors():
             return f"has not printed {ready.line!r}"
         if ready.topic is not None and name not in self._published:
@@ -491,8 +491,8 @@ class TrialSetup:
         """Collect the messages of some topics for the monitors, each once though several of the topics have it.
 
         Args:
-            topics: The topics.
-            watch: Observes what is published.
+            topics: Names of the topics.
+            watch: Function that subscribes to a segment.
         """
         for expression in self.context.topics(*topics):
             earlier = tuple(self._watched)
@@ -522,7 +522,7 @@ class TrialSetup:
 
         Args:
             segment: Name of the segment.
-            message: The input.
+            message: Message to publish.
             batched: Whether messages that follow at once may share a packet with it, even if it is an express message.
                 A packet for each took half of the time of a trial with thousands of messages.
         """
@@ -568,7 +568,7 @@ class TrialSetup:
         return self.python.stacks(self._family(names))
 
     def main_end(self, name: str) -> MainEnd | None:
-        """Return how the main thread of a Python component has ended; None if it has not, or is no Python."""
+        """Return how the main thread of a Python component has ended; None if it has not, or for other programs."""
         return self.python.main_end(self._family([name]))
 
     def activity(self, names: Iterable[str]) -> Activity:
@@ -671,10 +671,10 @@ class TrialSetup:
         """Return what the monitors judge, for these components.
 
         Args:
-            names: The components.
+            names: Names of the components.
             settled: False when they were still busy at the deadline.
             waited: That deadline, seconds.
-            signs: What else is known of each, compared with nominal trials.
+            signs: Differences of each component from nominal trials.
         """
         views = []
         for name in names:
@@ -688,7 +688,7 @@ class TrialSetup:
             root = self._starter.folder_of(name)
             traced = component.tracebacks == "fail"
             seen = (signs or {}).get(name, NO_SIGNS)
-            if component.attach is not None and process.status is not None:  # and how it ended nobody can tell
+            if component.attach is not None and process.status is not None:  # its status is not known
                 seen = replace(seen, ended="its process has ended")
             views.append(
                 ComponentView(

@@ -78,10 +78,10 @@ class ComponentStarter:
     """Starts components and knows what belongs to each: its process, its container, its bridge to DDS.
 
     Args:
-        context: The system.
+        context: Context of the system.
         launcher: Owner of the processes.
         directory: Folder of the trial.
-        python: What Python components tell of themselves.
+        python: Reports of Python components.
         imports: Modules that Python components import, by program (see `TrialSetup`).
         parameters: Values of {param:NAME}.
     """
@@ -317,7 +317,7 @@ class ComponentStarter:
         return " ".join((name, component.cwd, *component.command))
 
     def _domain(self, name: str) -> int:
-        """Return a ROS domain that nobody else has until the trial ends: a component's own one if it has a bridge."""
+        """Return a ROS domain that is reserved until the trial ends: a component's own one if it has a bridge."""
         owner = name if self._file.components[name].dds else ""
         if owner not in self._domains:
             self._domains[owner] = self._reserved.enter_context(free_domains(1))[0]
@@ -335,7 +335,7 @@ class ComponentStarter:
         return self._ports[word]
 
     def find_inside(self, name: str) -> None:
-        """Find the processes of a ready component that are no descendants of riot's, and check `only`.
+        """Find the processes of a ready component that are not descendants of riot's, and check `only`.
 
         Raises:
             ConfigError: The component's command has started no process that matches `only` in riot.toml.
@@ -374,7 +374,7 @@ class ComponentStarter:
         return all(map(self._launcher.alive, processes))
 
     def check_way(self, name: str) -> None:
-        """Check that the bridge or connection to a component has not ended, which is no failure of the component.
+        """Check that the bridge or connection to a component has not ended, which is not a failure of the component.
 
         Raises:
             EnvironmentFaultError: The bridge or connection has ended.

@@ -79,7 +79,7 @@ class ForkServer:
     """A running `fork_server.py`.
 
     Args:
-        wanted: What riot asks for: `interpreter` (a command), `env`, `modules`, `own`.
+        wanted: Description of the server: `interpreter` (a command), `env`, `modules`, `own` (see `forking.Fork`).
         fixed: Whether addresses are the same each time.
     """
 

@@ -98,14 +98,14 @@ def _texts(value: Any) -> list[str]:
 
 
 class RunPace(_Table):
-    """How long a run of the whole system lasts, and how fast: {duration} and {speed} in commands."""
+    """Duration and speed of a run of the whole system: {duration} and {speed} in commands."""
 
     duration: Seconds
     speed: float = Field(default=1.0, gt=0)
 
 
 class Reset(_Table):
-    """What resets processes that are kept over trials to their first state, before each trial except the first.
+    """The reset of processes that are kept over trials to their first state, before each trial except the first.
 
     A message is published, or a command is executed, which may contain {python} {trial_dir} {slot} {free_port:NAME}.
     """
@@ -173,11 +173,11 @@ def _service(text: str) -> str:
 
 
 class Ready(_Table):
-    """When a component can be fed: it has subscribed to its inputs, and what is given here holds too.
+    """Conditions for feeding a component, besides that it has subscribed to its inputs.
 
     `line` is part of a line that it prints, `topic` one on which it has published (a selector may say what), `service`
     one that it offers, `port` one of TCP at which it listens on this machine, `after` a time since its start, `command`
-    one that is executed until it ends with status 0. All of it has to come within `timeout` seconds.
+    one that is executed until it ends with status 0. All conditions have to be met within `timeout` seconds.
     """
 
     timeout: Seconds = 15.0
@@ -412,7 +412,7 @@ class External(_Table):
 
 
 class Settle(_Table):
-    """When a unit counts as settled (no activity for `window` seconds) and when as hanging (`timeout`).
+    """Times after which a unit counts as settled (no activity for `window` seconds) or as hanging (`timeout`).
 
     `linger` is the time that it may take to die once it has come to rest.
     """
@@ -548,7 +548,7 @@ class SystemFile(_Table):
 
     @property
     def invariants(self) -> tuple[Invariant, ...]:
-        """What `[[monitors]]` names, ready to judge; empty unless `load_system` has read the file."""
+        """The monitors of `[[monitors]]`, ready to judge; empty unless `load_system` has read the file."""
         return self._invariants
 
     @property

@@ -58,9 +58,9 @@ class DraftComponent:
         zid: Id of its Zenoh session.
         services: Services that it offers and calls, as text.
         actions: Actions that it offers and calls, as text.
-        external: Why it counts as external; empty if it does not.
-        started: How its process was started, if that is known.
-        only: Which of the processes that `started` has started it is; empty if it is `started` itself.
+        external: Reason why it counts as external; empty if it does not.
+        started: Command of its process, if that is known.
+        only: Regular expression that selects it among the processes that `started` has started; empty if it is that.
         dds: Whether it is a node of DDS behind a `riot bridge ros2`.
     """
 
@@ -118,7 +118,7 @@ def sketch(
         known: Function that tells whether a type has a definition.
         unit: Node to test: its full name, the last part of that, or the component's name.
         external: Nodes that play the outside world, named in the same way.
-        started: How processes were started, by session id.
+        started: Commands of processes, by session id.
         behind: Processes of the ROS domain behind each `riot bridge ros2`, by session id and name, as
             `process_facts.nodes_of_domain` returns them.
         where: Name of the network in errors.
@@ -298,5 +298,5 @@ def _external(parts: Sequence[DraftComponent], unit: str | None) -> dict[str, st
         if outside:
             found[topic] = f"from {', '.join(outside)}"
         elif not published[topic]:
-            found[topic] = "nobody was seen to publish it"
+            found[topic] = "no publisher was seen"
     return found

@@ -354,7 +354,7 @@ class _Probe:
     Args:
         trial: The trial of the whole system.
         stage: Stage on which it runs; nothing is started on it yet.
-        watching: Returns the function that observes a segment.
+        watching: Function that returns the observer of a segment.
 
     Attributes:
         name: Name of the component.

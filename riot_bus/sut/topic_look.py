@@ -1,4 +1,4 @@
-"""What a short recording shows about a topic: its message rate, and the codecs that read all of its payloads."""
+"""Facts about topics from a short recording: message rates, and the codecs that read all payloads."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _MOST_TOPICS = 2000  # drafts are for people to edit; the memory stays bounded i
 
 @dataclass(frozen=True, slots=True)
 class TopicDraft:
-    """What is known about a topic.
+    """Known facts about a topic.
 
     Attributes:
         topic: Name of the topic.
-        key: Its key.
+        key: Zenoh key of the topic.
         type_name: Its type; empty if unknown.
         declare: Whether riot.toml has to declare the type, since keys, encodings and payloads do not identify it.
         fits: Codecs that read all payloads, if it is not clear which of them is right.
@@ -59,7 +59,7 @@ class TopicLook:
     """The messages of one key.
 
     Args:
-        key: The key.
+        key: Zenoh key of the messages.
         registry: Registry of message types.
         codecs: Codecs for self-describing documents.
     """

@@ -117,7 +117,7 @@ class UnitTrial:
 
         Args:
             stage: Stage on which the unit runs.
-            case: The test case.
+            case: Test case to play.
             evidence: Folder for the evidence of a failing trial; None to write none.
 
         Raises:

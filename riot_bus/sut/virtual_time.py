@@ -48,7 +48,7 @@ class VirtualTime:
         timeout: Seconds after which a component that is still busy counts as hanging.
 
     Attributes:
-        observers: Called with each message of a run when it is its turn.
+        observers: Functions that are called with each message of a run when it is its turn.
     """
 
     def __init__(self, clock: VirtualClock, names: Sequence[str], *, timeout: float) -> None:
@@ -96,7 +96,7 @@ class VirtualTime:
         Args:
             messages: Messages in the order of their times.
             stage: Stage on which the system runs.
-            publish: Called with each message when it is its turn.
+            publish: Function that is called with each message when it is its turn.
             stop: Function that returns True when nothing more need be published.
 
         Returns:
@@ -236,7 +236,8 @@ def single_key(stage: TrialSetup, topic: str, *, where: str) -> str:
     """
     (key,) = stage.context.topics(topic)
     if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
-        raise ConfigError(f"{topic!r} is no single key", where=where, hint="write the Zenoh key, such as `robot/reset`")
+        hint = "write the Zenoh key, such as `robot/reset`"
+        raise ConfigError(f"{topic!r} does not stand for a single key", where=where, hint=hint)
     return key
 
 

@@ -94,7 +94,7 @@ def _pack_other(value: Any) -> Any:
         return msgpack.ExtType(_LARGE_INT, str(value).encode())
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} does not cross to a worker")
+    raise TypeError(f"{type(value).__name__} cannot be sent to a worker")
 
 
 def _unpack(data: bytes) -> Any:
@@ -145,7 +145,7 @@ class TrialBatch:
             directory: Folder in which it may leave files; a relative path is below the worker's working folder.
             whole: Whether the request contains the shared data.
             imports: Modules that Python components import, by program, without those that the worker knows.
-            hangs: What is known about hangs, by component.
+            hangs: Known hangs, by component.
         """
         messages = self._told(case.messages)
         return _pack(
@@ -228,7 +228,7 @@ class TrialAnswer:
     Attributes:
         outcome: Outcome of the trial.
         imports: Modules that Python components import, by program, without those known to the worker before.
-        hangs: What is known about hangs, by component, where it differs from the request.
+        hangs: Known hangs, by component, where they differ from the request.
     """
 
     outcome: Outcome

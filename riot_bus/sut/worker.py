@@ -120,7 +120,7 @@ def main() -> None:
     link = Connection(os.dup(0))
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
-    os.dup2(2, 1)  # what monitors print is no result
+    os.dup2(2, 1)  # the output of monitors is not part of the result
     requests: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     launcher = Launcher(int(sys.argv[2]))
     threading.Thread(target=_receive, args=(link, requests, launcher), daemon=True).start()

@@ -82,7 +82,7 @@ def test_a_live_system_becomes_a_file_that_riot_reads(python: Path, tmp_path: Pa
     assert file.components["relay"].command[-1] == "relay"
     assert file.components["robot1_brake"].env["RMW_IMPLEMENTATION"] == "rmw_zenoh_cpp"
     assert file.external.topics == ("/chatter", "/cmd_vel")
-    assert found["external"] == {"/chatter": "from talker", "/cmd_vel": "nobody was seen to publish it"}
+    assert found["external"] == {"/chatter": "from talker", "/cmd_vel": "no publisher was seen"}
     assert found["unknown_types"] == ["my_msgs/msg/Brake"]
     text = path.read_text()
     assert "# std_msgs/msg/String" in text

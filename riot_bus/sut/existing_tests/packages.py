@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["is_colcon_test", "leave_account", "package_lines", "riot_command", "router_per_package"]
 
-_LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so more is no report
+_LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so a longer text is not a report
 
 
 def riot_command() -> list[str]:

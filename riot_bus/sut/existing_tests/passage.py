@@ -21,7 +21,7 @@ _MOST_NAMES = 12  # at about 20 letters each, three lines of a terminal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Passage:
-    """What passed through the router of one command.
+    """Messages that passed through the router of one command, and what happened to them.
 
     Attributes:
         wanted: Topics and services that were to be intercepted.
@@ -54,7 +54,7 @@ class Passage:
 
     @property
     def vacuous(self) -> str:
-        """Why the results say nothing about what was asked for; empty if they may."""
+        """Reason why the results say nothing about what was asked for; empty if they may."""
         calls = any(each.received for topic, each in self.counts.items() if "/@" in topic)
         if self.wanted and not self.crossed and not calls:
             came = counted(self._sum("received"), "message")

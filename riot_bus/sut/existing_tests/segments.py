@@ -83,7 +83,7 @@ class Components:
     """The components that have connected so far, without those that were connected before.
 
     Args:
-        service: The router.
+        service: Service of the router.
     """
 
     def __init__(self, service: RouterService) -> None:

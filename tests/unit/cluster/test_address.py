@@ -26,7 +26,7 @@ def test_an_executor_is_an_address_of_dask(executor: str, tls: bool, address: st
 
 @pytest.mark.parametrize("executor", ["127.0.0.1:8786", "dask://", "dask://host", "dask://a:b@host:1", "tcp://h:1"])
 def test_what_is_no_executor_is_said(executor: str) -> None:
-    with pytest.raises(ConfigError, match="is no executor"):
+    with pytest.raises(ConfigError, match="is not an executor"):
         scheduler_of(executor, tls=True)
 
 

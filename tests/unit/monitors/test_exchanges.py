@@ -85,7 +85,7 @@ def test_wrong_selectors_are_refused() -> None:
 
 def test_a_field_that_is_no_integer_is_told() -> None:
     judged = judge(view((1, "a", {"x": "text"})), [Values("a:x", allowed=[1]), Gapless("a:x")])
-    assert [line.partition(": ")[2] for line in judged.unseen] == ["of 1 messages of 'a': 'x' is no number"] * 2
+    assert [line.partition(": ")[2] for line in judged.unseen] == ["of 1 messages of 'a': 'x' is not a number"] * 2
     mixed = judge(view((1, "a", {"x": 1}), (2, "a", {"x": 1.5})), [Values("a:x", allowed=[1]), Gapless("a:x")])
     assert len(mixed.broken) == 2
 

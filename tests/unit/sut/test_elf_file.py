@@ -69,5 +69,5 @@ def test_names_that_a_program_imports_are_in_a_table(library: Path) -> None:
 def test_what_is_no_elf_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "text"
     path.write_text("#!/bin/sh\n")
-    with pytest.raises(ValueError, match="no 64-bit"):
+    with pytest.raises(ValueError, match="not a 64-bit"):
         ElfFile(str(path))

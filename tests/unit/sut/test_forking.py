@@ -47,8 +47,8 @@ def test_only_python_programs_are_forked(tmp_path: Path) -> None:
         ("python", "archive"),
         ("python",),
     ):
-        assert forked(tmp_path, *words) == "its command is no Python script or module"
-    assert forked(tmp_path, "bash", "node.py") == "its command is no Python script or module"
+        assert forked(tmp_path, *words) == "its command is not a Python script or module"
+    assert forked(tmp_path, "bash", "node.py") == "its command is not a Python script or module"
     varying = frozenset({"PYTHONPATH", "OTHER"})
     assert forked(tmp_path, "python", "node.py", varying=varying) == "PYTHONPATH differs from trial to trial"
     assert forked(tmp_path, "python", "node.py", modules=[]) == ""  # whether it is a Python program is not known yet

@@ -41,7 +41,7 @@ def test_components_topics_and_what_is_external() -> None:
     uses = {part.name: ([u.topic for u in part.inputs], [u.topic for u in part.outputs]) for part in found.system.parts}
     assert uses == {"arm": (["cmd", "stop"], []), "planner": (["pose"], ["cmd"]), "sim": ([], ["pose"])}
     assert [part.name for part in found.system.parts if part.external] == ["sim"]
-    assert found.system.external == {"pose": "from sim", "stop": "nobody was seen to publish it"}
+    assert found.system.external == {"pose": "from sim", "stop": "no publisher was seen"}
     assert found.segments == {"arm": "inside", "planner": "inside", "sim": "outside"}
     assert next(part.services for part in found.system.parts if part.name == "arm") == ("serves state",)
     assert (found.unwritten, found.unread, found.silent, found.peers) == ((), (), (), ())

@@ -62,7 +62,7 @@ def test_components_topics_and_what_is_external() -> None:
     assert set(file.unit) == {"base_odometry", "controller", "planner"}
     text = sketch_toml(found, origin="")
     assert "# nav_msgs/msg/Odometry, best effort, transient local, depth 3" in text
-    assert "# nobody was seen to publish it" in text
+    assert "# no publisher was seen" in text
     assert "# Services, which are not tested: serves /plan_to." in text
     assert '"__node:=odometry", "-r", "__ns:=/base"' in text
     assert "rosout" not in text
