@@ -53,12 +53,9 @@ class ExitMonitor:
         found = []
         for component in view.components:
             signs = component.signs
-            if crashes_of(component):
-                continue
-            if signs.ended:
-                found.append(_violation("exit", component, signs.ended))
-            elif signs.lost and not signs.blocked:
-                found.append(_violation("exit", component, f"{_THREAD_ENDED}: {', '.join(signs.lost)}"))
+            lost = f"{_THREAD_ENDED}: {', '.join(signs.lost)}" if signs.lost and not signs.blocked else ""
+            if (why := signs.ended or lost) and not crashes_of(component):
+                found.append(_violation("exit", component, why))
         return found
 
 
@@ -97,14 +94,11 @@ class SilenceMonitor:
         """Return one violation per component that stays silent."""
         found = []
         for component in view.components:
-            signs = component.signs
-            if not signs.silent or signs.ended or signs.blocked or signs.lost or component.status is not None:
-                continue
-            if crashes_of(component):
-                continue
-            topics = ", ".join(signs.silent)
-            detail = f"neither the probe brings {topics}, as it does in nominal trials, nor the whole nominal log"
-            found.append(_violation("silent", component, f"nothing on {topics}", detail))
+            signs, topics = component.signs, ", ".join(component.signs.silent)
+            explained = signs.ended or signs.blocked or signs.lost or component.status is not None
+            if topics and not explained and not crashes_of(component):
+                detail = f"neither the probe brings {topics}, as it does in nominal trials, nor the whole nominal log"
+                found.append(_violation("silent", component, f"nothing on {topics}", detail))
         return found
 
 

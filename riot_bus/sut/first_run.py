@@ -88,7 +88,7 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
             except EnvironmentFaultError as error:
                 failed[name] = error.message
         failed |= _not_connected(stage)
-        _watch(stage, seconds)
+        stage.launcher.wait(list(stage.processes.values()), timeout=seconds)  # less long if all end
         failed |= {name: _how_ended(stage, name) for name in stage.processes if stage.processes[name].status}
         flows = [each for each, count in stage.bus.flows().items() if count]
         asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
@@ -137,27 +137,19 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
 
 def _not_connected(stage: TrialSetup) -> dict[str, str]:
     """Wait until all have connected, ended or timed out; return those that have not connected, and why."""
-    waiting = set(stage.processes)
     begin, components = time.monotonic(), stage.context.file.components
-    failed = {}
-    while waiting:
-        for name in sorted(waiting):
+    results: dict[str, str] = {}  # empty for those that have connected
+    while missing := stage.processes.keys() - results.keys():
+        for name in sorted(missing):
             timeout = components[name].ready.timeout
             if stage.bus.segment(name).peers() - stage.bus.ids:
-                waiting.remove(name)
+                results[name] = ""
             elif not stage.launcher.alive(stage.processes[name]):
-                waiting.remove(name)
-                failed[name] = _how_ended(stage, name)
+                results[name] = _how_ended(stage, name)
             elif time.monotonic() - begin > timeout:
-                waiting.remove(name)
-                failed[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
+                results[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
         time.sleep(_POLL_S)
-    return failed
-
-
-def _watch(stage: TrialSetup, seconds: float) -> None:
-    """Let the components run for some time, or until all have ended."""
-    stage.launcher.wait(list(stage.processes.values()), timeout=seconds)
+    return {name: why for name, why in results.items() if why}
 
 
 def _how_ended(stage: TrialSetup, name: str) -> str:

@@ -1,4 +1,13 @@
-"""The local runner: trials in parallel on this machine, in worker processes that are started once."""
+"""The local runner: trials in parallel on this machine, in worker processes that are started once.
+
+The states of a case in a pool (`_Task`):
+
+    state      from       by
+    queued     -, sent    `map`; or the death of its worker, which puts it in front of the others
+    sent       queued     `_assign`: the first idle worker, or a new one while fewer work than may
+    finished   sent       its answer, or the third worker that dies of it (`UNJUDGED`); `map` returns the outcome
+    failed     any        an exception of the trial or of the disk, or the end of the pool; `map` raises it
+"""
 
 from __future__ import annotations
 
@@ -54,12 +63,6 @@ class _Task:
     most: int = 0
     directory: Path | None = None
     deaths: int = 0
-
-    def make_directory(self, keep: Path) -> Path:
-        """Create the folder of the case below the common one."""
-        keep.mkdir(parents=True, exist_ok=True)
-        self.directory = Path(tempfile.mkdtemp(prefix="trial-", dir=keep))
-        return self.directory
 
     def remove_directory(self) -> None:
         """Remove the folder of the case, if there is one."""
@@ -248,7 +251,7 @@ class Pool:
     ) -> None:
         self.keep = keep.resolve()  # components have working folders of their own
         self._source = workers or LocalWorkers(system, jobs, self.keep)
-        self._waiting: deque[_Task] = deque()
+        self._queue: deque[_Task] = deque()
         self._workers: list[_PoolWorker] = []
         self._imports: dict[str, Sequence[str]] = {}
         self._hangs = {} if hangs is None else hangs
@@ -323,7 +326,7 @@ class Pool:
             if batch is None:
                 batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
-            self._waiting.extend(
+            self._queue.extend(
                 _Task(batch, number, case, ended, answers, into, most) for number, case in enumerate(cases)
             )
             self._wake.send_bytes(b"")
@@ -336,46 +339,47 @@ class Pool:
         return [outcomes[number] for number in range(len(cases))]
 
     def _feed(self) -> None:
-        """Give cases to workers and take their answers, until the pool is closed."""
+        """Send cases to workers and receive their answers, until the pool is closed."""
         try:
             while not self._closed:
-                self._start_waiting()
+                self._assign()
                 links = {worker.process.link: worker for worker in self._workers}
                 for ready in wait([self._woken, *links]):
                     if ready is self._woken:
                         self._woken.recv_bytes()
                     else:
-                        self._take_answer(links[ready])  # type: ignore[index]
+                        self._receive(links[ready])  # type: ignore[index]
         finally:
             self._end()
 
-    def _start_waiting(self) -> None:
-        """Give waiting cases to workers that have none."""
-        while self._waiting:
+    def _assign(self) -> None:
+        """Send queued cases to workers that have none."""
+        while self._queue:
             worker = next((each for each in self._workers if each.task is None), None)
-            if sum(each.task is not None for each in self._workers) >= (self._waiting[0].most or self.jobs):
+            if sum(each.task is not None for each in self._workers) >= (self._queue[0].most or self.jobs):
                 return
-            task = self._waiting.popleft()
+            task = self._queue.popleft()
             try:
                 if worker is None:
                     process = self._source.start()
                     if process is None:
-                        self._waiting.appendleft(task)
+                        self._queue.appendleft(task)
                         return
                     worker = _PoolWorker(process)
                     self._workers.append(worker)
-                self._give(task, worker)
+                self._send(task, worker)
             except Exception as error:  # such as a full disk: raised where the outcome is awaited
                 task.fail(error)
 
-    def _give(self, task: _Task, worker: _PoolWorker) -> None:
+    def _send(self, task: _Task, worker: _PoolWorker) -> None:
         imports = {name: each for name, each in self._imports.items() if name not in worker.imports}
         whole = task.batch.digest not in worker.known
-        directory = task.make_directory(self.keep)
+        self.keep.mkdir(parents=True, exist_ok=True)
+        task.directory = Path(tempfile.mkdtemp(prefix="trial-", dir=self.keep))
         worker.hangs = self._hangs.copy()
         request = task.batch.request(
             task.case,
-            directory=worker.process.folder or directory,
+            directory=worker.process.folder or task.directory,
             whole=whole,
             imports=imports,
             hangs=worker.hangs,
@@ -386,7 +390,7 @@ class Pool:
         if whole:
             remember(worker.known, task.batch.digest, None)
 
-    def _take_answer(self, worker: _PoolWorker) -> None:
+    def _receive(self, worker: _PoolWorker) -> None:
         task = worker.task
         try:
             data = worker.process.link.recv_bytes()
@@ -406,7 +410,7 @@ class Pool:
             for name, found in answer.hangs.items():
                 known, told = (each.get(name, KnownHangs()) for each in (self._hangs, worker.hangs))
                 self._hangs[name] = known.changed(told, found)
-            self._start_waiting()
+            self._assign()
             self._finish(task, answer.outcome)
         except Exception as error:  # as the trial, or a full disk, has raised it
             task.fail(error)
@@ -418,7 +422,7 @@ class Pool:
             task.deaths += 1
             _LOG.warning("the process of a trial has ended %s", how)
         if task.deaths < _DEATHS:
-            self._waiting.appendleft(task)
+            self._queue.appendleft(task)
             return
         text = f"{_DEATHS} processes that executed it have ended one after the other, the last one {how}"
         try:
@@ -448,7 +452,7 @@ class Pool:
             worker.process.link.close()
         for worker in self._workers:
             worker.process.end()
-        for task in (*self._waiting, *(worker.task for worker in self._workers)):
+        for task in (*self._queue, *(worker.task for worker in self._workers)):
             if task is not None:
                 task.fail(CancelledError())
         self._woken.close()

@@ -15,7 +15,7 @@ from riot_bus.sut.activity import families, read_proc, resources
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["LOOK_S", "Guard", "told"]
+__all__ = ["LOOK_S", "Guard", "amount_text"]
 
 LOOK_S = 0.05
 """Seconds between two looks: a program that fills memory as fast as it can, some GB a second, is 0.2 GB over."""
@@ -65,8 +65,8 @@ class Guard:
         return self._family
 
 
-def told(what: str, amount: float) -> str:
-    """Return an amount of what is limited, for people."""
+def amount_text(what: str, amount: float) -> str:
+    """Return an amount of a limited resource as text."""
     return {"memory": f"{amount / (1 << 20):,.0f} MiB", "cpu": f"{amount:.0f} s"}.get(what, f"{amount:.0f}")
 
 

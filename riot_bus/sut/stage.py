@@ -20,7 +20,7 @@ from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle
 from riot_bus.sut.kept import KeptNetwork
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
-from riot_bus.sut.resource_limits import told
+from riot_bus.sut.resource_limits import amount_text
 from riot_bus.sut.settling import all_wait, is_at_rest, own_others, own_senders, wait_settled
 from riot_bus.sut.starter import ComponentStarter, last_words
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
@@ -326,12 +326,9 @@ class TrialSetup:
         Raises:
             EnvironmentFaultError: It died before, or did not subscribe in time.
         """
-        component, process = self.context.file.components[name], self.processes[name]
-        segment, timeout = self.segment_of(name), component.ready.timeout
+        segment, timeout = self.segment_of(name), self.context.file.components[name].ready.timeout
         missing = self.bus.wait_subscribed(segment, list(keys), timeout=timeout, alive=lambda: self._starter.runs(name))
-        self._starter.check_way(name)
-        if process.status is not None:
-            raise self._did_not_start(name, f"ended with status {process.status} before it was ready")
+        self._check_alive([name])
         if missing:
             topic = self.context.registry.topic(missing[0])
             raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
@@ -457,8 +454,8 @@ class TrialSetup:
         if excess is None or limits == "off":
             return None
         what, had = excess
-        most = told(what, getattr(limits, what))
-        return what, f"it had {what} of {told(what, had)}, and [components.{name}] limits it to {most}"
+        most = amount_text(what, getattr(limits, what))
+        return what, f"it had {what} of {amount_text(what, had)}, and [components.{name}] limits it to {most}"
 
     def _did_not_start(self, name: str, what: str) -> EnvironmentFaultError:
         if excess := self._excess(name):

@@ -6,6 +6,16 @@ thread) and exchanges JSON lines over a socket on file descriptor 0. When riot d
 and everything that was started is killed. Children also have PR_SET_PDEATHSIG in case the supervisor itself is killed,
 and it adopts orphaned grandchildren as their subreaper. What does not end with the process of a component, such as a
 container, has a command that is run when the component has ended (`teardown`).
+
+The states of a component, with the events that riot is told:
+
+    state        from         by                                        event
+    running      -            `start`: executed, or forked              started, or refused
+    exceeding    running      its `Guard`: it is killed                 -
+    ended        running, exceeding   `reap`: its status and stack      exited
+    tearing down ended        its `teardown`, if it has one             -
+    torn down    tearing down `reap`: the end of that command           torn down
+    gone         any          `kill_all`, or the end of riot            killed
 """
 
 from __future__ import annotations

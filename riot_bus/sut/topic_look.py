@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -73,8 +74,8 @@ class TopicLook:
         self._encodings = Counter[str]()
         self._first = self._last = self._least = self._most = 0
 
-    def take(self, message: Message) -> None:
-        """Take in a message."""
+    def add(self, message: Message) -> None:
+        """Add a message."""
         size = len(message.payload)
         if not self._count:
             self._first, self._least = message.time, size
@@ -136,18 +137,14 @@ def look_at(messages: Iterable[Message], registry: TypeRegistry) -> tuple[dict[s
                 skipped.add(message.key)
                 continue
             looks[message.key] = TopicLook(message.key, registry, codecs)
-        looks[message.key].take(message)
+        looks[message.key].add(message)
     return {key: looks[key].draft() for key in sorted(looks)}, len(skipped)
 
 
 def _documents(registry: TypeRegistry) -> list[MessageType]:
     """Return the codecs whose payloads need no definition, without those that cannot be loaded."""
-    found = []
+    found: list[MessageType | None] = []
     for name in CODECS.targets():
-        try:
-            kind = registry.type_named(name)
-        except RiotError:
-            continue
-        if kind is not None and not isinstance(kind, OpaqueType):
-            found.append(kind)
-    return found
+        with suppress(RiotError):
+            found.append(registry.type_named(name))
+    return [each for each in found if each is not None and not isinstance(each, OpaqueType)]

@@ -105,13 +105,13 @@ class VirtualTime:
         Raises:
             ConfigError: No component has subscribed to the clock topic.
         """
-        told = _Told(self._clock, stage, messages) if self._clock.topic else None
+        clock = _ClockMessages(self._clock, stage, messages) if self._clock.topic else None
         step, tick = round(self._clock.step * 1e9), self._time
         going = self._work_off(stage, stop)
         for message in messages:
-            while going and told and tick <= message.time:
+            while going and clock and tick <= message.time:
                 self._time = tick
-                going = self._is_taken(stage, told.message(tick), told.missing) and self._work_off(stage, stop)
+                going = self._is_taken(stage, clock.message(tick), clock.missing) and self._work_off(stage, stop)
                 tick += step
             if not going:
                 break
@@ -188,7 +188,7 @@ class VirtualTime:
             time.sleep(_POLL)
 
 
-class _Told:
+class _ClockMessages:
     """Messages that publish the time on the clock topic.
 
     Args:

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.resource_limits import Guard, told
+from riot_bus.sut.resource_limits import Guard, amount_text
 from riot_bus.zenoh.session import wait_until
 
 WAIT_S = 60.0
@@ -93,4 +93,8 @@ def family(pid: int) -> list[psutil.Process]:
 
 
 def test_amounts_are_told_with_their_units() -> None:
-    assert [told("memory", 3 << 29), told("cpu", 60.2), told("files", 51)] == ["1,536 MiB", "60 s", "51"]
+    assert [amount_text("memory", 3 << 29), amount_text("cpu", 60.2), amount_text("files", 51)] == [
+        "1,536 MiB",
+        "60 s",
+        "51",
+    ]
