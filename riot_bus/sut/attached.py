@@ -14,7 +14,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Sequence
 
 __all__ = ["attached_command", "connected"]
 
@@ -26,13 +26,12 @@ def attached_command(port: int) -> list[str]:
     return [sys.executable, "-E", "-P", "-m", __name__, str(port), str(os.getpid())]
 
 
-def connected(port: int, *, to: int, but: Collection[int] = ()) -> list[int]:
+def connected(port: int, *, to: int) -> list[int]:
     """Return the ids of the processes on this machine that are connected to a TCP port, as far as this user may know.
 
     Args:
         port: Number of the port.
         to: Id of the process that listens on the port, which is left out.
-        but: Ids of other processes that are left out.
     """
     import psutil
 
@@ -43,7 +42,7 @@ def connected(port: int, *, to: int, but: Collection[int] = ()) -> list[int]:
     ]
     clients = {remote for pid, local, remote in found if pid == to and local[1] == port}
     pids = {pid for pid, local, _ in found if local in clients}
-    return sorted(pid for pid in pids if pid is not None and pid not in (to, *but))
+    return sorted(pid for pid in pids if pid is not None and pid != to)
 
 
 def _address(address: Any) -> tuple[str, int]:

@@ -21,7 +21,7 @@ import os
 import platform
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Required, TypedDict
 
 from riot_bus.sut.activity import STILL, Activity, Threads
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -71,6 +71,16 @@ class _Own(threading.local):
 
 
 _own = _Own()
+
+
+class RestOptions(TypedDict, total=False):
+    """Options of `wait_settled` that layers above pass on to it."""
+
+    window: Required[float]
+    idle: Idle
+    since: Activity | None
+    hangs: Callable[[], bool]
+    rests: Callable[[], bool] | None
 
 
 def own_senders() -> Threads:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.liveness import crashes_of
@@ -17,10 +17,11 @@ from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    from riot_bus.sut.activity import Activity, Idle
+    from riot_bus.sut.activity import Activity
     from riot_bus.sut.python_report import ThreadStack
+    from riot_bus.sut.settling import RestOptions
     from riot_bus.sut.stage import TrialSetup
     from riot_bus.sut.system import Unit
     from riot_bus.vocabulary.message import Message
@@ -102,35 +103,24 @@ class Feeder:
                 and stage.is_at_rest(self._name, since=start, own=own, window=self._settle.window)
             )
 
-        window, timeout = self._settle.window, self._settle.timeout
         return self.rest(
             [self._name],
-            window=window,
-            timeout=timeout,
+            window=self._settle.window,
+            timeout=self._settle.timeout,
             idle=self._baseline.idle,
             since=before if messages else None,
             rests=rests if expected else None,
         )
 
-    def rest(
-        self,
-        names: Sequence[str],
-        *,
-        window: float,
-        timeout: float,
-        idle: Idle,
-        since: Activity | None = None,
-        rests: Callable[[], bool] | None = None,
-    ) -> bool:
+    def rest(self, names: Sequence[str], *, timeout: float, **options: Unpack[RestOptions]) -> bool:
         """Wait until components, of which the unit is one, have come to rest; see `TrialSetup.settle`.
 
         Returns:
             False if they were busy to the deadline. That is not waited for where the unit hangs as it did before.
         """
         self._fed = time.monotonic()
-        settled = self._stage.settle(
-            names, window=window, timeout=timeout, idle=idle, since=since, hangs=self._watch, rests=rests
-        )
+        options["hangs"] = self._watch
+        settled = self._stage.settle(names, timeout=timeout, **options)
         if settled and self.alive:
             self._watch.went_on()
         return settled

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from riot_bus.router.services.recorded import RecordedService
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import ComponentProcess, Launcher
+    from riot_bus.sut.settling import RestOptions
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message, Scalar
     from riot_bus.zenoh.network import Network
@@ -627,20 +628,8 @@ class TrialSetup:
     def _family(self, names: Iterable[str]) -> Sequence[int]:
         return self.threads(names).pids
 
-    def settle(
-        self,
-        names: Sequence[str],
-        *,
-        window: float,
-        timeout: float,
-        idle: Idle = STILL,
-        since: Activity | None = None,
-        hangs: Callable[[], bool] = lambda: False,
-        rests: Callable[[], bool] | None = None,
-    ) -> bool:
-        """Wait until components stand still or one has died; False if they were busy to the end, or `hangs` says so.
-
-        `rests` says so earlier (see `wait_settled`).
+    def settle(self, names: Sequence[str], *, timeout: float, **options: Unpack[RestOptions]) -> bool:
+        """Wait until components stand still or one has died, as `wait_settled` does; False if they stay busy.
 
         Raises:
             EnvironmentFaultError: The machine was too busy for them.
@@ -651,13 +640,9 @@ class TrialSetup:
             self.include_started(names)
             settled = wait_settled(
                 self.threads(names),
-                window=window,
                 timeout=max(0.0, deadline - time.monotonic()),
-                idle=idle,
-                since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
-                hangs=hangs,
-                rests=rests,
+                **options,
             )
             if not settled or self.include_started(names):  # else they may still be starting others
                 return settled
