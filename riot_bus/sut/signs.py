@@ -10,7 +10,8 @@ from riot_bus.log.playback.player import play
 from riot_bus.monitors.liveness import crashes_of
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.sut.hangs import HangWatch, hang_stacks
+from riot_bus.sut.hang_watch import HangWatch
+from riot_bus.sut.hangs import hang_stacks
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.resource_limits import Guard
 from riot_bus.sut.settling import wait_sent, wait_taken

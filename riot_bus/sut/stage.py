@@ -17,7 +17,7 @@ from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Sig
 from riot_bus.router.bus import Bus
 from riot_bus.router.services.offer import ServiceOffer
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, out_of_memory_kills, resources
-from riot_bus.sut.kept import KeptNetwork
+from riot_bus.sut.kept_network import KeptNetwork
 from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import amount_text

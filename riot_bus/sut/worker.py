@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING
 from riot_bus.control.heap import calm_collector
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.hangs import KnownHangs
-from riot_bus.sut.kept import KeptNetwork, end_kept
+from riot_bus.sut.kept import end_kept
+from riot_bus.sut.kept_network import KeptNetwork
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.stage import TrialPlace
