@@ -14,8 +14,8 @@ from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame, parse_frame, se
 
 __all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "sign_frame", "time_of"]
 
-KEY_BYTES = 32
-_HASH_BYTES = 6
+KEY_BYTES = 32  # SHA-256 of a passphrase (MAVLink 2, message signing)
+_HASH_BYTES = 6  # of the signature, 48 bits of SHA-256
 _MOST_TICKS = (1 << 48) - 1  # a signature has 48 bits for its timestamp
 _MOST_STREAMS = 1 << 14  # of 2**24 that ids can tell apart: bounds memory at about 2 MB
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ELEMENTS",
-    "Sample",
     "Target",
+    "TypedPayload",
     "any_names",
     "family_of",
     "may_change",
@@ -47,7 +47,7 @@ _LONG = 4096
 """Texts of this length or longer are not tried elsewhere: each test case would hold them."""
 
 
-class Sample(NamedTuple):
+class TypedPayload(NamedTuple):
     """A message's type and payload."""
 
     kind: MessageType
@@ -161,7 +161,7 @@ def _at(path: str, indices: Iterable[int]) -> str:
 
 def samples_by_topic(
     messages: Sequence[Message], registry: TypeRegistry, *, most: int = _SAMPLES
-) -> dict[str, tuple[int, list[Sample]]]:
+) -> dict[str, tuple[int, list[TypedPayload]]]:
     """Return for each topic, sorted, its number of messages, and samples of about `most` of them."""
     by_topic: dict[str, list[Message]] = {}
     for message in messages:
@@ -173,7 +173,7 @@ def samples_by_topic(
         for message in carried[:: max(1, len(carried) // most)]:
             kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             if kind is not None:
-                samples.append(Sample(kind, message.payload))
+                samples.append(TypedPayload(kind, message.payload))
         found[topic] = (len(carried), samples)
     return found
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.sut.plain_draft import plain_draft
-from riot_bus.sut.plain_look import look_at_log, look_at_network
 from riot_bus.sut.scaffold import draft_json, draft_toml
 from riot_bus.sut.system import SystemFile
 from riot_bus.types.capabilities import ListensToLinks
@@ -184,6 +183,7 @@ def init_plain(
         EnvironmentFaultError: No router answers, or nothing was seen.
     """
     from riot_bus.control.component import client_cfg
+    from riot_bus.sut.plain_look import look_at_network
 
     check_path(path, force=force)
     if record is not None and record.exists() and not force:
@@ -212,6 +212,8 @@ def init_plain_log(
 ) -> dict[str, Any]:
     """Write a system file from a recording; arguments, result and errors as of `init_plain`."""
     check_path(path, force=force)
+    from riot_bus.sut.plain_look import look_at_log
+
     found = plain_draft(look_at_log(log), unit=unit, external=external)
     _write(path, found, f"what {log.name} shows", log, force=force)
     return {"file": str(path), "log": str(log), "started": False, **draft_json(found)}

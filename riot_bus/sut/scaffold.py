@@ -11,7 +11,6 @@ import shlex
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.environment import environment
 from riot_bus.sut.plain_topics import size_of
 from riot_bus.sut.system_draft import INSIDE, OUTSIDE
 from riot_bus.vocabulary.redaction import escape_control_chars as comment
@@ -290,6 +289,8 @@ def _node_component(part: DraftComponent, *, bridged: bool) -> str:
     if part.dds:
         lines.append("dds = true")
     elif part.nodes:
+        from riot_bus.control.environment import environment
+
         settings = environment(["{endpoint}"], "rmw_zenoh")
         inside = ", ".join(f"{name} = {toml_string(value)}" for name, value in settings.items())
         lines.append(f"env = {{ {inside} }}")
