@@ -91,9 +91,9 @@ def test_of_targets_only_those_differ_that_a_router_cannot_see() -> None:
     differences = compare([plain, other])
     # A partial service beside a complete one; complete ones below a selection with wildcards (docs/router.md).
     assert {each.place for each in differences} == {
-        "left[0].ALL one",
-        "left[0].ALL_COMPLETE one",
-        "left[0].ALL_COMPLETE three",
+        "left.ALL one",
+        "left.ALL_COMPLETE one",
+        "left.ALL_COMPLETE three",
     }
 
 

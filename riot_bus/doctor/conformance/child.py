@@ -9,11 +9,12 @@ import threading
 import traceback
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.doctor.conformance.end import EndName, ScenarioEnd
 from riot_bus.doctor.conformance.scenario import find
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from riot_bus.doctor.conformance.end import EndName
 
 __all__ = ["main"]
 
@@ -32,9 +33,9 @@ def main(arguments: Sequence[str]) -> None:
 
     scenario = find(name)
     side: EndName = "left" if which == "left" else "right"
-    end = ScenarioEnd(side, scenario.prefix, json.loads(config), life=int(life), lines=sys.stdin, say=say)
+    end = scenario.ends(side, scenario.prefix, json.loads(config), life=int(life), lines=sys.stdin, say=say)
     try:
-        word = {"done": getattr(scenario.ends, side)(end)}
+        word = {"done": getattr(end, side)()}
     except BaseException:
         word = {"error": traceback.format_exc()}
     say(word)

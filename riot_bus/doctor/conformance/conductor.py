@@ -1,4 +1,4 @@
-"""Conductor that runs the two ends of a scenario in separate processes and passes messages between them."""
+"""Runs the two ends of a scenario in separate processes and passes messages between them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from riot_bus.zenoh.session_config import client_config
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from riot_bus.doctor.conformance.end import EndName
+    from riot_bus.doctor.conformance.end import EndName, Observation
     from riot_bus.doctor.conformance.network import ScenarioNetwork
-    from riot_bus.doctor.conformance.scenario import Observation, Scenario
+    from riot_bus.doctor.conformance.scenario import Scenario
 
 __all__ = ["EndFailedError", "conduct"]
 

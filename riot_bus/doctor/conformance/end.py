@@ -1,20 +1,24 @@
-"""Operations of one end: open sessions, synchronise with the other end, and disturb the network."""
+"""One end of a scenario: opens sessions, publishes and asks, synchronises with the other end, disturbs the network."""
 
 from __future__ import annotations
 
 import json
 import threading
+from abc import ABC, abstractmethod
 from collections import defaultdict, deque
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from riot_bus.doctor.conformance.samples import Inbox
+from riot_bus.doctor.conformance.samples import END, Inbox, show_replies
+from riot_bus.zenoh import api as zenoh
 from riot_bus.zenoh.session import open_session, release, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from typing import TextIO
 
-__all__ = ["DEADLINE_S", "EndName", "ScenarioEnd", "Session"]
+__all__ = ["BLOCK", "DEADLINE_S", "EndName", "Observation", "ScenarioEnd", "Session"]
+
+DeclaredT = TypeVar("DeclaredT")
 
 EndName = Literal["left", "right"]
 DEADLINE_S = 60.0
@@ -22,22 +26,32 @@ DEADLINE_S = 60.0
 
 _PROBE_INTERVAL_S = 0.002  # each look publishes a message per session: at most 500 a second
 
+_HEARTBEAT_S = 0.05  # shows a loss at once, compared with the 2 s that scenarios wait for it
+_ANSWER_S = 5.0  # generous, not measured: the default of Zenoh is 10 s
+
+BLOCK = zenoh.CongestionControl.BLOCK
+"""Congestion control of messages that must not be dropped."""
+
 Session = Any
 """A zenoh.Session; its stubs leave much untyped."""
 
+Observation = Any
+"""What an end saw, as JSON."""
 
-class ScenarioEnd:
-    """One end of a scenario. It cannot know what lies between it and the other end.
 
-    Both ends synchronise through their parent, never through the network: `signal` and `wait`.
+class ScenarioEnd(ABC):
+    """One end of a scenario: a subclass has the code of both ends. It cannot know what lies between them.
+
+    Both ends synchronise through their parent, never through the network: `signal` and `wait`. What an end has declared
+    through these methods stays declared until both ends have returned.
 
     Args:
         name: Name of this end.
         prefix: Common prefix of all keys.
         config: Zenoh configuration of its sessions.
-        life: How often this end was killed before.
+        life: Number of times that this end was killed before.
         lines: Stream of messages from the parent, as JSON lines.
-        say: Sends a message to the parent.
+        say: Function that sends a message to the parent.
     """
 
     def __init__(
@@ -57,9 +71,18 @@ class ScenarioEnd:
         self._say = say
         self._session: Session = None
         self._opened: list[Session] = []
+        self._kept: list[Any] = []
         self._signals: defaultdict[str, deque[Any]] = defaultdict(deque)
         self._changed = threading.Condition()
         threading.Thread(target=self._listen, args=(lines,), daemon=True).start()
+
+    @abstractmethod
+    def left(self) -> Observation:
+        """Play the end that mostly publishes and asks; return what it saw."""
+
+    @abstractmethod
+    def right(self) -> Observation:
+        """Play the end that mostly subscribes and answers; return what it saw."""
 
     # -- sessions -----------------------------------------------------------------------------------------------------
 
@@ -89,10 +112,94 @@ class ScenarioEnd:
         """Return a key expression of this scenario."""
         return f"{self._prefix}/{rest}"
 
+    def keep(self, declared: DeclaredT) -> DeclaredT:
+        """Keep an entity declared until both ends have returned."""
+        self._kept.append(declared)
+        return declared
+
+    # -- publishing, subscribing, asking ------------------------------------------------------------------------------
+
+    def put(self, rest: str, payload: bytes | str, **options: Any) -> None:
+        """Publish a message that must not be dropped."""
+        self.session.put(self.key(rest), payload, congestion_control=BLOCK, **options)
+
+    def finish(self, rest: str = "end") -> None:
+        """Publish the closing message."""
+        self.put(rest, END)
+
+    def publisher(self, rest: str, session: Session = None, **options: Any) -> Any:
+        """Declare a publisher whose messages must not be dropped, unless the options say otherwise."""
+        return self.keep(
+            (session or self.session).declare_publisher(self.key(rest), **{"congestion_control": BLOCK, **options})
+        )
+
     def subscribe(self, rest: str, session: Session = None) -> Inbox:
         """Subscribe to a key expression of this scenario, and collect what is published."""
         inbox = Inbox()
-        inbox.handle = (session or self.session).declare_subscriber(self.key(rest), inbox)
+        inbox.handle = self.keep((session or self.session).declare_subscriber(self.key(rest), inbox))
+        return inbox
+
+    def everything(self) -> Observation:
+        """Subscribe to all keys of the scenario and return what comes before the closing message."""
+        inbox = self.subscribe("**")
+        self.meet()
+        return inbox.shown()
+
+    def tokens(self, rest: str, *, history: bool = False) -> Inbox:
+        """Subscribe to liveliness tokens, and collect their appearances and disappearances."""
+        inbox = Inbox()
+        inbox.handle = self.keep(
+            self.session.liveliness().declare_subscriber(self.key(rest), inbox, history=history),
+        )
+        return inbox
+
+    def token(self, rest: str) -> Any:
+        """Declare a liveliness token."""
+        return self.keep(self.session.liveliness().declare_token(self.key(rest)))
+
+    def ask(self, rest: str, **options: Any) -> list[dict[str, Any]]:
+        """Send a query and return the visible parts of its replies."""
+        return show_replies(self.session.get(self.key(rest), **{"timeout": _ANSWER_S, **options}))
+
+    def answer(
+        self, rest: str, reply: Callable[[Any], None], session: Session = None, *, complete: bool = False
+    ) -> Any:
+        """Declare a queryable that ends each query after `reply`."""
+
+        def called(query: Any) -> None:
+            with query:
+                reply(query)
+
+        return self.keep((session or self.session).declare_queryable(self.key(rest), called, complete=complete))
+
+    def advanced_publisher(self, rest: str, session: Session = None, *, cache: int | None = 10) -> Any:
+        """Declare an advanced publisher with heartbeats."""
+        return self.keep(
+            zenoh.ext.declare_advanced_publisher(
+                session or self.session,
+                self.key(rest),
+                congestion_control=BLOCK,
+                cache=None if cache is None else zenoh.ext.CacheConfig(cache),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None),
+                publisher_detection=True,
+            )
+        )
+
+    def advanced_subscriber(self, rest: str, *, history: int | None = None, recovery: bool = False) -> Inbox:
+        """Declare an advanced subscriber."""
+        ext, inbox = zenoh.ext, Inbox()
+        inbox.handle = self.keep(
+            ext.declare_advanced_subscriber(
+                self.session,
+                self.key(rest),
+                inbox,
+                history=None
+                if history is None
+                else ext.HistoryConfig(detect_late_publishers=True, max_samples=history),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if recovery else None,
+                subscriber_detection=True,
+            )
+        )
         return inbox
 
     # -- agreeing with the other end ----------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ _ENDS: tuple[EndName, EndName] = ("left", "right")
 
 
 class ScenarioNetwork(Protocol):
-    """Where two ends connect; a context manager."""
+    """A network to which two ends connect; a context manager."""
 
     def endpoint(self, end: EndName) -> str:
         """Return the endpoint that an end connects to."""
@@ -31,7 +31,7 @@ class ScenarioNetwork(Protocol):
         """Close the network, and open it again at the same endpoints."""
 
     def report(self) -> list[str]:
-        """Return what the network reports about losses."""
+        """Return the losses that the network reports, a text each."""
 
     def __enter__(self) -> Self: ...
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +13,13 @@ from riot_bus.doctor.conformance.security import settings_for
 from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.doctor.conformance.network import ScenarioNetwork
     from riot_bus.doctor.conformance.scenario import Need, Scenario
     from riot_bus.doctor.conformance.security import Settings
 
-__all__ = ["OURS", "PLAIN", "Difference", "ScenarioResult", "WayOutcome", "compare", "run_scenario", "run_suite"]
+__all__ = ["OURS", "PLAIN", "Difference", "WayOutcome", "compare", "run_scenario"]
 
 PLAIN = "plain"
 OURS = (PLAIN, "native", "junction", "intercepted")
@@ -36,15 +35,14 @@ _TIMEOUT_S = 40.0  # waits for messages take at most 10 s each; ends that need m
 
 @dataclass(frozen=True)
 class WayOutcome:
-    """What happened in one way.
+    """Result of a scenario in one way.
 
     Attributes:
         way: One of `OURS`, or the name of a running router.
-        observations: What each end saw.
-        error: Why there are no observations.
-        skipped: Why it was not tried.
-        losses: What the network itself says about losses.
-        seconds: How long it took.
+        observations: Observation of each end.
+        error: Reason why there are no observations.
+        skipped: Reason why it was not tried.
+        losses: Losses that the network itself reports.
     """
 
     way: str
@@ -52,7 +50,6 @@ class WayOutcome:
     error: str | None = None
     skipped: str | None = None
     losses: tuple[str, ...] = ()
-    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,34 +65,14 @@ class Difference:
         return f"{self.way}: {self.place or 'outcome'}: {self.seen!r} instead of {self.plain!r}"
 
 
-@dataclass(frozen=True)
-class ScenarioResult:
-    """What one scenario showed."""
-
-    scenario: Scenario
-    outcomes: tuple[WayOutcome, ...]
-    differences: tuple[Difference, ...]
-
-    @property
-    def unexpected(self) -> list[Difference]:
-        """Differences that are not documented."""
-        return [each for each in self.differences if each.way not in self.scenario.limits]
-
-    @property
-    def outdated(self) -> list[str]:
-        """Ways whose documented difference is gone."""
-        tried = {each.way for each in self.outcomes if not each.skipped}
-        return [way for way in self.scenario.limits if way in tried - {each.way for each in self.differences}]
-
-
-class Absent:
+class _Absent:
     """Placeholder for a missing value."""
 
     def __repr__(self) -> str:
         return "nothing"
 
 
-_ABSENT = Absent()
+_ABSENT = _Absent()
 
 
 def run_scenario(
@@ -104,7 +81,6 @@ def run_scenario(
     endpoints: tuple[str, str] | None = None,
     *,
     folder: Path | None = None,
-    timeout: float = _TIMEOUT_S,
 ) -> WayOutcome:
     """Run a scenario in one way.
 
@@ -112,12 +88,10 @@ def run_scenario(
         scenario: The scenario that both ends play.
         way: One of `OURS`, or any name together with `endpoints`.
         endpoints: Endpoints of a router that is already running, for the left and the right end.
-        folder: Where certificates are kept from one run to the next; by default a temporary folder.
-        timeout: Seconds within which both ends must be done.
+        folder: Folder in which certificates are kept from one run to the next; by default a temporary folder.
     """
     if endpoints is not None and (missing := scenario.needs & _OWN_ROUTER):
         return WayOutcome(way, skipped=f"needs a router of our own: {', '.join(sorted(missing))}")
-    began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="riot-transparency-") as temporary:
         try:
             settings = settings_for(scenario.needs, folder or Path(temporary))
@@ -125,11 +99,11 @@ def run_scenario(
             return WayOutcome(way, skipped=error.message)
         try:
             with _network(scenario, way, endpoints, settings) as network:
-                seen = conduct(scenario, network, config=settings.end, timeout=timeout)
+                seen = conduct(scenario, network, config=settings.end, timeout=_TIMEOUT_S)
                 losses = tuple(network.report())
         except (EndFailedError, RiotError) as error:
-            return WayOutcome(way, error=str(error), seconds=time.monotonic() - began)
-    return WayOutcome(way, seen, losses=losses, seconds=time.monotonic() - began)
+            return WayOutcome(way, error=str(error))
+    return WayOutcome(way, seen, losses=losses)
 
 
 def _network(scenario: Scenario, way: str, endpoints: tuple[str, str] | None, settings: Settings) -> ScenarioNetwork:
@@ -170,26 +144,3 @@ def _differences(place: str, plain: Any, seen: Any) -> Iterator[tuple[str, Any, 
             yield from _differences(f"{place}[{index}]", one, other)
     elif plain != seen:
         yield place, plain, seen
-
-
-def run_suite(
-    scenarios: Iterable[Scenario],
-    ways: Mapping[str, tuple[str, str] | None] | None = None,
-    *,
-    say: Callable[[ScenarioResult], None] = lambda result: None,
-) -> list[ScenarioResult]:
-    """Run scenarios in several ways, the plain router first.
-
-    Args:
-        scenarios: Scenarios, in the order in which they are run.
-        ways: Ways, with endpoints if their router is already running, else None; by default `OURS`.
-        say: Called with each result.
-    """
-    chosen = {PLAIN: None, **(ways if ways is not None else dict.fromkeys(OURS))}
-    results = []
-    with tempfile.TemporaryDirectory(prefix="riot-transparency-") as folder:
-        for scenario in scenarios:
-            outcomes = tuple(run_scenario(scenario, way, at, folder=Path(folder)) for way, at in chosen.items())
-            results.append(ScenarioResult(scenario, outcomes, tuple(compare(outcomes))))
-            say(results[-1])
-    return results

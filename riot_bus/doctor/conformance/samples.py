@@ -7,9 +7,9 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-__all__ = ["END", "CallCollector", "Inbox", "show", "show_replies"]
+__all__ = ["END", "CallCollector", "Inbox", "keys_of", "sequence", "show", "show_replies"]
 
 END = b"riot-end"
 """Payload of a message after which nothing more is expected."""
@@ -53,6 +53,19 @@ def show_replies(replies: Any) -> list[dict[str, Any]]:
     return sorted(shown, key=str)
 
 
+def keys_of(samples: Sequence[Any]) -> list[list[str]]:
+    """Return the key and the text of each sample."""
+    return [[str(sample.key_expr), sample.payload.to_string()] for sample in samples]
+
+
+def sequence(samples: Sequence[Any]) -> list[dict[str, Any]]:
+    """Return the visible parts of an advanced publisher's samples, with sequence numbers relative to the first."""
+    numbers = [sample.source_info.source_sn if sample.source_info else None for sample in samples]
+    first = next((number for number in numbers if number is not None), 0)
+    relative = [None if number is None else number - first for number in numbers]
+    return [{**show(sample), "number": number} for sample, number in zip(samples, relative, strict=True)]
+
+
 class CallCollector:
     """Collects whatever a handler is called with."""
 
@@ -61,12 +74,12 @@ class CallCollector:
         self._changed = threading.Condition()
 
     def __call__(self, item: Any) -> None:
-        """Take an item in."""
+        """Add an item."""
         with self._changed:
             self._items.append(item)
             self._changed.notify_all()
 
-    def wait(self, enough: Callable[[list[Any]], bool], timeout: float = 10.0) -> list[Any]:
+    def wait(self, enough: Callable[[list[Any]], bool] = bool, timeout: float = 10.0) -> list[Any]:
         """Return the items once there are enough, or those that came in time: too few are an observation too."""
         with self._changed:
             self._changed.wait_for(lambda: enough(self._items), timeout)
@@ -86,14 +99,18 @@ class Inbox(CallCollector):
         self._ends = 0
 
     def __call__(self, sample: Any) -> None:
-        """Take a sample in."""
+        """Add a sample."""
         with self._changed:
             self._ends += sample.payload.to_bytes() == END
             super().__call__(sample)
 
+    def received(self, count: int, timeout: float = 10.0) -> list[Any]:
+        """Return the samples as soon as there are `count` or the time is up."""
+        return self.wait(lambda samples: len(samples) >= count, timeout)
+
     def take(self, count: int, timeout: float = 10.0) -> list[dict[str, Any]]:
         """Return the visible parts of the samples, as soon as there are `count` or the time is up."""
-        return [show(sample) for sample in self.wait(lambda samples: len(samples) >= count, timeout)]
+        return [show(sample) for sample in self.received(count, timeout)]
 
     def until_end(self, ends: int = 1, timeout: float = 10.0) -> list[Any]:
         """Return the samples before the closing ones."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -14,13 +14,10 @@ if TYPE_CHECKING:
 
     from riot_bus.doctor.conformance.end import ScenarioEnd
 
-__all__ = ["PREFIX", "Need", "Observation", "Scenario", "find", "load", "scenario"]
+__all__ = ["PREFIX", "Need", "Scenario", "find", "load", "scenario"]
 
 PREFIX = "riot_transparency"
 """First chunk of every key, so that a suite on a network in use disturbs nothing."""
-
-Observation = Any
-"""What an end saw, as JSON."""
 
 Need = Literal["router", "tls", "mtls", "password", "shm", "peer"]
 """What a scenario needs of the network.
@@ -30,43 +27,28 @@ Need = Literal["router", "tls", "mtls", "password", "shm", "peer"]
 """
 
 
-class Ends(Protocol):
-    """The code of both ends; each is called in a process of its own."""
-
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        """The end that mostly publishes and asks."""
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        """The end that mostly subscribes and answers."""
-
-
 @dataclass(frozen=True)
 class Scenario:
     """Something that components do with a router.
 
     Attributes:
         name: Unique name.
+        summary: Description of what it does, in one line.
         ends: The code of both ends.
-        needs: What it needs of the network.
+        needs: Requirements on the network.
         settings: Zenoh configuration of the sessions of both ends.
         limits: Documented differences: why the observations of a way differ from a plain router's.
     """
 
     name: str
-    ends: type[Ends]
+    summary: str
+    ends: type[ScenarioEnd]
     needs: frozenset[Need] = frozenset()
     settings: Mapping[str, Any] = field(default_factory=dict)
     limits: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return self.name
-
-    @property
-    def summary(self) -> str:
-        """What it does, in one line."""
-        return (self.ends.__doc__ or "").strip().partition("\n")[0]
 
     @property
     def prefix(self) -> str:
@@ -84,24 +66,27 @@ _REGISTRY: dict[str, Scenario] = {}
 
 def scenario(
     name: str,
+    summary: str | None = None,
     *,
     needs: tuple[Need, ...] = (),
     settings: Mapping[str, Any] | None = None,
     limits: Mapping[str, str] | None = None,
-) -> Callable[[type[Ends]], type[Ends]]:
-    """Register a class with the static methods `left` and `right` as a scenario.
+) -> Callable[[type[ScenarioEnd]], type[ScenarioEnd]]:
+    """Register a class with the methods `left` and `right` as a scenario; one class may be several scenarios.
 
     Args:
         name: Unique name; also a chunk of its keys.
-        needs: What it needs of the network.
+        summary: Description of what it does, in one line; None for the docstring of the class.
+        needs: Requirements on the network.
         settings: Zenoh configuration of the sessions of both ends.
         limits: Documented differences by way.
     """
 
-    def register(ends: type[Ends]) -> type[Ends]:
+    def register(ends: type[ScenarioEnd]) -> type[ScenarioEnd]:
         if name in _REGISTRY:
             raise ValueError(f"two scenarios are named {name!r}")
-        _REGISTRY[name] = Scenario(name, ends, frozenset(needs), settings or {}, limits or {})
+        text = summary or (ends.__doc__ or "").strip()
+        _REGISTRY[name] = Scenario(name, text, ends, frozenset(needs), settings or {}, limits or {})
         return ends
 
     return register

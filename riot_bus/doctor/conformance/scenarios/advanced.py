@@ -2,127 +2,95 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from riot_bus.doctor.conformance.helpers import (
-    advanced_publisher,
-    advanced_subscriber,
-    cached,
-    sequence,
-)
-from riot_bus.doctor.conformance.samples import Inbox
-from riot_bus.doctor.conformance.scenario import Observation, scenario
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
+from riot_bus.doctor.conformance.samples import Inbox, sequence
+from riot_bus.doctor.conformance.scenario import scenario
 from riot_bus.zenoh.session import wait_until
-
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _STAMPED = {"timestamping/enabled": True}
 
 
 @scenario("advanced_live", settings=_STAMPED)
-class _AdvancedLive:
+class _AdvancedLive(ScenarioEnd):
     """Live messages from an advanced publisher to an advanced and to a plain subscriber."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        publisher = advanced_publisher(end, "x")
-        end.meet()
+    def left(self) -> Observation:
+        publisher = self.advanced_publisher("x")
+        self.meet()
         for number in range(10):
             publisher.put(str(number), encoding="text/plain", attachment=b"a")
         publisher.delete()
-        end.together("done")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        advanced, plain = advanced_subscriber(end, "x", recovery=True), end.subscribe("x")
-        end.meet()
-        enough = 11
-        seen = [sequence(inbox.wait(lambda samples: len(samples) >= enough, 3.0)) for inbox in (advanced, plain)]
-        end.together("done")
-        return seen
+    def right(self) -> Observation:
+        advanced, plain = self.advanced_subscriber("x", recovery=True), self.subscribe("x")
+        self.meet()
+        return [sequence(inbox.received(11, 3.0)) for inbox in (advanced, plain)]
 
 
 @scenario("advanced_history", settings=_STAMPED)
-class _AdvancedHistory:
+class _AdvancedHistory(ScenarioEnd):
     """Late joiners get the history, as deep as they want and the publisher keeps, then the live messages, once."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        publisher = advanced_publisher(end, "x", cache=5)
+    def left(self) -> Observation:
+        publisher = self.advanced_publisher("x", cache=5)
         for number in range(8):
             publisher.put(str(number))
-        end.meet()
-        end.wait("joined")
+        self.meet()
+        self.wait("joined")
         publisher.put("live")
-        end.together("done")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        end.meet()
+    def right(self) -> Observation:
+        self.meet()
         # A subscriber that joins while the first messages are still on their way gets those as well.
-        wait_until(lambda: cached(end, "x")[-1:] == ["7"], 5.0)
-        deep, shallow = advanced_subscriber(end, "x", history=100), advanced_subscriber(end, "x", history=2)
+        wait_until(lambda: self._cached()[-1:] == ["7"], 5.0)
+        deep, shallow = self.advanced_subscriber("x", history=100), self.advanced_subscriber("x", history=2)
         deep.take(5, 1.0)
         shallow.take(2, 1.0)
-        end.signal("joined")
-        seen = {
-            "deep": sequence(deep.wait(lambda samples: len(samples) >= 6, 1.0)),
-            "shallow": sequence(shallow.wait(lambda samples: len(samples) >= 3, 1.0)),
-        }
-        end.together("done")
-        return seen
+        self.signal("joined")
+        return {"deep": sequence(deep.received(6, 1.0)), "shallow": sequence(shallow.received(3, 1.0))}
+
+    def _cached(self) -> list[str]:
+        """Return the texts in the publisher's cache, as late joiners would get them now."""
+        replies = self.session.get(f"{self.key('x')}/@adv/**", timeout=1.0)
+        return [reply.ok.payload.to_string() for reply in replies if reply.ok]
 
 
 @scenario("advanced_late_publisher", settings=_STAMPED)
-class _AdvancedLatePublisher:
+class _AdvancedLatePublisher(ScenarioEnd):
     """A publisher that comes after the subscriber, having published before anybody could hear it."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
-        late = end.open()
-        publisher = advanced_publisher(end, "x", session=late)
+    def left(self) -> Observation:
+        self.meet()
+        publisher = self.advanced_publisher("x", self.open())
         for number in range(3):
             publisher.put(str(number))
-        end.wait("got")
+        self.wait("got")
         publisher.put("live")
-        end.together("done")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = advanced_subscriber(end, "x", history=10, recovery=True)
-        end.meet()
+    def right(self) -> Observation:
+        inbox = self.advanced_subscriber("x", history=10, recovery=True)
+        self.meet()
         inbox.take(3, 1.0)
-        end.signal("got")
-        seen = sequence(inbox.wait(lambda samples: len(samples) >= 4, 1.0))
-        end.together("done")
-        return seen
+        self.signal("got")
+        return sequence(inbox.received(4, 1.0))
 
 
 @scenario("advanced_detection", settings=_STAMPED)
-class _AdvancedDetection:
+class _AdvancedDetection(ScenarioEnd):
     """Advanced publishers and subscribers that are found by their liveliness tokens."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        tokens = Inbox()
-        publisher = advanced_publisher(end, "x")
-        listener = end.session.liveliness().declare_subscriber(end.key("x/@adv/sub/**"), tokens, history=True)
-        end.meet()
+    def left(self) -> Observation:
+        publisher, tokens = self.advanced_publisher("x"), self.tokens("x/@adv/sub/**", history=True)
+        self.meet()
         seen = len(tokens.take(1, 3.0))
-        end.wait("found")
+        self.wait("found")
         publisher.undeclare()
-        end.together("done")
-        return [seen, listener is not None]
+        return seen
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox, found = advanced_subscriber(end, "x", history=1), Inbox()
-        listener = inbox.handle.detect_publishers(found, history=True)
-        end.meet()
+    def right(self) -> Observation:
+        inbox, found = self.advanced_subscriber("x", history=1), Inbox()
+        self.keep(inbox.handle.detect_publishers(found, history=True))
+        self.meet()
         found.take(1, 3.0)
-        end.signal("found")
-        seen = [int(sample.kind) for sample in found.wait(lambda samples: len(samples) >= 2, 3.0)]
-        end.together("done")
-        return [seen, listener is not None]
+        self.signal("found")
+        return [int(sample.kind) for sample in found.received(2, 3.0)]

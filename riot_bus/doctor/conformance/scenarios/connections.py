@@ -2,138 +2,70 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from riot_bus.doctor.conformance.samples import END, show_replies
-from riot_bus.doctor.conformance.scenario import Observation, scenario
-
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
-
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
+from riot_bus.doctor.conformance.scenario import scenario
+from riot_bus.zenoh.api import shm
 
 _STAMPING = "peers of one router talk directly, so nobody stamps; between segments, the segments' routers do"
 _PEER = {"mode": "peer", "listen/endpoints": ["tcp/127.0.0.1:0"]}
 
 
-def _publish_and_ask(end: ScenarioEnd) -> Observation:
-    from riot_bus.zenoh import api as zenoh
-
-    block = zenoh.CongestionControl.BLOCK
-    publisher = end.session.declare_publisher(end.key("x"), congestion_control=block)
-    end.meet()
-    end.matched(publisher)
-    for size in (0, 10, 1 << 20):
-        publisher.put(b"x" * size, encoding="text/plain")
-    publisher.put(END)
-    seen = show_replies(end.session.get(end.key("service"), payload="question", timeout=5.0))
-    end.together("done")
-    return seen
-
-
-def _receive_and_answer(end: ScenarioEnd) -> Observation:
-    def answer(query: Any) -> None:
-        with query:
-            query.reply(query.key_expr, "answer")
-
-    inbox = end.subscribe("*")
-    queryable = end.session.declare_queryable(end.key("service"), answer)
-    end.meet()
-    seen = inbox.shown()
-    end.together("done")
-    return [seen, str(queryable.key_expr)]
-
-
 @scenario(
-    "peers", needs=("peer",), settings=_PEER, limits=dict.fromkeys(("native", "junction", "intercepted"), _STAMPING)
+    "peers",
+    "Both ends are peers, whom a single router introduces to each other.",
+    needs=("peer",),
+    settings=_PEER,
+    limits=dict.fromkeys(("native", "junction", "intercepted"), _STAMPING),
 )
-class _Peers:
-    """Both ends are peers, whom a single router introduces to each other."""
+@scenario("tls", "Encrypted links.", needs=("tls",))
+@scenario("mtls", "Encrypted links on which components show certificates as well.", needs=("mtls",))
+@scenario("password", "Routers that ask for a user and a password.", needs=("password",))
+class _PublishAndAsk(ScenarioEnd):
+    """Messages of several sizes one way, and a query with its reply."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        return _publish_and_ask(end)
+    def left(self) -> Observation:
+        publisher = self.publisher("x")
+        self.meet()
+        self.matched(publisher)
+        for size in (0, 10, 1 << 20):
+            publisher.put(b"x" * size, encoding="text/plain")
+        self.finish("x")
+        return self.ask("service", payload="question")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return _receive_and_answer(end)
+    def right(self) -> Observation:
+        inbox = self.subscribe("*")
+        self.answer("service", lambda query: query.reply(query.key_expr, "answer"))
+        self.meet()
+        return inbox.shown()
 
 
 @scenario("peer_to_client", needs=("peer",))
-class _PeerToClient:
+class _PeerToClient(_PublishAndAsk):
     """A peer and a client, between whom the router carries everything."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.configure(mode="peer", listen__endpoints=["tcp/127.0.0.1:0"])
-        return _publish_and_ask(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return _receive_and_answer(end)
+    def left(self) -> Observation:
+        self.configure(mode="peer", listen__endpoints=["tcp/127.0.0.1:0"])
+        return super().left()
 
 
 @scenario("shared_memory", needs=("shm",))
-class _SharedMemory:
+class _SharedMemory(ScenarioEnd):
     """Payloads in shared memory."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-        from riot_bus.zenoh.api import shm
-
-        end.meet()
-        provider = shm.ShmProvider.default_backend(1 << 20)
+    def left(self) -> Observation:
+        self.meet()
+        provider = self.keep(shm.ShmProvider.default_backend(1 << 20))
         for size in (16, 1 << 16):
             buffer: Any = provider.alloc(size)
             buffer[:] = bytes(range(16)) * (size // 16)
-            end.session.put(end.key("x"), buffer, congestion_control=zenoh.CongestionControl.BLOCK)
-        end.session.put(end.key("x"), END, congestion_control=zenoh.CongestionControl.BLOCK)
-        end.together("done")
+            self.put("x", buffer)
+        self.finish("x")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("x")
-        end.meet()
+    def right(self) -> Observation:
+        inbox = self.subscribe("x")
+        self.meet()
         samples = inbox.until_end()
         seen = [[len(sample.payload.to_bytes()), sample.payload.as_shm() is not None] for sample in samples]
-        end.together("done")
         return [seen, inbox.shown()]
-
-
-@scenario("tls", needs=("tls",))
-class _Encrypted:
-    """Encrypted links."""
-
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        return _publish_and_ask(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return _receive_and_answer(end)
-
-
-@scenario("mtls", needs=("mtls",))
-class _MutuallyEncrypted:
-    """Encrypted links on which components show certificates as well."""
-
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        return _publish_and_ask(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return _receive_and_answer(end)
-
-
-@scenario("password", needs=("password",))
-class _Passwords:
-    """Routers that ask for a user and a password."""
-
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        return _publish_and_ask(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return _receive_and_answer(end)

@@ -2,103 +2,92 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from riot_bus.doctor.conformance.helpers import (
-    keys_of,
-)
-from riot_bus.doctor.conformance.samples import END, Inbox
-from riot_bus.doctor.conformance.scenario import Observation, scenario
-
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
+from riot_bus.doctor.conformance.samples import Inbox, keys_of
+from riot_bus.doctor.conformance.scenario import scenario
 
 
-def _put_all(end: ScenarioEnd, keys: list[str], closing: list[str]) -> None:
-    from riot_bus.zenoh import api as zenoh
+class _KeysEnd(ScenarioEnd):
+    """An end that publishes on several keys, or says which of them its subscribers got.
 
-    block = zenoh.CongestionControl.BLOCK
-    for number, key in enumerate(keys):
-        end.session.put(end.key(key), str(number), congestion_control=block)
-    for key in closing:
-        end.session.put(end.key(key), END, congestion_control=block)
+    Attributes:
+        published: Keys of the messages.
+        closing: Keys of the closing messages, one for each subscriber.
+        subscribed: Key expressions of the subscribers.
+    """
 
+    published: tuple[str, ...]
+    closing: tuple[str, ...]
+    subscribed: tuple[str, ...]
 
-def _all_keys(inboxes: dict[str, Inbox]) -> dict[str, list[list[str]]]:
-    """Return what each inbox received, after waiting for each one, since each has its own thread."""
-    return {expression: keys_of(inbox.until_end()) for expression, inbox in inboxes.items()}
+    def left(self) -> Observation:
+        self.meet()
+        self.put_all()
+
+    def right(self) -> Observation:
+        inboxes = {expression: self.subscribe(expression) for expression in self.subscribed}
+        self.meet()
+        return self.received(inboxes)
+
+    def put_all(self) -> None:
+        for number, key in enumerate(self.published):
+            self.put(key, str(number))
+        for key in self.closing:
+            self.finish(key)
+
+    def received(self, inboxes: dict[str, Inbox]) -> dict[str, list[list[str]]]:
+        """Return what each inbox received, after waiting for each one, since each has its own thread."""
+        return {expression: keys_of(inbox.until_end()) for expression, inbox in inboxes.items()}
 
 
 @scenario("wildcard_subscribers")
-class _WildcardSubscribers:
+class _WildcardSubscribers(_KeysEnd):
     """Overlapping wildcard subscribers of one session: each gets what it matches, once."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
-        _put_all(end, ["a", "a/x", "a/x/y", "ab/x", "b/x/y/z", "@v/x", "a/@v/x"], ["a/x", "a"])
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        expressions = ["**", "*/x", "a/**", "a$*/x", "*", "a", "**/x/**"]
-        inboxes = {expression: end.subscribe(expression) for expression in expressions}
-        end.meet()
-        return _all_keys(inboxes)
+    published = ("a", "a/x", "a/x/y", "ab/x", "b/x/y/z", "@v/x", "a/@v/x")
+    closing = ("a/x", "a")
+    subscribed = ("**", "*/x", "a/**", "a$*/x", "*", "a", "**/x/**")
 
 
 @scenario("wildcard_publications")
-class _WildcardPublications:
+class _WildcardPublications(_KeysEnd):
     """Publications on key expressions with wildcards, which reach all that they intersect."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
-        _put_all(end, ["*/x", "a/**", "**", "a/x"], ["a/x", "b/x"])
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inboxes = {expression: end.subscribe(expression) for expression in ("a/x", "b/x", "a/*")}
-        end.meet()
-        return _all_keys(inboxes)
+    published = ("*/x", "a/**", "**", "a/x")
+    closing = ("a/x", "b/x")
+    subscribed = ("a/x", "b/x", "a/*")
 
 
 @scenario("verbatim_keys")
-class _VerbatimKeys:
+class _VerbatimKeys(_KeysEnd):
     """Keys with verbatim chunks, which only a verbatim subscriber gets."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
-        _put_all(end, ["@v/x", "a/@v/x", "a/x"], ["@v/x", "a/@v/x", "a/x"])
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inboxes = {expression: end.subscribe(expression) for expression in ("@v/**", "a/@v/*", "**")}
-        end.meet()
-        return _all_keys(inboxes)
+    published = closing = ("@v/x", "a/@v/x", "a/x")
+    subscribed = ("@v/**", "a/@v/*", "**")
 
 
 @scenario("declared_keys")
-class _DeclaredKeys:
+class _DeclaredKeys(_KeysEnd):
     """Key expressions that both ends declare beforehand."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        key = end.session.declare_keyexpr(end.key("long/key/expression"))
-        publisher = end.session.declare_publisher(key)
-        end.meet()
-        end.matched(publisher)
-        end.session.put(key, "1")
-        publisher.put("2")
-        end.session.undeclare(key)
-        _put_all(end, ["long/key/expression", "other"], ["long/end"])
+    published = ("long/key/expression", "other")
+    closing = ("long/end",)
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        declared = end.session.declare_keyexpr(end.key("long/**"))
-        end.session.declare_keyexpr(end.key("never/used"))
+    def left(self) -> Observation:
+        key = self.session.declare_keyexpr(self.key("long/key/expression"))
+        publisher = self.keep(self.session.declare_publisher(key))
+        self.meet()
+        self.matched(publisher)
+        self.session.put(key, "1")
+        publisher.put("2")
+        self.session.undeclare(key)
+        self.put_all()
+
+    def right(self) -> Observation:
+        declared = self.session.declare_keyexpr(self.key("long/**"))
+        self.session.declare_keyexpr(self.key("never/used"))
         named = Inbox()
-        named.handle = end.session.declare_subscriber(declared, named)
-        inboxes = {"declared": named, "**": end.subscribe("**")}
-        end.meet()
-        return _all_keys(inboxes)
+        named.handle = self.session.declare_subscriber(declared, named)
+        inboxes = {"declared": named, "**": self.subscribe("**")}
+        self.meet()
+        return self.received(inboxes)

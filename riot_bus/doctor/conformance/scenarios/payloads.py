@@ -2,113 +2,84 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from riot_bus.doctor.conformance.helpers import (
-    everything,
-    finish,
-    put,
-)
-from riot_bus.doctor.conformance.scenario import Observation, scenario
-
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
+from riot_bus.doctor.conformance.end import BLOCK, Observation, ScenarioEnd
+from riot_bus.doctor.conformance.scenario import scenario
+from riot_bus.zenoh import api as zenoh
 
 _SIZES = (0, 1, 1 << 16, 10 << 20)  # none, one byte, one more than a batch of Zenoh, 160 batches
+_ENCODINGS = (
+    None,
+    "zenoh/bytes",
+    "zenoh/bytes;schema",
+    "zenoh/string",
+    "zenoh/serialized;Odometry",
+    "application/json",
+    "application/cdr;nav_msgs/msg/Odometry",
+    "text/plain;charset=utf-8",
+    "video/h264",
+    "rover/own-format;v=1;w=2",
+    ";only a schema",
+    "",
+    zenoh.Encoding.APPLICATION_PROTOBUF.with_schema("a.B"),
+)
+
+
+class _ReadingEnd(ScenarioEnd):
+    """An end whose right side reports all samples."""
+
+    def right(self) -> Observation:
+        return self.everything()
 
 
 @scenario("payload_sizes")
-class _PayloadSizes:
+class _PayloadSizes(_ReadingEnd):
     """Payloads of 0 bytes to 10 MiB."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        publisher = end.session.declare_publisher(
-            end.key("size"), congestion_control=zenoh.CongestionControl.BLOCK, priority=zenoh.Priority.DATA
-        )
-        end.meet()
-        end.matched(publisher)
+    def left(self) -> Observation:
+        publisher = self.publisher("size", priority=zenoh.Priority.DATA)
+        self.meet()
+        self.matched(publisher)
         for size in _SIZES:
             publisher.put(bytes(range(256)) * (size // 256) + bytes(size % 256))
-        finish(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return everything(end)
+        self.finish()
 
 
 @scenario(
     "put_delete", limits={"intercepted": "the forwarding session stamps deletes as well, which a router does not"}
 )
-class _PutDelete:
+class _PutDelete(_ReadingEnd):
     """Puts and deletes of the session and of a publisher, in order."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        block = zenoh.CongestionControl.BLOCK
-        publisher = end.session.declare_publisher(end.key("declared"), congestion_control=block)
-        end.meet()
-        end.matched(publisher)
-        put(end, "x", "1")
-        end.session.delete(end.key("x"), congestion_control=block)
-        end.session.delete(end.key("x"), congestion_control=block, attachment=b"why")
+    def left(self) -> Observation:
+        publisher = self.publisher("declared")
+        self.meet()
+        self.matched(publisher)
+        self.put("x", "1")
+        self.session.delete(self.key("x"), congestion_control=BLOCK)
+        self.session.delete(self.key("x"), congestion_control=BLOCK, attachment=b"why")
         publisher.put("2")
         publisher.delete(attachment=b"\x00\xff")
-        put(end, "x", b"\xff\x00")
-        finish(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return everything(end)
+        self.put("x", b"\xff\x00")
+        self.finish()
 
 
 @scenario("encodings")
-class _Encodings:
+class _Encodings(_ReadingEnd):
     """Known encodings, schemas, and encodings of one's own."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        end.meet()
-        for encoding in (
-            None,
-            "zenoh/bytes",
-            "zenoh/bytes;schema",
-            "zenoh/string",
-            "zenoh/serialized;Odometry",
-            "application/json",
-            "application/cdr;nav_msgs/msg/Odometry",
-            "text/plain;charset=utf-8",
-            "video/h264",
-            "rover/own-format;v=1;w=2",
-            ";only a schema",
-            "",
-        ):
-            put(end, "e", "x", encoding=encoding)
-        put(end, "e", "x", encoding=zenoh.Encoding.APPLICATION_PROTOBUF.with_schema("a.B"))
-        finish(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return everything(end)
+    def left(self) -> Observation:
+        self.meet()
+        for encoding in _ENCODINGS:
+            self.put("e", "x", encoding=encoding)
+        self.finish()
 
 
 @scenario("attachments")
-class _Attachments:
+class _Attachments(_ReadingEnd):
     """No attachment, an empty one, text, all bytes, and a large one."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
+    def left(self) -> Observation:
+        self.meet()
         for attachment in (None, b"", b"text", bytes(range(256)), bytes(1 << 16)):
-            put(end, "a", "x", attachment=attachment)
-        finish(end)
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        return everything(end)
+            self.put("a", "x", attachment=attachment)
+        self.finish()

@@ -2,93 +2,65 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from itertools import product
+from typing import Any
 
-from riot_bus.doctor.conformance.helpers import (
-    finish,
-    put,
-)
-from riot_bus.doctor.conformance.scenario import Observation, scenario
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
+from riot_bus.doctor.conformance.scenario import scenario
+from riot_bus.zenoh import api as zenoh
 
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
-
-_COMBINATIONS = 7 * 3 * 2  # Zenoh's priorities, its congestion controls, and express or not
+_LEVELS: Any = zenoh.Priority
+_CONTROLS: Any = zenoh.CongestionControl
+_PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
+_COMBINATIONS = tuple(product(_PRIORITIES, ("DROP", "BLOCK", "BLOCK_FIRST"), (False, True)))
 
 
 @scenario("quality_of_service")
-class _QualityOfService:
+class _QualityOfService(ScenarioEnd):
     """Every priority with every congestion control, express or not."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
+    def left(self) -> Observation:
+        self.meet()
+        for number, (priority, control, express) in enumerate(_COMBINATIONS):
+            level, congestion = getattr(_LEVELS, priority), getattr(_CONTROLS, control)
+            self.session.put(
+                self.key("q"), f"{number:02}", priority=level, congestion_control=congestion, express=express
+            )
+            self.wait("got")  # without a pause, a full queue would justify losses under DROP
+        self.finish()
 
-        levels: Any = zenoh
-        end.meet()
-        number = 0
-        for priority in ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW"):
-            number += _each_control(end, getattr(levels.Priority, priority), number)
-        number += _each_control(end, levels.Priority.BACKGROUND, number)
-        finish(end)
-        return number
-
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("**")
-        end.meet()
-        for count in range(_COMBINATIONS):
+    def right(self) -> Observation:
+        inbox = self.subscribe("**")
+        self.meet()
+        for count in range(len(_COMBINATIONS)):
             inbox.take(count + 1)
-            end.signal("got")
+            self.signal("got")
         return inbox.shown()
 
 
-def _each_control(end: ScenarioEnd, priority: Any, number: int) -> int:
-    from riot_bus.zenoh import api as zenoh
-
-    controls: Any = zenoh.CongestionControl
-    options = [(control, express) for control in ("DROP", "BLOCK", "BLOCK_FIRST") for express in (False, True)]
-    for index, (control, express) in enumerate(options):
-        text = f"{number + index:02}"
-        congestion = getattr(controls, control)
-        end.session.put(end.key("q"), text, priority=priority, congestion_control=congestion, express=express)
-        end.wait("got")  # without a pause, a full queue would justify losses under DROP
-    return len(options)
-
-
 @scenario("publisher_options")
-class _PublisherOptions:
+class _PublisherOptions(ScenarioEnd):
     """A publisher's own encoding and quality of service, best effort and reliable."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
+    def left(self) -> Observation:
+        options: dict[str, Any] = {"encoding": "text/csv", "priority": zenoh.Priority.DATA_HIGH, "express": True}
         publishers = [
-            end.session.declare_publisher(
-                end.key(f"p/{reliability}"),
-                encoding="text/csv",
-                priority=zenoh.Priority.DATA_HIGH,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=True,
-                reliability=reliability,
-            )
+            self.publisher(f"p/{reliability}", reliability=reliability, **options)
             for reliability in (zenoh.Reliability.BEST_EFFORT, zenoh.Reliability.RELIABLE)
         ]
-        end.meet()
+        self.meet()
         for publisher in publishers:
-            end.matched(publisher)
+            self.matched(publisher)
             publisher.put("1")
             publisher.put("2", encoding="text/plain")
-        end.wait("all")
-        finish(end)
+        self.wait("all")
+        self.finish()
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("**")
-        end.meet()
+    def right(self) -> Observation:
+        inbox = self.subscribe("**")
+        self.meet()
         inbox.take(4)
-        end.signal("all")
+        self.signal("all")
         return sorted(inbox.shown(), key=str)
 
 
@@ -98,28 +70,24 @@ class _PublisherOptions:
         "intercepted": "stamps and sources are not copied: advanced subscribers would drop what is late or repeated"
     },
 )
-class _Stamps:
+class _Stamps(ScenarioEnd):
     """A publisher's own timestamp and source information."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        publisher = end.session.declare_publisher(end.key("x"))
-        end.meet()
-        end.matched(publisher)
-        stamp = end.session.new_timestamp()
-        end.signal("stamp", str(stamp))
-        put(end, "x", "stamped", timestamp=stamp)
-        put(end, "x", "sourced", source_info=zenoh.SourceInfo(publisher.id, 7))
+    def left(self) -> Observation:
+        publisher = self.publisher("x")
+        self.meet()
+        self.matched(publisher)
+        stamp = self.session.new_timestamp()
+        self.signal("stamp", str(stamp))
+        self.put("x", "stamped", timestamp=stamp)
+        self.put("x", "sourced", source_info=zenoh.SourceInfo(publisher.id, 7))
         publisher.put("neither")
-        finish(end)
+        self.finish()
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("**")
-        end.meet()
-        stamp = end.wait("stamp")
+    def right(self) -> Observation:
+        inbox = self.subscribe("**")
+        self.meet()
+        stamp = self.wait("stamp")
         samples = inbox.until_end()
         return {
             "same stamp": [sample.timestamp is not None and str(sample.timestamp) == stamp for sample in samples],

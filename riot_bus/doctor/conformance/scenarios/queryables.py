@@ -2,126 +2,91 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from riot_bus.doctor.conformance.helpers import (
-    answer,
-)
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
 from riot_bus.doctor.conformance.samples import show_replies
-from riot_bus.doctor.conformance.scenario import Observation, scenario
+from riot_bus.doctor.conformance.scenario import scenario
+from riot_bus.zenoh import api as zenoh
 
-if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import ScenarioEnd
+_MODES: Any = zenoh.ConsolidationMode
+_TARGETS: Any = zenoh.QueryTarget
 
 
 @scenario("consolidation")
-class _Consolidation:
+class _Consolidation(ScenarioEnd):
     """Every consolidation mode over two queryables that answer on the same key, old and new."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        end.meet()
-        end.matched(end.session.declare_querier(end.key("q")))  # a stand-in for a selected service comes a moment later
-        seen = {}
-        for mode in ("NONE", "LATEST", "AUTO"):
-            consolidation = getattr(zenoh.ConsolidationMode, mode)
-            replies = end.session.get(end.key("q"), consolidation=consolidation, timeout=5.0)
-            seen[mode] = show_replies(replies)
-        replies = end.session.get(end.key("q"), consolidation=zenoh.ConsolidationMode.MONOTONIC, timeout=5.0)
-        seen["MONOTONIC"] = show_replies(replies)[-1:]  # whether the old one is seen depends on who is faster
-        end.together("asked")
+    def left(self) -> Observation:
+        self.meet()
+        # a stand-in for a selected service comes a moment later
+        self.matched(self.session.declare_querier(self.key("q")))
+        modes = ("NONE", "LATEST", "AUTO", "MONOTONIC")
+        seen = {mode: self.ask("q", consolidation=getattr(_MODES, mode)) for mode in modes}
+        seen["MONOTONIC"] = seen["MONOTONIC"][-1:]  # whether the old one is seen depends on who is faster
         return seen
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        old = end.session.new_timestamp()
-        new = end.session.new_timestamp()
-        sessions = [end.session, end.open()]
-        queryables = [
-            answer(end, "q", lambda query: query.reply(end.key("q"), "1 old", timestamp=old), session=sessions[0]),
-            answer(end, "q", lambda query: query.reply(end.key("q"), "2 new", timestamp=new), session=sessions[1]),
-        ]
-        end.meet(*sessions)
-        end.together("asked")
-        return len(queryables)
+    def right(self) -> Observation:
+        old = self.session.new_timestamp()
+        new = self.session.new_timestamp()
+        sessions = [self.session, self.open()]
+        self.answer("q", lambda query: query.reply(self.key("q"), "1 old", timestamp=old), sessions[0])
+        self.answer("q", lambda query: query.reply(self.key("q"), "2 new", timestamp=new), sessions[1])
+        self.meet(*sessions)
 
 
 @scenario("query_targets")
-class _Targets:
+class _Targets(ScenarioEnd):
     """Every target with complete and partial queryables at both ends."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        from riot_bus.zenoh import api as zenoh
-
-        targets: Any = zenoh.QueryTarget
-        own = answer(end, "three/x", lambda query: query.reply(end.key("three/x"), "left"))
-        end.meet()
+    def left(self) -> Observation:
+        self.answer("three/x", lambda query: query.reply(self.key("three/x"), "left"))
+        self.meet()
         seen = {}
         for target in ("BEST_MATCHING", "ALL", "ALL_COMPLETE"):
             for key in ("one", "two", "three"):
-                replies = end.session.get(
-                    end.key(f"{key}/*"),
-                    target=getattr(targets, target),
-                    consolidation=zenoh.ConsolidationMode.NONE,
-                    timeout=5.0,
-                )
-                seen[f"{target} {key}"] = [reply.get("payload") for reply in show_replies(replies)]
-        end.together("asked")
-        return seen, str(own.key_expr)
+                replies = self.ask(f"{key}/*", target=getattr(_TARGETS, target), consolidation=_MODES.NONE)
+                seen[f"{target} {key}"] = [reply.get("payload") for reply in replies]
+        return seen
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        sessions = [end.session, end.open(), end.open()]
+    def right(self) -> Observation:
+        sessions = [self.session, self.open(), self.open()]
 
-        def declare(number: int, rest: str, *, complete: bool = False) -> Any:
-            key = end.key(rest.replace("*", "x"))
-            text = f"{number} {complete}"
-            session = sessions[number]
-            return answer(end, rest, lambda query: query.reply(key, text), session=session, complete=complete)
+        def declare(number: int, rest: str, *, complete: bool = False) -> None:
+            key, text = self.key(rest.replace("*", "x")), f"{number} {complete}"
+            self.answer(rest, lambda query: query.reply(key, text), sessions[number], complete=complete)
 
-        queryables = [
-            declare(0, "one/*", complete=True),
-            declare(1, "one/x"),
-            declare(0, "two/x"),
-            declare(1, "two/y"),
-            declare(2, "two/x", complete=True),
-            declare(0, "three/*", complete=True),
-        ]
-        end.meet(*sessions)
-        end.together("asked")
-        return len(queryables)
+        declare(0, "one/*", complete=True)
+        declare(1, "one/x")
+        declare(0, "two/x")
+        declare(1, "two/y")
+        declare(2, "two/x", complete=True)
+        declare(0, "three/*", complete=True)
+        self.meet(*sessions)
 
 
 @scenario("queriers")
-class _Queriers:
+class _Queriers(ScenarioEnd):
     """Declared queriers, and how they learn that queryables come and go."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
+    def left(self) -> Observation:
         heard: list[bool] = []
-        querier = end.session.declare_querier(end.key("q"), timeout=5.0)
-        listener = querier.declare_matching_listener(lambda status: heard.append(status.matching))
-        end.meet()
+        querier = self.session.declare_querier(self.key("q"), timeout=5.0)
+        self.keep(querier.declare_matching_listener(lambda status: heard.append(status.matching)))
+        self.meet()
         before = querier.matching_status.matching
         nobody = show_replies(querier.get())
-        end.signal("declare")
-        end.matched(querier)
+        self.signal("declare")
+        self.matched(querier)
         first = show_replies(querier.get(payload="1", parameters="a=1"))
-        end.signal("undeclare")
-        end.matched(querier, matching=False)
-        end.until(lambda: heard[-1:] == [False], "the listener to hear of it")
-        end.together("done")
-        return [before, nobody, first, heard, listener is not None]
+        self.signal("undeclare")
+        self.matched(querier, matching=False)
+        self.until(lambda: heard[-1:] == [False], "the listener to hear of it")
+        return [before, nobody, first, heard]
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        end.meet()
-        end.wait("declare")
-        queryable = answer(end, "q", lambda query: query.reply(query.key_expr, str(query.parameters)))
-        end.wait("undeclare")
+    def right(self) -> Observation:
+        self.meet()
+        self.wait("declare")
+        queryable = self.answer("q", lambda query: query.reply(query.key_expr, str(query.parameters)))
+        self.wait("undeclare")
         queryable.undeclare()
-        end.together("done")
-        return None

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
 from riot_bus.doctor.conformance.samples import END
-from riot_bus.doctor.conformance.scenario import Observation, scenario
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from riot_bus.doctor.conformance.end import ScenarioEnd
-
+from riot_bus.doctor.conformance.scenario import scenario
 
 _RETRY = {
     "connect/timeout_ms": -1,
@@ -23,11 +18,8 @@ _RETRY = {
 class _Traffic:
     """Publishes numbers without a pause, from a thread of its own."""
 
-    def __init__(self, end: ScenarioEnd) -> None:
-        from riot_bus.zenoh import api as zenoh
-
-        block = zenoh.CongestionControl.BLOCK
-        self._publisher = end.session.declare_publisher(end.key("x"), congestion_control=block)
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -50,127 +42,100 @@ def _gapless(samples: list[Any]) -> dict[str, bool]:
 
 
 @scenario("join_during_traffic")
-class _JoinDuringTraffic:
+class _JoinDuringTraffic(ScenarioEnd):
     """A subscriber that joins while messages flow gets all of them from the first that it gets."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        end.meet()
-        traffic = _Traffic(end)
-        end.signal("flowing")
-        end.wait("enough")
+    def left(self) -> Observation:
+        self.meet()
+        traffic = _Traffic(self.publisher("x"))
+        self.signal("flowing")
+        self.wait("enough")
         traffic.stop()
-        end.together("done")
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        end.meet()
-        end.wait("flowing")
-        inbox = end.subscribe("*", end.open())
-        inbox.wait(lambda samples: len(samples) > 100)
-        end.signal("enough")
-        seen = _gapless(inbox.until_end())
-        end.together("done")
-        return seen
+    def right(self) -> Observation:
+        self.meet()
+        self.wait("flowing")
+        inbox = self.subscribe("*", self.open())
+        inbox.received(101)
+        self.signal("enough")
+        return _gapless(inbox.until_end())
 
 
 @scenario("killed_subscriber")
-class _KilledSubscriber:
+class _KilledSubscriber(ScenarioEnd):
     """A subscriber is killed under traffic and comes back; another one is not disturbed."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        beside = end.subscribe("x", end.open())
-        end.meet()
-        traffic = _Traffic(end)
-        end.wait("receiving")
-        end.kill_other(again=True)
-        end.wait("receiving")
+    def left(self) -> Observation:
+        beside = self.subscribe("x", self.open())
+        self.meet()
+        traffic = _Traffic(self.publisher("x"))
+        self.wait("receiving")
+        self.kill_other(again=True)
+        self.wait("receiving")
         traffic.stop()
-        seen = _gapless(beside.until_end())
-        end.together("done")
-        return seen
+        return _gapless(beside.until_end())
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("x")
-        if not end.life:
-            end.meet()
-        inbox.wait(lambda samples: len(samples) > 100)
-        end.signal("receiving")
-        seen = [end.life, _gapless(inbox.until_end(timeout=60.0))]
-        end.together("done")
-        return seen
+    def right(self) -> Observation:
+        inbox = self.subscribe("x")
+        if not self.life:
+            self.meet()
+        inbox.received(101)
+        self.signal("receiving")
+        return [self.life, _gapless(inbox.until_end(timeout=60.0))]
 
 
 @scenario("killed_publisher")
-class _KilledPublisher:
+class _KilledPublisher(ScenarioEnd):
     """A publisher is killed, and its next life publishes to the same subscriber."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        inbox = end.subscribe("x")
-        end.meet()
+    def left(self) -> Observation:
+        inbox = self.subscribe("x")
+        self.meet()
         first = inbox.take(1)
-        end.kill_other(again=True)
-        seen = inbox.shown()
-        end.together("done")
-        return [first, seen]
+        self.kill_other(again=True)
+        return [first, inbox.shown()]
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        publisher = end.session.declare_publisher(end.key("x"))
-        if not end.life:
-            end.meet()
-        end.matched(publisher)
-        publisher.put(f"life {end.life}")
-        if not end.life:
-            end.wait("never", 60.0)
+    def right(self) -> Observation:
+        publisher = self.publisher("x")
+        if not self.life:
+            self.meet()
+        self.matched(publisher)
+        publisher.put(f"life {self.life}")
+        if not self.life:
+            self.wait("never", 60.0)
         publisher.put(END)
-        end.together("done")
-        return end.life
+        return self.life
 
 
 @scenario("router_restart", needs=("router",), settings=_RETRY)
-class _RouterRestart:
+class _RouterRestart(ScenarioEnd):
     """The router is restarted: components come back by themselves, with all that they have declared."""
 
-    @staticmethod
-    def left(end: ScenarioEnd) -> Observation:
-        publisher = end.session.declare_publisher(end.key("x"))
-        end.meet()
-        end.matched(publisher)
+    def left(self) -> Observation:
+        publisher = self.publisher("x")
+        self.meet()
+        self.matched(publisher)
         publisher.put("before")
-        end.wait("got")
-        end.restart_router()
-        end.signal("restarted")
-        end.meet()
-        end.matched(publisher)
+        self.wait("got")
+        self.restart_router()
+        self.signal("restarted")
+        self.meet()
+        self.matched(publisher)
         publisher.put("after")
-        replies = [reply.ok.payload.to_string() for reply in _asked(end) if reply.ok is not None]
+        replies = [
+            *self.session.get(self.key("service"), timeout=5.0),
+            *self.session.liveliness().get(self.key("token"), timeout=5.0),
+        ]
         publisher.put(END)
-        end.together("done")
-        return replies
+        return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
 
-    @staticmethod
-    def right(end: ScenarioEnd) -> Observation:
-        def answer(query: Any) -> None:
-            with query:
-                query.reply(query.key_expr, "answer")
-
-        inbox = end.subscribe("x")
-        queryable = end.session.declare_queryable(end.key("service"), answer)
-        token = end.session.liveliness().declare_token(end.key("token"))
-        end.meet()
+    def right(self) -> Observation:
+        inbox = self.subscribe("x")
+        self.answer("service", lambda query: query.reply(query.key_expr, "answer"))
+        self.token("token")
+        self.meet()
         inbox.take(1)
-        end.signal("got")
-        end.wait("restarted")
-        end.meet()
-        seen = inbox.shown()
-        end.together("done")
-        return [seen, queryable is not None, token is not None]
-
-
-def _asked(end: ScenarioEnd) -> Iterator[Any]:
-    yield from end.session.get(end.key("service"), timeout=5.0)
-    yield from end.session.liveliness().get(end.key("token"), timeout=5.0)
+        self.signal("got")
+        self.wait("restarted")
+        self.meet()
+        return inbox.shown()
