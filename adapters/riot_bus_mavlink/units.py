@@ -81,6 +81,7 @@ _NAMES = {
 }
 """Units that are not a prefix and a base: the base unit, and how many of the unit make one of it."""
 
+# how many of the prefixed unit make one of the unit
 _PREFIXES = {"n": 1e9, "u": 1e6, "m": 1e3, "c": 1e2, "d": 10, "da": 0.1, "h": 1e-2, "k": 1e-3, "M": 1e-6}
 _PREFIXED = re.compile(r"(da|[numcdhkM])(.+)")
 

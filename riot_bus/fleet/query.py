@@ -17,7 +17,7 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["Query", "parse_query"]
 
-_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}  # in seconds
 _SPAN = re.compile(r"(\d{1,12}(?:\.\d{1,9})?)([smhd]?)")
 _EPOCH_S = 1e8  # smaller numbers are dates such as 20261121; as seconds, this is in 1973
 _LATEST_S = 9e9  # in nanoseconds still an integer of SQLite, which ends at 2**63 (9.22e18)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Log", "normalized"]
 
-_LEVELS: Final = {"warn": 30, "error": 40, "fatal": 50}
+_LEVELS: Final = {"warn": 30, "error": 40, "fatal": 50}  # as in rcl_interfaces/msg/Log
 _WORDS: Final = {
     "warn": "WARN|WARNING|ERROR|FATAL|CRITICAL",
     "error": "ERROR|FATAL|CRITICAL",

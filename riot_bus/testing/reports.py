@@ -45,6 +45,7 @@ __all__ = [
 ]
 
 _X, _GOAL, _SPEED = "/map:x", "/goal:pose.x", "/odom:speed"
+# made up, as all values of this finding; its interval contains its value
 _RATE = {"value": 0.98, "low": 0.93, "high": 1.0, "count": 98, "total": 100}
 _CERTIFICATE = {
     "failing": -1,

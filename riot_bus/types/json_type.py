@@ -36,7 +36,7 @@ __all__ = ["JsonType"]
 
 _MAX_BYTES = 1 << 24  # parsed, small arrays and objects take some 30 times their size: about 500 MB
 _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000
-_INT64 = range(-(1 << 63), 1 << 63)
+_INT64 = range(-(1 << 63), 1 << 63)  # larger integers are read as floats, as `Leaf` knows no wider type
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 _KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "string"}

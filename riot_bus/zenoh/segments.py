@@ -19,7 +19,7 @@ EPHEMERAL = "tcp/127.0.0.1:0"
 """Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""
 
 _FLUSH_S = 1.0  # neighbours are routers of this process; one that hangs must not stop a change for ever
-_RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}
+_RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}  # of the same process: soon there
 
 
 class Segment:

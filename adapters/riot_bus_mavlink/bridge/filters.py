@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FILTER_NAMES", "Filter", "filter_of"]
 
-_LARGEST = {"msg_id": (1 << 24) - 1, "src_sys": 255, "src_comp": 255}
+_LARGEST = {"msg_id": (1 << 24) - 1, "src_sys": 255, "src_comp": 255}  # 24, 8 and 8 bits in a frame
 _FIELDS = [(action, what) for action in ("allow", "block") for what in _LARGEST]
 
 FILTER_NAMES = {way: frozenset(f"{action}_{what}_{way}" for action, what in _FIELDS) for way in ("in", "out")}

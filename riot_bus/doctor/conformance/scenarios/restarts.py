@@ -9,6 +9,7 @@ from riot_bus.doctor.conformance.end import Observation, ScenarioEnd
 from riot_bus.doctor.conformance.samples import END
 from riot_bus.doctor.conformance.scenario import scenario
 
+# a guess: a component is back soon after its router, without asking all the time
 _RETRY = {
     "connect/timeout_ms": -1,
     "connect/retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
