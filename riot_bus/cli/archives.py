@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.options import Definitions, Format, OutputFormat
+from riot_bus.cli.printing import print_result
 
 if TYPE_CHECKING:
     from riot_bus.log.loss import Loss
@@ -29,9 +29,7 @@ def import_(
     log: Annotated[Path, typer.Argument(help="The MCAP file to write.")],
     *,
     force: Annotated[bool, typer.Option("--force", help="Replace the log if it exists.")] = False,
-    msg: Annotated[
-        list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
-    ] = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Convert a file of another format to a log: a MAVLink telemetry log (.tlog).
@@ -42,10 +40,8 @@ def import_(
     from riot_bus.vocabulary.errors import DataLossError
 
     done = import_archive(file, log, _adapters(msg), force=force)
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"file": str(log), "messages": done.messages, "damage": done.damage}))
-    else:
-        typer.echo(f"{log}: {done.messages} messages")
+    document = {"file": str(log), "messages": done.messages, "damage": done.damage}
+    print_result(form, document, [f"{log}: {done.messages} messages"])
     if done.damage:
         raise DataLossError(done.damage, where=str(file))
 
@@ -74,10 +70,9 @@ def messages_to_file(
     if fields:
         raise ConfigError("--field is for tables", where=str(out), hint="choose messages by --topics")
     done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force, salvage=salvage)
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"file": str(out), "messages": done.messages, "skipped": done.skipped}))
-    else:
-        typer.echo(f"{out}: {done.messages} messages" + (f", {done.skipped} others skipped" if done.skipped else ""))
+    document = {"file": str(out), "messages": done.messages, "skipped": done.skipped}
+    skipped = f", {done.skipped} others skipped" if done.skipped else ""
+    print_result(form, document, [f"{out}: {done.messages} messages{skipped}"])
     return done.loss
 
 

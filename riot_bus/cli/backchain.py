@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.cli.options import Seed
+from riot_bus.cli.options import FindingsSystem, Seed
+from riot_bus.cli.printing import print_json, print_lines
 
 __all__ = ["register"]
-
-INCONCLUSIVE = 5  # exit code for inconclusive results, listed in docs/chain.md
 
 
 class _Form(StrEnum):
@@ -32,10 +31,7 @@ def backchain(
     to: Annotated[
         str, typer.Option("--to", metavar="FIELD|FINDING", help="Internal field (TOPIC:FIELD), or folder of a finding.")
     ],
-    system: Annotated[
-        Path | None,
-        typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
-    ] = None,
+    system: FindingsSystem = None,
     external: Annotated[
         list[str] | None,
         typer.Option("--external", metavar="TOPIC", help="Topic that is controlled from outside; repeatable."),
@@ -55,16 +51,14 @@ def backchain(
 
     Nothing is run. Exit code 5: these logs tell nothing about the field.
     """
-    import json
-
     from rich.console import Console
 
     from riot_bus.chain.backchain import backchain as find_way
     from riot_bus.cli.narrate import ConsoleNarrator
-    from riot_bus.cli.tables import json_safe
     from riot_bus.events import StepProgress, StepStarted
     from riot_bus.report.backtrack import dot, lines
     from riot_bus.report.backtrack_picture import check_picture, draw_picture
+    from riot_bus.vocabulary.errors import InconclusiveError
 
     if picture is not None:
         check_picture(picture)
@@ -82,11 +76,10 @@ def backchain(
     if picture is not None:
         draw_picture(record, picture)
     if form is _Form.JSON:
-        typer.echo(json.dumps(json_safe(record.model_dump(mode="json")), indent=1))
+        print_json(record.model_dump(mode="json"))
     elif form is _Form.DOT:
         typer.echo(dot(record), nl=False)
     else:
-        for line in lines(record):
-            typer.echo(line)
+        print_lines(lines(record))
     if all(record.targets.values()):
-        raise typer.Exit(INCONCLUSIVE)
+        raise typer.Exit(InconclusiveError.exit_code)

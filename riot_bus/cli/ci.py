@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from riot_bus.cli.options import EventFormat, Executor, Jobs, Out, Reports, Seed, StreamFormat, System
+from riot_bus.cli.options import (
+    DEFAULT_OUT,
+    DEFAULT_SYSTEM,
+    EventFormat,
+    Executor,
+    Jobs,
+    Out,
+    Reports,
+    Seed,
+    StreamFormat,
+    System,
+)
+from riot_bus.cli.printing import print_lines, warn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,8 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-DEFAULT_SYSTEM = Path("riot.toml")
-DEFAULT_OUT = Path("riot-out")
 DEFAULT_BASELINE = Path("riot-baseline.json")
 
 Units = Annotated[
@@ -189,7 +199,7 @@ def accept(
     folders = found_in(findings)
     newer, lines = accepted(known, folders, since=moment(baseline.absolute().parent), note=note, keep=keep)
     lines += [f"written: {newer.save()}; next, commit it"] if lines else ["nothing has changed"]
-    typer.echo("\n".join(lines))
+    print_lines(lines)
 
 
 def init(
@@ -202,7 +212,7 @@ def init(
     """Write the workflow for GitHub or GitLab: changes, nightly batches, and what is fixed."""
     from riot_bus.chain.ci_init import init_ci
 
-    typer.echo("\n".join(init_ci(folder, github=github, gitlab=gitlab, force=force)))
+    print_lines(init_ci(folder, github=github, gitlab=gitlab, force=force))
 
 
 _COMMANDS: tuple[Callable[..., None], ...] = (change, batch, prune, accept, init)
@@ -240,7 +250,7 @@ def _tell(
     from riot_bus.vocabulary.redaction import escape_control_chars
 
     for line in result.warnings():
-        typer.echo(f"riot: {escape_control_chars(line, keep=chr(10))}", err=True)
+        warn(f"riot: {escape_control_chars(line, keep=chr(10))}")
     code = result.exit_code(strict=strict)
     units = [unit.to_json() for unit in result.units]
     show({"units": units, "new": len(result.failures)}, form, [*_missing(known), *result.lines(), *more])

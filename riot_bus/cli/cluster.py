@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from riot_bus.cli.options import Format, OutputFormat, System
+from riot_bus.cli.options import DEFAULT_SYSTEM, Format, OutputFormat, System
+from riot_bus.cli.printing import print_result
 
 __all__ = ["register"]
-
-ENVIRONMENT = 4  # exit code for problems of the environment, listed in docs/chain.md
 
 
 def register(app: typer.Typer) -> None:
@@ -28,7 +25,7 @@ def check(
         str, typer.Argument(envvar="RIOT_EXECUTOR", metavar="dask://HOST:PORT", help="Scheduler of the cluster.")
     ],
     *,
-    system: System = Path("riot.toml"),
+    system: System = DEFAULT_SYSTEM,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Check that the workers of a cluster would take trials of a system. Exit code 4: none or not all would."""
@@ -37,14 +34,14 @@ def check(
     from riot_bus.cluster.workers import check_cluster
     from riot_bus.sut.context import open_system
     from riot_bus.vocabulary.counting import counted
+    from riot_bus.vocabulary.errors import EnvironmentFaultError
 
     found = check_cluster(executor, open_system(system))
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps([asdict(each) for each in found], indent=1))
-    else:
-        for each in found:
-            typer.echo(f"{each.address} {each.host}".rstrip() + f": {each.refused or 'same versions, same code'}")
-        ready = sum(not each.refused for each in found)
-        typer.echo(f"{counted(ready, 'worker')} of {len(found)} would take trials")
-    if not found or any(each.refused for each in found):
-        raise typer.Exit(ENVIRONMENT)
+    ready = sum(not each.refused for each in found)
+    lines = [
+        f"{each.address} {each.host}".rstrip() + f": {each.refused or 'same versions, same code'}" for each in found
+    ]
+    lines.append(f"{counted(ready, 'worker')} of {len(found)} would take trials")
+    print_result(form, [asdict(each) for each in found], lines)
+    if not found or ready < len(found):
+        raise typer.Exit(EnvironmentFaultError.exit_code)

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from riot_bus.cli import ctl_play, ctl_record
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.printing import print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
@@ -100,12 +101,12 @@ def counts(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
 
 def intercept_add(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
     """Intercept more topics; natively routed messages are interrupted, and lost, for about 100 ms."""
-    _ask(context, form, "intercept/add", payload=_json(keys=keys))
+    _ask(context, form, "intercept/add", payload=json.dumps({"keys": keys}).encode())
 
 
 def intercept_remove(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
     """Stop intercepting these topics."""
-    _ask(context, form, "intercept/remove", payload=_json(keys=keys))
+    _ask(context, form, "intercept/remove", payload=json.dumps({"keys": keys}).encode())
 
 
 def plan_load(
@@ -126,10 +127,6 @@ def plan_clear(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> N
     _ask(context, form, "plan/clear")
 
 
-def _json(**arguments: Any) -> bytes:
-    return json.dumps({name: value for name, value in arguments.items() if value is not None}).encode()
-
-
 def _ask(
     context: typer.Context,
     form: OutputFormat,
@@ -145,6 +142,4 @@ def _ask(
 
     endpoint, router, cfg = context.obj
     answer = ask(endpoint, router, command, payload, parameters=parameters, config=client_cfg(cfg))
-    typer.echo(
-        json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join((lines or answer_lines)(answer))
-    )
+    print_result(form, answer, (lines or answer_lines)(answer))

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.printing import print_result
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["group"]
 
@@ -17,32 +21,35 @@ PlayerName = Annotated[
 ]
 
 
+_PLAIN = {
+    "status": "Show where the player is, and how late its messages are.",
+    "pause": "Pause playing.",
+    "resume": "Go on playing after a pause.",
+    "stop": "Stop playing.",
+}
+"""Commands without arguments of their own, and their help."""
+
+
 def group() -> typer.Typer:
     """Return the commands."""
     found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Control a running player.")
-    for each in (status, pause, resume, step, seek, rate, stop):
+    for name, text in _PLAIN.items():
+        found.command(name, help=text)(_plain(name))
+    for each in (step, seek, rate):
         found.command()(each)
     return found
 
 
-def status(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Show where the player is, and how late its messages are."""
-    _tell(context, player, form, "status")
+def _plain(name: str) -> Callable[..., None]:
+    def command(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
+        _tell(context, player, form, name)
 
-
-def pause(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Pause playing."""
-    _tell(context, player, form, "pause")
-
-
-def resume(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Go on playing after a pause."""
-    _tell(context, player, form, "resume")
+    return command
 
 
 def step(
     context: typer.Context,
-    count: Annotated[int, typer.Argument(min=1, help="How many messages.")] = 1,
+    count: Annotated[int, typer.Argument(min=1, help="Number of messages.")] = 1,
     *,
     player: PlayerName = None,
     form: Format = OutputFormat.TEXT,
@@ -73,11 +80,6 @@ def rate(
     _tell(context, player, form, "rate", rate=speed)
 
 
-def stop(context: typer.Context, *, player: PlayerName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Stop playing."""
-    _tell(context, player, form, "stop")
-
-
 def _tell(context: typer.Context, player: str | None, form: OutputFormat, command: str, **arguments: float) -> None:
     from riot_bus.control.component import client_cfg
     from riot_bus.control.remote import ask
@@ -86,4 +88,4 @@ def _tell(context: typer.Context, player: str | None, form: OutputFormat, comman
     endpoint, _, cfg = context.obj
     payload = json.dumps(arguments).encode()
     found = ask(endpoint, player, f"play/{command}", payload, config=client_cfg(cfg), kind="player")
-    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(status_lines(found)))
+    print_result(form, found, status_lines(found))

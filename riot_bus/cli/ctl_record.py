@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.printing import print_result
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from riot_bus.control.remote import Kind
 
 __all__ = ["group"]
@@ -25,54 +28,37 @@ LogPath = Annotated[
 ]
 
 
+_COMMANDS = {
+    "start": (True, False, "Record all that passes, into a new file; a paused riot record goes on."),
+    "stop": (False, False, "End the recording."),
+    "split": (True, False, "Go on recording in another file; nothing is lost in between."),
+    "status": (False, True, "Show what riot record does and what it has lost; for a router, see riot ctl status."),
+    "pause": (False, True, "Pause riot record."),
+    "resume": (False, True, "Resume riot record after a pause."),
+    "dump": (True, True, "Make riot record --ring write what it keeps in memory."),
+}
+"""Whether a command takes the path of a file, whether it is for `riot record` alone, and its help."""
+
+
 def group() -> typer.Typer:
     """Return the commands."""
     text = "Control a router's recording, or riot record if no router answers or --recorder names one."
     found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
-    for each in (start, stop, split, status, pause, resume, dump):
-        found.command()(each)
+    for name, (takes_path, only, told) in _COMMANDS.items():
+        found.command(name, help=told)(_command(name, takes_path=takes_path, only=only))
     return found
 
 
-def start(
-    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Record all that passes, into a new file; a paused riot record goes on."""
-    _tell(context, recorder, form, "start", path=path)
+def _command(name: str, *, takes_path: bool, only: bool) -> Callable[..., None]:
+    def with_path(
+        context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
+    ) -> None:
+        _tell(context, recorder, form, name, path=path, only=only)
 
+    def without(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
+        _tell(context, recorder, form, name, only=only)
 
-def stop(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """End the recording."""
-    _tell(context, recorder, form, "stop")
-
-
-def split(
-    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Go on recording in another file; nothing is lost in between."""
-    _tell(context, recorder, form, "split", path=path)
-
-
-def status(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Show what riot record does and what it has lost; for a router's recording see riot ctl status."""
-    _tell(context, recorder, form, "status", only=True)
-
-
-def pause(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Pause riot record."""
-    _tell(context, recorder, form, "pause", only=True)
-
-
-def resume(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
-    """Resume riot record after a pause."""
-    _tell(context, recorder, form, "resume", only=True)
-
-
-def dump(
-    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
-) -> None:
-    """Make riot record --ring write what it keeps in memory."""
-    _tell(context, recorder, form, "dump", only=True, path=path)
+    return with_path if takes_path else without
 
 
 def _tell(
@@ -96,4 +82,4 @@ def _tell(
     kind: Kind = "router" if routed else "recorder"
     found = ask(endpoint, router if routed else recorder, f"record/{command}", payload, config=config, kind=kind)
     lines = status_text.answer_lines if routed else text.answer_lines
-    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(lines(found)))
+    print_result(form, found, lines(found))

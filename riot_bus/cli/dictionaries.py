@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat, UnitName
-from riot_bus.cli.tables import json_safe, table_console
+from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table, warn
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-WRONG = 2
 _SHOWN = 8
 """Number of fields to name that a table applies to; JSON has all."""
 
@@ -61,20 +59,16 @@ def list_all(
 
     found = list_dictionaries(system)
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps([asdict(each) for each in found], indent=1))
+        print_json([asdict(each) for each in found])
         return
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("dictionary", overflow="fold")
-    for column in ("values", "fields", "mutations"):
-        table.add_column(column, justify="right")
+    table = new_table("dictionary", numbers=("values", "fields", "mutations"))
     if system is not None:
         table.add_column("units", overflow="fold")
+    rows = []
     for each in found:
-        counts = (str(number or "") for number in (each.values, each.fields, each.mutations))
-        table.add_row(*_cells(each.name, *counts, *([", ".join(each.units)] if system is not None else [])))
-    table_console().print(table)
+        counts = [str(number or "") for number in (each.values, each.fields, each.mutations)]
+        rows.append([each.name, *counts, *([", ".join(each.units)] if system is not None else [])])
+    print_table(table, rows)
 
 
 def show(
@@ -91,14 +85,10 @@ def show(
     where = log_to_apply_to(log, system, unit)
     name, text = find_dictionary(name)
     file, found = tables_applied(name, text, where)
-    if form is OutputFormat.JSON:
-        document: dict[str, Any] = {"name": name, "file": file.model_dump(mode="json", exclude_defaults=True)}
-        if where is not None:
-            document |= {"log": where.name, "applies": {key: asdict(each) for key, each in found.items()}}
-        typer.echo(json.dumps(json_safe(document), indent=1))
-        return
-    lines = [name if where is None else f"{name} beside {where.name}", *_lines(file, found)]
-    typer.echo("\n".join(map(escape_control_chars, lines)))
+    document: dict[str, Any] = {"name": name, "file": file.model_dump(mode="json", exclude_defaults=True)}
+    if where is not None:
+        document |= {"log": where.name, "applies": {key: asdict(each) for key, each in found.items()}}
+    print_result(form, document, [name if where is None else f"{name} beside {where.name}", *_lines(file, found)])
 
 
 def validate(
@@ -111,29 +101,29 @@ def validate(
 ) -> None:
     """Check a dictionary file and, given a log, what of it can never apply. Exit code 2: something is wrong."""
     from riot_bus.chain.dictionaries import errors_of, log_to_apply_to
+    from riot_bus.vocabulary.errors import ConfigError
 
     where = log_to_apply_to(log, system, unit)
     counted, problems = errors_of(path, where)
     if form is OutputFormat.JSON:
         told = [{"where": each.where, "message": each.message, "hint": each.hint} for each in problems]
-        document = {"file": str(path), "log": where.name if where else None, "errors": told}
-        typer.echo(json.dumps(document, indent=1))
+        print_json({"file": str(path), "log": where.name if where else None, "errors": told})
     else:
         for each in problems:
-            typer.echo("\n".join(map(escape_control_chars, f"riot: {each}".split("\n"))), err=True)
+            warn("\n".join(map(escape_control_chars, f"riot: {each}".split("\n"))))
         if not problems and counted is not None:
             parts = f"{counted.values} values, {counted.fields} bindings, {counted.mutations} mutations"
-            checked = f"all can apply to {where.name}" if where else "not held against a log (--log, --system)"
-            typer.echo(escape_control_chars(f"{path}: {parts}; {checked}"))
+            checked = f"all can apply to {where.name}" if where else "not compared with a log (--log, --system)"
+            print_lines([f"{path}: {parts}; {checked}"])
     if problems:
-        raise typer.Exit(WRONG)
+        raise typer.Exit(ConfigError.exit_code)
 
 
 def schema() -> None:
     """Print the JSON Schema of dictionary files."""
     from riot_bus.inject.dictionary_file import json_schema
 
-    typer.echo(json.dumps(json_schema(), indent=1))
+    print_json(json_schema())
 
 
 def _lines(file: DictionaryFile, found: dict[str, AppliesTo]) -> list[str]:
@@ -187,9 +177,3 @@ def _value(value: Any, *, formula: bool = False) -> str:
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     widths = [min(40, max(len(cell) for cell in column)) for column in zip(*rows, strict=True)]
     return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-
-
-def _cells(*cells: str) -> list[str]:
-    from rich.markup import escape
-
-    return [escape(escape_control_chars(each)) for each in cells]

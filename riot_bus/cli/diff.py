@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from riot_bus.cli.options import Format, OutputFormat, Salvage, Tolerance, ToleranceFile
+from riot_bus.cli.options import Definitions, Format, OutputFormat, Salvage, Tolerance, ToleranceFile, Types
+from riot_bus.cli.printing import print_json, print_lines, print_result
 
 if TYPE_CHECKING:
     from riot_bus.log.comparison.opening import Extract
@@ -58,12 +58,8 @@ def diff(
     ] = False,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the result as an HTML page.")] = None,
     salvage: Salvage = False,
-    type_: Annotated[
-        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
-    ] = None,
-    msg: Annotated[
-        list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
-    ] = None,
+    type_: Types = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Say whether a system has answered the same in two logs: count, order and values, apart from timing.
@@ -102,18 +98,14 @@ def diff(
 
 def print_difference(found: LogDifference, html: Path | None, form: OutputFormat, *, event: str = "") -> None:
     """Print the result of a comparison, and write its page; with an event, JSON is one line that names it."""
-    from riot_bus.vocabulary.redaction import escape_control_chars
-
     if html is not None:
         from riot_bus.report.diff_page import write_diff_page
 
         write_diff_page(found, html)
-    if form is OutputFormat.JSON:
-        document = found.to_json()
-        typer.echo(json.dumps({"event": event, **document}) if event else json.dumps(document, indent=1))
+    if event and form is OutputFormat.JSON:
+        print_json({"event": event, **found.to_json()}, indent=None)
     else:
-        for line in found.lines():
-            typer.echo(escape_control_chars(line))
+        print_result(form, found.to_json(), found.lines())
 
 
 def end_with(found: LogDifference) -> None:
@@ -125,16 +117,14 @@ def end_with(found: LogDifference) -> None:
 
 def _propose(logs: list[Path], out: Path | None, extract: Extract, form: OutputFormat) -> None:
     from riot_bus.log.comparison.opening import propose_tolerances
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     found = propose_tolerances(logs, extract=extract)
     if out is not None:
         found.write(out)
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found.to_json(), indent=1))
+        print_json(found.to_json())
     elif out is None:
         typer.echo(found.toml(), nl=False)
     else:
-        for line in found.lines():
-            typer.echo(escape_control_chars(line))
+        print_lines(found.lines())
     found.check()

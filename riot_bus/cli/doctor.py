@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.printing import print_json, print_result, warn
 
 __all__ = ["register"]
-
-ENVIRONMENT = 4  # exit code for problems of the environment, listed in docs/chain.md
 
 
 def register(app: typer.Typer) -> None:
@@ -60,11 +58,12 @@ def doctor(
     from dataclasses import asdict
 
     from riot_bus.doctor.checks import check
+    from riot_bus.vocabulary.errors import EnvironmentFaultError
     from riot_bus.zenoh.scouting import THIS_HOST
 
     text = form is OutputFormat.TEXT
     if acl is not None:
-        _access(acl, identity or [], robot, as_json=not text)
+        _access(acl, identity or [], robot, form)
         return
     checks = check(endpoints=listen or (), scouting=THIS_HOST if scouting else None)
     for each in checks if text else ():
@@ -78,49 +77,47 @@ def doctor(
             if text:
                 typer.echo(str(verdict))
     if not text:
-        document = {"checks": [asdict(each) for each in checks], "transparency": [asdict(each) for each in compared]}
-        typer.echo(json.dumps(document, indent=1))
+        print_json({"checks": [asdict(each) for each in checks], "transparency": [asdict(each) for each in compared]})
     if any(each.status == "problem" for each in checks) or any(each.differences for each in compared):
-        raise typer.Exit(ENVIRONMENT)
+        raise typer.Exit(EnvironmentFaultError.exit_code)
 
 
-def _access(endpoint: str, identities: list[str], robot: str | None, *, as_json: bool) -> None:
+def _access(endpoint: str, identities: list[str], robot: str | None, form: OutputFormat) -> None:
     from dataclasses import asdict
 
     from riot_bus.agent.access_probe import probe_access
     from riot_bus.control.component import client_cfg
     from riot_bus.control.router_options import parse_cfg
+    from riot_bus.vocabulary.errors import EnvironmentFaultError
 
     settings: dict[str, list[str]] = {}
     for each in identities:
         name, key, value = parse_cfg(each, "--identity")
         settings.setdefault(name, []).append(f"{key}={value}")
     configs = {name: client_cfg(texts) for name, texts in settings.items()}
-    found = probe_access(endpoint, configs, robot=robot, say=lambda line: typer.echo(line, err=True))
+    found = probe_access(endpoint, configs, robot=robot, say=warn)
     excess = [each for each in found if each.needed is False]
-    if as_json:
-        typer.echo(json.dumps([asdict(each) for each in found], indent=1))
-    else:
-        for seen in found:
-            mark = {True: "ok      ", False: "problem ", None: "        "}[seen.needed]
-            typer.echo(f"{mark} {seen.identity}: {seen.action} {seen.key} (seen with {', '.join(seen.seen_by)})")
-        typer.echo(
-            f"{len(found)} things were seen; {len(excess)} of them no role needs. What is not listed was not seen."
-        )
+    marks = {True: "ok", False: "problem", None: ""}
+    lines = [
+        f"{marks[each.needed]:8} {each.identity}: {each.action} {each.key} (seen with {', '.join(each.seen_by)})"
+        for each in found
+    ]
+    lines.append(
+        f"{len(found)} things were seen; {len(excess)} of them no role needs. What is not listed was not seen."
+    )
+    print_result(form, [asdict(each) for each in found], lines)
     if excess:
-        raise typer.Exit(ENVIRONMENT)
+        raise typer.Exit(EnvironmentFaultError.exit_code)
 
 
 def interceptors(*, form: Format = OutputFormat.TEXT) -> None:
     """List the interceptors that `riot router --interceptor` knows by name, and their options."""
     from riot_bus.interceptors.catalogue import interceptor_list
 
-    found = interceptor_list()
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found, indent=1))
-        return
+    found, lines = interceptor_list(), list[str]()
     for each in found:
-        typer.echo(f"{each['name']}: {each['summary']}")
+        lines.append(f"{each['name']}: {each['summary']}")
         for option in each["options"]:
             default = "" if option["default"] is None else f" (default {option['default']})"
-            typer.echo(f"    {option['name']}: {option['doc'] or option['type']}{default}")
+            lines.append(f"    {option['name']}: {option['doc'] or option['type']}{default}")
+    print_result(form, found, lines)

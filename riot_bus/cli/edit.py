@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from riot_bus.cli.options import Format, OutputFormat, Salvage
+from riot_bus.cli.options import Definitions, Format, OutputFormat, Salvage, Types
+from riot_bus.cli.printing import new_table, print_json, print_table, warn
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -96,10 +97,8 @@ def edit(
         str | None, typer.Option(metavar="TIME", help="Begin another file after this much of the log's time.")
     ] = None,
     split_topics: Annotated[bool, typer.Option("--split-topics", help="Write a file for each topic.")] = False,
-    type_: Annotated[
-        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
-    ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
+    type_: Types = None,
+    msg: Definitions = None,
     seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
     force: Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it exists.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Write nothing; say what would be kept.")] = False,
@@ -159,13 +158,11 @@ def edit(
 
 def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
     """Print the result; raises DataLossError if something is missing."""
-    import json
-
     from riot_bus.log.text import size_text
     from riot_bus.vocabulary.errors import DataLossError
 
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps(result.document(), indent=1))
+        print_json(result.document())
     else:
         _table(result)
         for file in result.files:
@@ -173,7 +170,7 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
         if dry:
             typer.echo("nothing is written")
     for warning in result.warnings:
-        typer.echo(escape_control_chars(f"warning: {warning}"), err=True)
+        warn(escape_control_chars(f"warning: {warning}"))
     problems = [f"{path}: {loss}" for path, loss in result.losses.items()]
     if result.unwritable:
         parts = ", ".join(f"{topic} {count}" for topic, count in list(result.unwritable.items())[:5])
@@ -183,24 +180,18 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
 
 
 def _table(result: EditResult) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table("topic", box=None, header_style="bold", pad_edge=False)
     total = result.total()
     columns = ["kept", "changed", "dropped", *(["added"] if total.added else [])]
     columns += ["originals"] if total.originals else []
-    for name in columns:
-        table.add_column(name, justify="right")
+    table = new_table("topic", numbers=columns)
     renamed = any(each.written_as not in ("", each.topic) for each in result.topics)
     if renamed:
-        table.add_column("written as")
+        table.add_column("written as", overflow="fold")
+    rows = []
     for each in result.topics:
-        row = [each.topic, *(str(getattr(each, name)) for name in columns)]
-        row += [each.written_as if each.written_as != each.topic else ""] if renamed else []
-        table.add_row(*(escape(escape_control_chars(cell)) for cell in row))
-    Console(soft_wrap=True, emoji=False).print(table)
+        written_as = [each.written_as if each.written_as != each.topic else ""] if renamed else []
+        rows.append([each.topic, *(str(getattr(each, name)) for name in columns), *written_as])
+    print_table(table, rows)
 
 
 class _Signals:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from riot_bus.cli.options import Finding, Format, OutputFormat
+from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
+from riot_bus.cli.printing import print_json, print_lines
 
 __all__ = ["register"]
-
-DEFAULT_OUT = Path("riot-out")
 
 
 class _Action(StrEnum):
@@ -41,14 +39,12 @@ def guard(
 
     from riot_bus.chain.guard import plan_guard
     from riot_bus.chain.workspace import Workspace, open_finding
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     folder, record = open_finding(finding)
     with Workspace(Path(record.system_file), folder.parent.parent, seed=record.seed) as workspace:
         plan = plan_guard(workspace, folder, action=action.value)
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps(asdict(plan), indent=1))
+        print_json(asdict(plan))
         return
-    for line in plan.lines():
-        typer.echo(f"# {escape_control_chars(line)}")
+    print_lines(f"# {line}" for line in plan.lines())
     typer.echo(plan.toml)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
-from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.options import DEFAULT_SYSTEM, Format, OutputFormat
+from riot_bus.cli.printing import print_result, warn
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["register"]
-
-DEFAULT_FILE = Path("riot.toml")
 
 
 def register(app: typer.Typer) -> None:
@@ -73,7 +70,7 @@ def init(
             help="Component or node that plays the outside world, else all that only publish; repeatable.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_FILE,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_SYSTEM,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
@@ -111,7 +108,7 @@ def init(
             found = init_plain_log(out, log, **what)
         else:
             found = init_plain(out, endpoint, record=record, start=start, router=router, **live)
-    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(lines(found)))
+    print_result(form, found, lines(found))
 
 
 def _init_links(
@@ -119,12 +116,8 @@ def _init_links(
 ) -> None:
     from riot_bus.sut.init import init_links
 
-    warn = partial(typer.echo, err=True)
     found = init_links(out, adapter, links, seconds=seconds, unit=unit, force=force, warn=warn)
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"file": str(out), **found.facts}, indent=1))
-    else:
-        typer.echo("\n".join([*found.lines, _written(str(out))]))
+    print_result(form, {"file": str(out), **found.facts}, [*found.lines, _written(str(out))])
 
 
 def _written(file: str) -> str:

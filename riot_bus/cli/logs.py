@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from riot_bus.cli.archives import messages_to_file
-from riot_bus.cli.options import Format, OutputFormat, Salvage
-from riot_bus.cli.tables import json_safe, table_console
+from riot_bus.cli.options import DEFAULT_OUT, Definitions, Format, OutputFormat, Salvage, Types
+from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table, warn
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -20,18 +20,12 @@ if TYPE_CHECKING:
     from riot_bus.log.loss import Loss
     from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.ranges import TopicFields
+    from riot_bus.types.fields import FieldType
+    from riot_bus.types.listing import TypeListing
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["register"]
 
-_Types = Annotated[
-    list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
-]
-_Definitions = Annotated[
-    list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
-]
-
-DEFAULT_OUT = Path("riot-out")
 _MOST_NAMES = 6
 """Names of values that fit in a line; `--format json` has all."""
 
@@ -61,8 +55,8 @@ def info(
     topics: Annotated[
         list[str] | None, typer.Option(metavar="TOPIC", help="List the fields of these topics alone; repeatable.")
     ] = None,
-    type_: _Types = None,
-    msg: _Definitions = None,
+    type_: Types = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Say what a log holds: topics, types, counts, duration, and what is missing of a damaged one.
@@ -96,12 +90,11 @@ def types(
     what: Annotated[str | None, typer.Argument(metavar="[LOG|TYPE]", help="A log, or a type such as Odometry.")] = None,
     *,
     topics: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="These topics alone; repeatable.")] = None,
-    type_: _Types = None,
-    msg: _Definitions = None,
+    type_: Types = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """List the known types, or the fields of a type, or the types and fields of the topics of a log."""
-    import json
     from dataclasses import asdict
 
     from riot_bus.types.listing import describe_named
@@ -110,16 +103,12 @@ def types(
     registry = TypeRegistry(load_adapters(), definitions=msg or ())
     if what is None:
         names = registry.type_names()
-        typer.echo(json.dumps(names, indent=1) if form is OutputFormat.JSON else "\n".join(names))
+        print_result(form, names, names)
     elif _is_file(what):
         _log_types(_file_of(Path(what)), topics, type_, msg, form)
     else:
         listing = describe_named(what, registry)
-        if form is OutputFormat.JSON:
-            typer.echo(json.dumps(asdict(listing), indent=1))
-        else:
-            typer.echo(escape_control_chars(f"{listing.name} ({listing.encoding})"))
-            _print_fields(listing)
+        print_result(form, asdict(listing), [f"{listing.name} ({listing.encoding})", *_field_lines(listing)])
 
 
 def export(
@@ -145,16 +134,14 @@ def export(
         bool, typer.Option("--raw", help="CSV: write texts as they are, even if a spreadsheet takes them for formulas.")
     ] = False,
     salvage: Salvage = False,
-    type_: _Types = None,
-    msg: _Definitions = None,
+    type_: Types = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Write fields of a log as a table, one row per message; or its messages as a MAVLink .tlog file.
 
     Exit code 3: the log is damaged, and what could be read was written.
     """
-    import json
-
     from riot_bus.log.channels import span_of
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
@@ -174,13 +161,11 @@ def export(
     done = export_table(
         log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage, raw=raw
     )
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"file": str(out), "rows": done.rows, "values": done.values}))
-    else:
-        typer.echo(f"{out}: {done.rows} rows")
+    document = {"file": str(out), "rows": done.rows, "values": done.values}
+    print_result(form, document, [f"{out}: {done.rows} rows"])
     for name, count in done.values.items():
         if not count:
-            typer.echo(f"riot: no message has a value of {escape_control_chars(name)}", err=True)
+            warn(f"riot: no message has a value of {escape_control_chars(name)}")
     _end(done.loss, None, log)
 
 
@@ -190,13 +175,11 @@ def show(
     ] = DEFAULT_OUT,
     *,
     most: Annotated[int, typer.Option("--most", min=1, help="Maximum number of messages to show.")] = 20,
-    type_: _Types = None,
-    msg: _Definitions = None,
+    type_: Types = None,
+    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Show the messages of a short log, or the few that a finding needs, and mark what was changed."""
-    import json
-
     from riot_bus.chain.workspace import open_finding
     from riot_bus.findings.records import FieldsRecord, MinimalRecord
     from riot_bus.log.reader import LogReader
@@ -215,11 +198,8 @@ def show(
     with LogReader(log) as reader:
         shown = show_log(reader, registry=_registry(reader, type_, msg), most=most)
         loss = reader.loss
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"log": str(log), **shown.to_json(), "notes": notes}, indent=1))
-    else:
-        for line in (str(log), *shown.lines(), *notes):
-            typer.echo(escape_control_chars(line))
+    document = {"log": str(log), **shown.to_json(), "notes": notes}
+    print_result(form, document, [str(log), *shown.lines(), *notes])
     _end(loss, None, log)
 
 
@@ -281,7 +261,6 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:
-    import json
     from dataclasses import asdict
 
     document: dict[str, Any] = asdict(found)
@@ -289,75 +268,54 @@ def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:
     document["lossless"] = not found.loss
     if ranges is not None:
         document["fields"] = [asdict(each) for each in ranges]
-    typer.echo(json.dumps(json_safe(document), indent=1, default=str))
+    print_json(document)
 
 
 def _print_info(found: LogInfo) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
     from riot_bus.log.text import size_text
 
-    missing = any(topic.missing for topic in found.topics)
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("topic", overflow="fold")
-    table.add_column("type", overflow="fold")
-    for name in ("messages", "Hz", *(["missing"] if missing else [])):
-        table.add_column(name, justify="right")
-    for topic in found.topics:
-        cells = [escape(escape_control_chars(topic.topic)), escape(escape_control_chars(topic.type or topic.encoding))]
-        cells += [str(topic.count), f"{topic.rate:.1f}"]
-        table.add_row(*cells, *([str(topic.missing or 0)] if missing else []))
-    table_console().print(table)
+    columns = ["messages", "Hz", *(["missing"] if any(each.missing for each in found.topics) else [])]
+    rows = []
+    for each in found.topics:
+        counts = [str(each.count), f"{each.rate:.1f}", str(each.missing or 0)]
+        rows.append([each.topic, each.type or each.encoding, *counts[: len(columns)]])
+    print_table(new_table("topic", "type", numbers=columns), rows)
     begun = f", from {_date(found.start)}" if found.start is not None else ""
-    profile = f", profile {escape_control_chars(found.profile)}" if found.profile else ""
-    typer.echo(f"{found.seconds:.3f} s, {found.count} messages{begun}")
-    library = escape_control_chars(found.library) or "unknown"
-    typer.echo(f"{size_text(found.size)} in {found.chunks} chunks{profile}, by {library}")
-    for name, value in found.metadata.items():
-        if name == "options" and "command" in found.metadata:
-            continue  # the command line says it shorter; --format json has both
-        typer.echo(f"  {escape_control_chars(name)}: {escape_control_chars(value)}")
+    profile = f", profile {found.profile}" if found.profile else ""
+    lines = [
+        f"{found.seconds:.3f} s, {found.count} messages{begun}",
+        f"{size_text(found.size)} in {found.chunks} chunks{profile}, by {found.library or 'unknown'}",
+    ]
+    shorter = "command" in found.metadata  # the command line says the options shorter; --format json has both
+    lines += [f"  {name}: {value}" for name, value in found.metadata.items() if not (shorter and name == "options")]
     for reason, topics in found.account.lost.items() if found.account is not None else ():
-        for name, count in topics.items():
-            typer.echo(f"lost when recorded ({escape_control_chars(reason)}): {count} of {escape_control_chars(name)}")
-    if not found.scanned:
-        typer.echo("from the summary alone; --scan reads all of the file and checks it")
+        lines += [f"lost when recorded ({reason}): {count} of {name}" for name, count in topics.items()]
+    lines += [] if found.scanned else ["from the summary alone; --scan reads all of the file and checks it"]
+    print_lines(lines)
 
 
 def _print_ranges(ranges: list[TopicFields]) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
     for topic in ranges:
         unreadable = f", {topic.unreadable} do not decode" if topic.unreadable else ""
         name = f"{topic.topic} ({topic.type or 'unknown type'}): {topic.count} messages{unreadable}"
         typer.echo(f"\n{escape_control_chars(name)}")
         if not topic.fields:
             continue
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        table.add_column("field", overflow="fold")
-        table.add_column("type")
-        for column in ("values", "NaN", "least", "greatest"):
-            table.add_column(column, justify="right")
-        partial = False
+        rows = []
         for each in topic.fields:
             low, high = (_number(each.low), _number(each.high)) if not each.examples else (_texts(each.examples), "")
-            partial |= each.partial
-            mark = "+" if each.partial else ""
-            cells = (each.path, each.type, f"{each.count}{mark}", str(each.nan or ""), low, high)
-            table.add_row(*(escape(escape_control_chars(cell)) for cell in cells))
-        table_console().print(table)
+            count = f"{each.count}{'+' if each.partial else ''}"
+            rows.append((each.path, each.type, count, str(each.nan or ""), low, high))
+        print_table(new_table("field", "type", numbers=("values", "NaN", "least", "greatest")), rows)
         if topic.omitted:
             typer.echo(f"and {topic.omitted} further fields, not looked at")
-        if partial:
+        if any(each.partial for each in topic.fields):
             typer.echo("+: of the first elements alone")
 
 
 def _log_types(
     log: Path, topics: list[str] | None, declared: list[str] | None, definitions: list[Path] | None, form: OutputFormat
 ) -> None:
-    import json
     from dataclasses import asdict
 
     from riot_bus.log.reader import LogReader
@@ -366,25 +324,22 @@ def _log_types(
     with LogReader(log) as reader:
         found = topic_types(reader, _registry(reader, declared, definitions), topics)
         loss = reader.loss
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps([{"topic": topic, **asdict(listing)} for topic, listing in found], indent=1))
-    else:
-        for topic, listing in found:
-            kind = f"{listing.name or 'unknown type'} ({listing.encoding})"
-            typer.echo(escape_control_chars(f"{topic}: {kind}"))
-            _print_fields(listing)
+    lines = list[str]()
+    for topic, listing in found:
+        lines += [f"{topic}: {listing.name or 'unknown type'} ({listing.encoding})", *_field_lines(listing)]
+    print_result(form, [{"topic": topic, **asdict(listing)} for topic, listing in found], lines)
     _end(loss, None, log)
 
 
-def _print_fields(listing: Any) -> None:
+def _field_lines(listing: TypeListing) -> Iterator[str]:
     width = max((len(each.path) for each in listing.fields), default=0)
     for each in listing.fields:
         length = f"[{each.length}]" if each.length else ""
         told = f"  {each.unit}" if each.unit else ""
         told += f"  {_names(each.names)}" if each.names else ""
-        typer.echo(escape_control_chars(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{told}"))
+        yield f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{told}"
     if listing.problem:
-        typer.echo(f"  {escape_control_chars(listing.problem)}")
+        yield f"  {listing.problem}"
 
 
 def _names(names: Sequence[tuple[int, str]]) -> str:
@@ -392,7 +347,7 @@ def _names(names: Sequence[tuple[int, str]]) -> str:
     return f"{shown}, {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else shown
 
 
-def _bounds(field: Any) -> str:
+def _bounds(field: FieldType) -> str:
     low, high = ("" if each is None else f"{each:g}" for each in (field.low, field.high))
     return f"  {low}..{high}" if low or high else ""
 

@@ -9,10 +9,14 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "DEFAULT_OUT",
+    "DEFAULT_SYSTEM",
     "CatalogueFile",
+    "Definitions",
     "EventFormat",
     "Executor",
     "Finding",
+    "FindingsSystem",
     "Format",
     "Jobs",
     "Out",
@@ -24,19 +28,23 @@ __all__ = [
     "System",
     "Tolerance",
     "ToleranceFile",
+    "Types",
     "UnitName",
 ]
 
+DEFAULT_SYSTEM = Path("riot.toml")
+DEFAULT_OUT = Path("riot-out")
+
 
 class OutputFormat(StrEnum):
-    """How results are written to stdout."""
+    """Forms of results on stdout."""
 
     TEXT = "text"
     JSON = "json"
 
 
 class StreamFormat(StrEnum):
-    """How results are written to stdout by commands that can also write events as they happen."""
+    """Forms of results on stdout, for commands that can also write events as they happen."""
 
     TEXT = "text"
     JSON = "json"
@@ -44,6 +52,10 @@ class StreamFormat(StrEnum):
 
 
 System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
+FindingsSystem = Annotated[
+    Path | None,
+    typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
+]
 Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folder for everything that is written.")]
 Jobs = Annotated[
     int,
@@ -75,6 +87,12 @@ Reports = Annotated[
         metavar="NAME[=FILE]",
         help="Keep a report up to date: junit, sarif, allure, markdown, github, or one of another package; repeatable.",
     ),
+]
+Types = Annotated[
+    list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
+]
+Definitions = Annotated[
+    list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
 ]
 Salvage = Annotated[
     bool, typer.Option("--salvage", help="Also read messages of damaged chunks, as far as an index confirms them.")

@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.cli.options import Finding, Format, OutputFormat
+from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
+from riot_bus.cli.printing import print_json, print_lines, print_result, warn
 
 __all__ = ["register"]
-
-DEFAULT_OUT = Path("riot-out")
 
 
 def register(app: typer.Typer) -> None:
@@ -92,8 +91,7 @@ def findings(
         raise ConfigError("there are neither findings nor an ended campaign here", where=str(finding), hint=hint)
     view = load_campaign(finding)
     if form is OutputFormat.JSON:
-        records = [{"folder": str(one.directory), **one.finding.model_dump(mode="json")} for one in view.findings]
-        typer.echo(json.dumps(records, indent=1))
+        print_json([{"folder": str(one.directory), **one.finding.model_dump(mode="json")} for one in view.findings])
     else:
         for one in view.findings:
             typer.echo(TextReport().render(one))
@@ -105,10 +103,9 @@ def findings(
                 for one in campaign.unconfirmed
             ]
             told += [*(f"not told: {each}" for each in campaign.untold), *campaign.effects.lines()]
-        for line in told:
-            typer.echo(escape_control_chars(line))
+        print_lines(told)
     for name, why in view.broken.items():
-        typer.echo(escape_control_chars(f"{name} cannot be used: {why}"), err=True)
+        warn(escape_control_chars(f"{name} cannot be used: {why}"))
 
 
 def trials(
@@ -144,14 +141,9 @@ def compare(
 ) -> None:
     """Compare two campaigns: failures that are new, still occur, or were not seen. Exit 1 if there are new ones."""
     from riot_bus.findings.comparison import compare as compared
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     found = compared(old, new)
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found.to_json(), indent=1))
-    else:
-        for line in found.lines():
-            typer.echo(escape_control_chars(line))
+    print_result(form, found.to_json(), found.lines())
     if any(each.change == "new" for each in found.findings):
         raise typer.Exit(1)
 
@@ -166,14 +158,9 @@ def predict(
     from riot_bus.chain.scan import predict_log
     from riot_bus.chain.workspace import open_finding
     from riot_bus.vocabulary.errors import InconclusiveError
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     found = predict_log(log, open_finding(finding)[0])
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found.to_json(), indent=1))
-    else:
-        for line in found.lines():
-            typer.echo(escape_control_chars(line))
+    print_result(form, found.to_json(), found.lines())
     if found.would_fail is None:
         raise typer.Exit(InconclusiveError.exit_code)
     if found.would_fail:

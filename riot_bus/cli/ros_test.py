@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from riot_bus.cli.declared import declared
+from riot_bus.cli.printing import warn
 from riot_bus.control.router_flags import RouterOptions
 
 __all__ = ["register"]
@@ -73,6 +74,6 @@ def ros_test(
         account=account,
         words=words[:-1] if words[-1:] == ["--"] else words,
     )
-    status = run_tests(command, asked, warn=lambda line: typer.echo(line, err=True))
+    status = run_tests(command, asked, warn=warn)
     end_as(status)
     raise typer.Exit(status)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from riot_bus.cli.ctl import Cfg, Endpoint
-from riot_bus.cli.options import CatalogueFile, Format, OutputFormat
+from riot_bus.cli.options import DEFAULT_OUT, CatalogueFile, Format, OutputFormat
+from riot_bus.cli.printing import print_lines, print_result, warn
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def scan(
         typer.Option(
             "--rule", "-r", help="Folder of a finding or its region, an output folder with one, or a rule.json."
         ),
-    ] = Path("riot-out"),
+    ] = DEFAULT_OUT,
     over: Annotated[
         str, typer.Option(metavar="QUERY", help="Which logs of the catalogue, as for riot fleet list; '' for all.")
     ] = "",
@@ -73,7 +73,6 @@ def scan(
     from riot_bus.events import StepProgress, StepStarted
     from riot_bus.findings.records import RuleRecord
     from riot_bus.vocabulary.errors import InconclusiveError
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     source = rule if rule.is_file() or RuleRecord.exists(rule) else open_finding(rule)[0]
     if watch:
@@ -96,11 +95,7 @@ def scan(
         from riot_bus.report.fleet_page import write_fleet_page
 
         write_fleet_page(found, page)
-    if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found.to_json(), indent=1))
-    else:
-        for line in found.lines():
-            typer.echo(escape_control_chars(line))
+    print_result(form, found.to_json(), found.lines())
     if len(found.unjudged) == len(found.logs):
         raise InconclusiveError("no log could be judged", where=str(rule), hint="each says why above")
     if found.failing:
@@ -116,23 +111,19 @@ def _keep(found: FleetScan, catalogue: Path | None) -> None:
         with Catalogue(catalogue or default_catalogue(), create=False) as known:
             known.put_scan(found)
     except EnvironmentFaultError as error:
-        typer.echo(f"warning: this scan is not in the catalogue: {error}", err=True)
+        warn(f"warning: this scan is not in the catalogue: {error}")
 
 
 def _watch(source: Path, endpoint: str, cfg: list[str], within: float, unfit: Sequence[str]) -> None:
     from riot_bus.chain.watch import watch_rule
     from riot_bus.control.component import client_cfg
     from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
-    from riot_bus.vocabulary.redaction import escape_control_chars
 
     if unfit:
         raise ConfigError(f"{', '.join(unfit)} cannot be used with --watch", where="--watch", hint="they are for logs")
 
-    def say(line: str) -> None:
-        typer.echo(escape_control_chars(line))
-
-    found = watch_rule(source, endpoint, within=within, say=say, config=client_cfg(cfg))
-    say(found.summary())
+    found = watch_rule(source, endpoint, within=within, say=lambda line: print_lines([line]), config=client_cfg(cfg))
+    print_lines([found.summary()])
     if not found.judged:
         raise InconclusiveError("nothing could be judged", where=endpoint, hint="are the types of its topics known?")
     if found.met:

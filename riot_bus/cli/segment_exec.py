@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.cli.printing import warn
 from riot_bus.cli.router import ComponentCfg, Host
 
 __all__ = ["register"]
@@ -51,6 +52,6 @@ def execute(
         system=system,
         host=host,
         cfg=cfg or (),
-        hint=lambda text: typer.echo(f"hint: {text}", err=True),
+        hint=lambda text: warn(f"hint: {text}"),
     )
     become(command, environ)

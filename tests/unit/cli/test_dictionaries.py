@@ -62,7 +62,7 @@ def test_validate(tmp_path: Path) -> None:
     system = press(tmp_path)
     own = tmp_path / "own.toml"
     out, _ = riot("validate", own)
-    assert out.strip() == f"{own}: 0 values, 1 bindings, 0 mutations; not held against a log (--log, --system)"
+    assert out.strip() == f"{own}: 0 values, 1 bindings, 0 mutations; not compared with a log (--log, --system)"
     out, _ = riot("validate", own, "--system", system)
     assert "all can apply to inputs of drive in" in out
     press(tmp_path, path="sped")

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 
-from riot_bus.cli.tables import json_safe, table_console
+from riot_bus.cli.printing import json_safe, table_console
 
 
 def test_json_has_no_infinite_numbers() -> None:

@@ -1,0 +1,89 @@
+"""Prints results to stdout: lines of text, tables, JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from riot_bus.vocabulary.redaction import escape_control_chars
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from enum import StrEnum
+
+    from rich.console import Console
+    from rich.table import Table
+
+__all__ = ["json_safe", "new_table", "print_json", "print_lines", "print_result", "print_table", "warn"]
+
+_COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
+
+
+def print_result(form: StrEnum, document: Any, lines: Iterable[str]) -> None:
+    """Print a result: with `--format json` as a document, otherwise as lines.
+
+    Args:
+        form: Value of `--format`.
+        document: The result as JSON values.
+        lines: The result as text; a generator is not run for JSON.
+    """
+    if form == "json":
+        print_json(document)
+    else:
+        print_lines(lines)
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines that may contain names from the network, without control characters."""
+    for line in lines:
+        typer.echo(escape_control_chars(line))
+
+
+def print_json(document: Any, *, indent: int | None = 1) -> None:
+    """Print a document; in one line if `indent` is None."""
+    typer.echo(json.dumps(json_safe(document), indent=indent))
+
+
+def warn(line: str) -> None:
+    """Print a line of diagnostics to stderr."""
+    typer.echo(line, err=True)
+
+
+def json_safe(value: Any) -> Any:
+    """Return a document without what JSON lacks: infinite numbers become text."""
+    if isinstance(value, dict):
+        return {key: json_safe(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_safe(each) for each in value]
+    return str(value) if isinstance(value, float) and value - value != 0 else value
+
+
+def new_table(*texts: str, numbers: Sequence[str] = ()) -> Table:
+    """Return an empty table with columns of text, which are folded, and then of numbers, which are aligned right."""
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in texts:
+        table.add_column(name, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right")
+    return table
+
+
+def print_table(table: Table, rows: Iterable[Sequence[str]]) -> None:
+    """Add rows to a table, without control characters and markup, and print it."""
+    from rich.markup import escape
+
+    for row in rows:
+        table.add_row(*(escape(escape_control_chars(cell)) for cell in row))
+    table_console().print(table)
+
+
+def table_console() -> Console:
+    """Return a console that prints tables to stdout."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else _COLUMNS, highlight=False, emoji=False)
