@@ -11,18 +11,13 @@ import typer
 from riot_bus.cli.options import FindingsSystem, Seed
 from riot_bus.cli.printing import print_json, print_lines
 
-__all__ = ["register"]
+__all__ = ["backchain"]
 
 
 class _Form(StrEnum):
     TEXT = "text"
     JSON = "json"
     DOT = "dot"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(backchain)
 
 
 def backchain(
@@ -51,19 +46,15 @@ def backchain(
 
     Nothing is run. Exit code 5: these logs tell nothing about the field.
     """
-    from rich.console import Console
-
     from riot_bus.chain.backchain import backchain as find_way
-    from riot_bus.cli.narrate import ConsoleNarrator
-    from riot_bus.events import StepProgress, StepStarted
+    from riot_bus.cli.narrate import step_progress
     from riot_bus.report.backtrack import dot, lines
     from riot_bus.report.backtrack_picture import check_picture, draw_picture
     from riot_bus.vocabulary.errors import InconclusiveError
 
     if picture is not None:
         check_picture(picture)
-    with ConsoleNarrator(Console(stderr=True)) as narrator:
-        narrator(StepStarted("backchain"))
+    with step_progress("backchain") as progress:
         record = find_way(
             logs,
             to,
@@ -71,7 +62,7 @@ def backchain(
             externals=external or (),
             horizon=delay,
             seed=seed,
-            progress=lambda done, total, note: narrator(StepProgress("backchain", done, total, note)),
+            progress=progress,
         )
     if picture is not None:
         draw_picture(record, picture)

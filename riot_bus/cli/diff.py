@@ -14,12 +14,7 @@ if TYPE_CHECKING:
     from riot_bus.log.comparison.opening import Extract
     from riot_bus.log.comparison.result import LogDifference
 
-__all__ = ["end_with", "print_difference", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(diff)
+__all__ = ["diff", "end_with", "print_difference"]
 
 
 def diff(

@@ -9,13 +9,7 @@ import typer
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_result, warn
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    for command in (doctor, interceptors):
-        app.command()(command)
+__all__ = ["doctor", "interceptors"]
 
 
 def doctor(

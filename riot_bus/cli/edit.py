@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,16 +13,11 @@ from riot_bus.cli.printing import new_table, print_json, print_table, warn
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from riot_bus.log.editing.result import EditResult
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(edit)
+__all__ = ["edit"]
 
 
 def edit(
@@ -110,6 +106,7 @@ def edit(
     --drop, --set, --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3:
     the input is damaged; what can be read is written all the same.
     """
+    from riot_bus.cli.narrate import bar
     from riot_bus.config.arguments import parse_seconds, parse_size, parse_types
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.interceptors.parsing import build_all
@@ -147,11 +144,11 @@ def edit(
         force=force,
         dry_run=dry_run,
     )
-    with _Signals(), _Progress() as progress:
+    with _ended_by_sigterm(), bar("editing") as progress:
         result = edit_logs(
             options,
             interceptors=[*interceptors, *([plan.injector] if plan is not None else [])],
-            progress=progress.show if progress.wanted else None,
+            progress=progress,
         )
     _tell(result, form, dry=dry_run)
 
@@ -194,47 +191,16 @@ def _table(result: EditResult) -> None:
     print_table(table, rows)
 
 
-class _Signals:
-    """While it lasts, SIGTERM ends the work as Ctrl-C does, so that nothing is left behind."""
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end the work as Ctrl-C does, so that no unfinished file is left behind."""
+    import signal
 
-    def __enter__(self) -> None:
-        import signal
-        import threading
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
 
-        self._former = None
-        if threading.current_thread() is threading.main_thread():
-            self._former = signal.signal(signal.SIGTERM, _interrupt)
-
-    def __exit__(self, *error: object) -> None:
-        import signal
-
-        if self._former is not None:
-            signal.signal(signal.SIGTERM, self._former)
-
-
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
-
-
-class _Progress:
-    """A line on stderr, if that is a terminal."""
-
-    def __init__(self) -> None:
-        import sys
-
-        self.wanted = sys.stderr.isatty()
-        self._last = -1
-        self.show: Callable[[int, int], None] = self._show
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._last >= 0:
-            typer.echo("\r" + " " * 12 + "\r", err=True, nl=False)
-
-    def _show(self, done: int, total: int) -> None:
-        percent = 100 * done // total if total else 100
-        if percent != self._last:
-            self._last = percent
-            typer.echo(f"\r{percent:3d} %", err=True, nl=False)
+    former = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, former)

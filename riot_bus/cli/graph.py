@@ -10,7 +10,7 @@ import typer
 from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
-__all__ = ["register"]
+__all__ = ["graph"]
 
 
 class GraphFormat(StrEnum):
@@ -20,11 +20,6 @@ class GraphFormat(StrEnum):
     JSON = "json"
     MERMAID = "mermaid"
     DOT = "dot"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(graph)
 
 
 def graph(

@@ -11,7 +11,7 @@ import typer
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_lines
 
-__all__ = ["register"]
+__all__ = ["guard"]
 
 
 class _Action(StrEnum):
@@ -19,11 +19,6 @@ class _Action(StrEnum):
     CLAMP = "clamp"
     HOLD = "hold"
     REPORT = "report"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(guard)
 
 
 def guard(

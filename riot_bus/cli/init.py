@@ -12,12 +12,7 @@ from riot_bus.cli.options import DEFAULT_SYSTEM, Format, OutputFormat
 from riot_bus.cli.printing import print_result, warn
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(init)
+__all__ = ["init"]
 
 
 def init(

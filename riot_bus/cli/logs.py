@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +13,7 @@ from riot_bus.cli.printing import new_table, print_json, print_lines, print_resu
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from riot_bus.log.info import LogInfo
     from riot_bus.log.loss import Loss
@@ -24,18 +23,10 @@ if TYPE_CHECKING:
     from riot_bus.types.listing import TypeListing
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["register"]
+__all__ = ["export", "info", "show", "types"]
 
 _MOST_NAMES = 6
 """Names of values that fit in a line; `--format json` has all."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(info)
-    app.command()(types)
-    app.command()(export)
-    app.command()(show)
 
 
 def info(
@@ -63,15 +54,16 @@ def info(
 
     Exit code 3: something cannot be read, or the recorder noted that it lost messages.
     """
+    from riot_bus.cli.narrate import bar
     from riot_bus.log.info import log_info
     from riot_bus.log.reader import LogReader
 
     log = _file_of(log)
-    with _progress("reading") as progress:
+    with bar("reading") as progress:
         found = log_info(log, scan=scan, progress=progress)
     loss, ranges = found.loss, None
     if fields:
-        with LogReader(log) as reader, _progress("fields") as progress:
+        with LogReader(log) as reader, bar("fields") as progress:
             from riot_bus.log.tables.ranges import field_ranges
 
             registry = _registry(reader, type_, msg)
@@ -242,22 +234,6 @@ def _is_file(text: str) -> bool:
         return Path(text).exists() or text.endswith(".mcap")
     except (OSError, ValueError):
         return False
-
-
-@contextmanager
-def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a bar on stderr if that is a terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title)
-        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
 
 
 def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:

@@ -17,7 +17,7 @@ from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 if TYPE_CHECKING:
     import typer
 
-__all__ = ["COMMANDS", "make_app", "run"]
+__all__ = ["COMMANDS", "add_commands", "make_app", "run"]
 
 INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 _END_S, _STDERR = 30.0, 2  # generous, not measured: what still runs then is taken to hang; a file descriptor
@@ -69,8 +69,18 @@ def make_app(command: str | None = None) -> typer.Typer:
     app.callback()(options)
     modules = [name for name, commands in COMMANDS.items() if command in commands] or list(COMMANDS)
     for name in modules:
-        import_module(f"riot_bus.cli.{name}").register(app)
+        add_commands(app, name)
     return app
+
+
+def add_commands(app: typer.Typer, name: str) -> None:
+    """Add the commands of a module of this package: by its function `register`, or the functions of their names."""
+    module = import_module(f"riot_bus.cli.{name}")
+    if hasattr(module, "register"):
+        module.register(app)
+    else:
+        for command in COMMANDS[name]:
+            app.command(command)(getattr(module, command))
 
 
 def _redact_log() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Self
 
@@ -14,7 +16,7 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from rich.console import Console
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.events import RunEvent
 
-__all__ = ["ConsoleNarrator", "write_line"]
+__all__ = ["ConsoleNarrator", "bar", "step_progress", "write_line"]
 
 _EVERY = 10.0
 """Seconds between lines of progress if there is no terminal."""
@@ -31,6 +33,30 @@ _EVERY = 10.0
 def write_line(event: RunEvent) -> None:
     """Write an event to stdout, as JSON in a line of its own."""
     typer.echo(json.dumps(event.as_json()))
+
+
+@contextmanager
+def bar(title: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Show a progress bar on stderr if that is a terminal; yield a function of the parts done and of all, or None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task(title)
+        yield lambda done, total: shown.update(task, completed=done, total=max(total, 1))
+
+
+@contextmanager
+def step_progress(step: str) -> Iterator[Callable[[int, int | None, str], None]]:
+    """Show the progress of one step on stderr; yield a function of the parts done, of all, and the current work."""
+    from rich.console import Console
+
+    with ConsoleNarrator(Console(stderr=True)) as narrator:
+        narrator(StepStarted(step))
+        yield lambda done, total, note: narrator(StepProgress(step, done, total, note))
 
 
 class ConsoleNarrator:

@@ -11,13 +11,7 @@ import typer
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_lines, print_result, warn
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    for command in (report, findings, trials, compare, predict):
-        app.command()(command)
+__all__ = ["compare", "findings", "predict", "report", "trials"]
 
 
 def report(

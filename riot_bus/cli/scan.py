@@ -19,12 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.fleet.entry import LogEntry
     from riot_bus.fleet.near_misses import FleetScan
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command()(scan)
+__all__ = ["scan"]
 
 
 def scan(
@@ -65,12 +60,9 @@ def scan(
 
     Exit code 1: the rule holds somewhere. 5: nothing could be judged.
     """
-    from rich.console import Console
-
     from riot_bus.chain.scan import scan_logs
     from riot_bus.chain.workspace import open_finding
-    from riot_bus.cli.narrate import ConsoleNarrator
-    from riot_bus.events import StepProgress, StepStarted
+    from riot_bus.cli.narrate import step_progress
     from riot_bus.findings.records import RuleRecord
     from riot_bus.vocabulary.errors import InconclusiveError
 
@@ -80,15 +72,8 @@ def scan(
         _watch(source, endpoint, cfg or [], within, [name for name, value in given.items() if value])
         return
     logs = _logs(places or [], over, catalogue)
-    with ConsoleNarrator(Console(stderr=True)) as narrator:
-        narrator(StepStarted("scan"))
-        found = scan_logs(
-            source,
-            logs,
-            near=near,
-            within=within,
-            progress=lambda done, total, text: narrator(StepProgress("scan", done, total, text)),
-        )
+    with step_progress("scan") as progress:
+        found = scan_logs(source, logs, near=near, within=within, progress=progress)
     if not places:
         _keep(found, catalogue)
     if page is not None:

@@ -6,7 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from riot_bus.cli import archives, logs
+from riot_bus.cli.main import add_commands
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -17,8 +17,8 @@ from riot_bus_mavlink.frame import pack_frame
 from riot_bus_mavlink.tlog import tlog_record
 
 APP = typer.Typer()
-logs.register(APP)
-archives.register(APP)
+add_commands(APP, "logs")
+add_commands(APP, "archives")
 START = 1_700_000_000 * 10**9
 COMMON = load_dialect("common")
 

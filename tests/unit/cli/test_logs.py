@@ -6,7 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from riot_bus.cli import logs
+from riot_bus.cli.main import add_commands
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, RiotError
@@ -14,7 +14,7 @@ from riot_bus.vocabulary.message import Message
 from tests.log_mutants import COUNT, MESSAGES, channel, chunk, foreign, note, ours, whole
 
 APP = typer.Typer()
-logs.register(APP)
+add_commands(APP, "logs")
 
 
 def riot(*words, error=None):

@@ -2,14 +2,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import COMMANDS, make_app
+from riot_bus.cli.main import COMMANDS, add_commands, make_app
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
@@ -18,7 +17,7 @@ from riot_bus.vocabulary.message import Message
 def test_each_module_has_the_commands_by_which_it_is_found(module: str) -> None:
     app = typer.Typer()
     app.callback()(lambda: None)
-    import_module(f"riot_bus.cli.{module}").register(app)
+    add_commands(app, module)
     assert tuple(typer.main.get_group(app).commands) == COMMANDS[module]
 
 
