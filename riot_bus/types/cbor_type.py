@@ -6,12 +6,11 @@ values are not fields. Containers and strings of indefinite length are read; a p
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.types.document import DocumentType, Item
-from riot_bus.types.model import wrap_integer
+from riot_bus.types.model import encoded_text, packed_float, saturated, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
@@ -117,10 +116,7 @@ class CborType(DocumentType):
             return _counted(_UINT, value, width) if value >= 0 else _counted(_INT, -1 - value, width)
         if isinstance(value, int | float):
             return _float(code, value)
-        try:
-            data = value.encode(errors="surrogateescape") if isinstance(value, str) else value
-        except UnicodeEncodeError as error:
-            raise PayloadError(f"{value!r} cannot be encoded: {error}", where=path) from error
+        data = encoded_text(value, path) if isinstance(value, str) else value
         kept = width if item.kind in ("str", "bin") and code & 31 != _INDEFINITE else 0
         return _counted(_STR if isinstance(value, str) else _BIN, len(data), kept) + data
 
@@ -145,7 +141,7 @@ def _head(payload: bytes, at: int) -> tuple[int, int, int, int]:
         return major, info, body, int.from_bytes(payload[at + 1 : body], "big")
     if info == _INDEFINITE and major in (_BIN, _STR, _ARRAY, _MAP):
         return major, info, at + 1, 0
-    raise PayloadError(f"no CBOR item at byte {at}")
+    raise PayloadError(f"no CBOR item begins at byte {at}")
 
 
 def _item(payload: bytes, at: int, major: int, info: int, body: int, number: int) -> Item:
@@ -230,7 +226,7 @@ def _skip_chunks(payload: bytes, at: int, major: int) -> int:
     while payload[at : at + 1] != b"\xff":
         kind, info, body, number = _head(payload, at)
         if kind != major or info == _INDEFINITE:
-            raise PayloadError(f"no part of a CBOR string at byte {at}")
+            raise PayloadError(f"byte {at} does not begin a part of a CBOR string")
         at = body + number
     return at + 1
 
@@ -256,21 +252,11 @@ def _counted(major: int, number: int, width: int) -> bytes:
 
 def _float(code: int, value: float) -> bytes:
     """Return a number in the precision of the old one; half precision only if nothing is lost."""
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf if value > 0 else -math.inf
+    number = saturated(value)
     if code == 0xF9:
-        half = _packed(">e", number)
+        half = packed_float(">e", number)
         if number != number or struct.unpack(">e", half)[0] == number:
             return b"\xf9" + half
         code = 0xFA
     code = code if code == 0xFA else 0xFB
-    return bytes([code]) + _packed(_FLOATS[code], number)
-
-
-def _packed(form: str, number: float) -> bytes:
-    try:
-        return struct.pack(form, number)
-    except OverflowError:
-        return struct.pack(form, math.copysign(math.inf, number))
+    return bytes([code]) + packed_float(_FLOATS[code], number)

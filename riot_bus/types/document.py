@@ -17,7 +17,7 @@ from riot_bus.types.model import (
     check_size,
     member_path,
     parse_path,
-    wanted_length,
+    rebuilt,
     why_opaque,
 )
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
@@ -80,7 +80,7 @@ class DocumentType(ABC):
             return item.entries
         value = self.value(payload, item)
         if value is None:
-            raise PayloadError(f"{item.kind} is no scalar field", where=path)
+            raise PayloadError(f"{item.kind} is not a scalar field", where=path)
         return value
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
@@ -95,7 +95,7 @@ class DocumentType(ABC):
                 raise PayloadError("a length cannot be patched in place", where=path, hint=REBUILD)
             item = self._find(payload, path)
             if self.value(payload, item) is None:
-                raise PayloadError(f"{item.kind} is no scalar field", where=path)
+                raise PayloadError(f"{item.kind} is not a scalar field", where=path)
             splices[item.start, item.end] = self.encode(payload, item, value, path)
         for (start, end), data in sorted(splices.items(), reverse=True):
             payload = payload[:start] + data + payload[end:]
@@ -103,13 +103,7 @@ class DocumentType(ABC):
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with scalars and lengths of arrays changed; an empty array cannot grow."""
-        scalars = {}
-        for path, value in changes.items():
-            if parse_path(path).length:
-                payload = self._resized(payload, path, wanted_length(value, path))
-            else:
-                scalars[path] = value
-        return self.patch(payload, scalars) if scalars else payload
+        return rebuilt(payload, changes, self._resized, self.patch)
 
     def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
         """Return the payload without a field of a map, or with a replacement for it."""
@@ -194,7 +188,7 @@ class DocumentType(ABC):
         item = self.head(payload, 0)
         if item.kind != "map":
             if steps[:1] != (ROOT,):
-                raise PayloadError(f"the payload is no map; its path begins with {ROOT!r}", where=path)
+                raise PayloadError(f"the payload is not a map; its path begins with {ROOT!r}", where=path)
             steps = steps[1:]
         for step in steps:
             if item.kind == "array" and isinstance(step, int):

@@ -20,7 +20,8 @@ from riot_bus.types.model import (
     check_size,
     member_path,
     parse_path,
-    wanted_length,
+    rebuilt,
+    saturated,
     why_opaque,
     wrap_integer,
 )
@@ -43,7 +44,19 @@ _KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "s
 _STAND_INS = {"null": "null", "list": "[]", "map": "{}"}
 
 Span = tuple[int, int]
-Spans = Span | dict[str, "Spans"] | list["Spans"]
+"""Where a token or a container begins and ends in the text."""
+
+
+class _Container:
+    """An array or object, its span, and the nodes in it; a scalar's node is its span alone."""
+
+    __slots__ = ("inside", "span")
+
+    def __init__(self, span: Span, inside: dict[str, Node] | list[Node]) -> None:
+        self.span, self.inside = span, inside
+
+
+Node = Span | _Container
 
 
 class JsonType:
@@ -80,28 +93,21 @@ class JsonType:
         A float may be written into an integer field, since JSON does not distinguish them; integers wrap to 64 bits.
         """
         text, document = _parse(payload)
-        spans = _spans(text)
+        root = _nodes(text)
         splices: dict[Span, str] = {}
         for path, value in changes.items():
             field = parse_path(path)
             if field.length:
                 raise PayloadError("a length cannot be patched in place", where=path, hint=REBUILD)
             old = _scalar(_walk(document, field, path), path)
-            span = _walk(spans, field, path)
-            splices[span] = _token(old, value, path)
+            splices[_span_of(_node_at(root, field))] = _token(old, value, path)
         for (start, end), token in sorted(splices.items(), reverse=True):
             text = text[:start] + token + text[end:]
         return text.encode()
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with scalars and lengths of arrays changed; an empty array cannot grow."""
-        scalars = {}
-        for path, value in changes.items():
-            if parse_path(path).length:
-                payload = _resized(payload, path, wanted_length(value, path))
-            else:
-                scalars[path] = value
-        return self.patch(payload, scalars) if scalars else payload
+        return rebuilt(payload, changes, _resized, self.patch)
 
     def omit(self, payload: bytes, path: str, *, instead: StandIn | None = None) -> bytes:
         """Return the payload without a member of an object, or with a replacement for it."""
@@ -110,10 +116,7 @@ class JsonType:
         _walk(document, field, path)
         if field.length:
             raise PayloadError("a length cannot be left out", where=path)
-        containers: dict[int, Span] = {}
-        spans = _spans(text, containers=containers)
-        node = _walk(spans, field, path)
-        start, end = node if isinstance(node, tuple) else containers[id(node)]
+        start, end = _span_of(_node_at(_nodes(text), field))
         if instead:
             return (text[:start] + _STAND_INS[instead] + text[end:]).encode()
         tokens = [match.span() for match in _TOKEN.finditer(text)]
@@ -142,7 +145,7 @@ def _walk(document: Any, field: FieldPath, path: str) -> Any:
     steps = field.steps
     if not isinstance(document, dict):
         if steps[0] != ROOT:
-            raise PayloadError(f"the payload is no object; its path begins with {ROOT!r}", where=path)
+            raise PayloadError(f"the payload is not an object; its path begins with {ROOT!r}", where=path)
         steps = steps[1:]
     for step in steps:
         if isinstance(document, list) and isinstance(step, int):
@@ -161,23 +164,16 @@ def _scalar(value: Any, path: str) -> Scalar:
     if isinstance(value, bool | float | str):
         return value
     if isinstance(value, int):
-        return value if value in _INT64 else _float(value)
+        return value if value in _INT64 else saturated(value)
     kind = "an object" if isinstance(value, dict) else "an array" if isinstance(value, list) else "null"
-    raise PayloadError(f"{kind} is no scalar field", where=path)
-
-
-def _float(value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return float("inf") if value > 0 else float("-inf")
+    raise PayloadError(f"{kind} is not a scalar field", where=path)
 
 
 def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
     kind = type(value)
     if kind in _KINDS:
         if kind is int and value not in _INT64:
-            kind, value = float, _float(value)
+            kind, value = float, saturated(value)
         found.append(Leaf(path, _KINDS[kind], value))
         return
     if depth > _MAX_DEPTH:
@@ -195,54 +191,49 @@ def _token(old: Scalar, new: Scalar, path: str) -> str:
     if isinstance(new, bytes):
         raise PayloadError("JSON has no bytes", where=path)
     if isinstance(new, int) and not isinstance(new, bool):
-        new = _float(new) if isinstance(old, float) else wrap_integer(new, bits=64, signed=True)
+        new = saturated(new) if isinstance(old, float) else wrap_integer(new, bits=64, signed=True)
     return json.dumps(new)
 
 
-def _spans(
-    text: str, elements: dict[int, list[Span]] | None = None, containers: dict[int, Span] | None = None
-) -> Spans:
-    """Return the document with each scalar replaced by its span; `text` is known to be JSON.
-
-    If given, `elements` is filled with the spans of the elements of each array, and `containers` with the spans of
-    arrays and objects, by the `id` of the returned array or object.
-    """
-    root: list[Spans] = []
-    if elements is not None:
-        elements[id(root)] = []
-    stack: list[dict[str, Spans] | list[Spans]] = [root]
+def _nodes(text: str) -> Node:
+    """Return the node of the document; `text` is known to be JSON."""
+    root: list[Node] = []
+    open_: list[_Container] = []
     key: str | None = None
     for match in _TOKEN.finditer(text):
         part = match.group()
         if part in ",:":
             continue
         if part in "]}":
-            ended = id(stack.pop())
-            if containers is not None:
-                containers[ended] = containers[ended][0], match.end()
-            if isinstance(stack[-1], list) and elements is not None:
-                inside = elements[id(stack[-1])]
-                inside[-1] = inside[-1][0], match.end()
+            ended = open_.pop()
+            ended.span = ended.span[0], match.end()
             continue
-        top = stack[-1]
-        if isinstance(top, dict) and key is None:
+        inside = open_[-1].inside if open_ else root
+        if isinstance(inside, dict) and key is None:
             key = json.loads(part)
             continue
-        node: Spans = {} if part == "{" else [] if part == "[" else match.span()
-        if isinstance(top, dict):
-            top[str(key)] = node
+        node: Node = match.span()
+        if part in "{[":
+            node = _Container(match.span(), {} if part == "{" else [])
+            open_.append(node)
+        if isinstance(inside, dict):
+            inside[str(key)] = node
             key = None
         else:
-            top.append(node)
-            if elements is not None:
-                elements[id(top)].append(match.span())
-        if not isinstance(node, tuple):
-            stack.append(node)
-            if containers is not None:
-                containers[id(node)] = match.span()
-            if elements is not None:
-                elements[id(node)] = []  # a container replaced by a duplicate key may have had the same id
+            inside.append(node)
     return root[0]
+
+
+def _node_at(node: Any, field: FieldPath) -> Any:
+    """Return the node of a field that the document is known to have."""
+    in_object = isinstance(node, _Container) and isinstance(node.inside, dict)
+    for step in field.steps if in_object else field.steps[1:]:
+        node = node.inside[step]
+    return node
+
+
+def _span_of(node: Node) -> Span:
+    return node.span if isinstance(node, _Container) else node
 
 
 def _resized(payload: bytes, path: str, count: int) -> bytes:
@@ -252,8 +243,7 @@ def _resized(payload: bytes, path: str, count: int) -> bytes:
     array = _walk(document, field, path)
     if not isinstance(array, list):
         raise PayloadError("only arrays have a length", where=path)
-    spans: dict[int, list[Span]] = {}
-    elements = spans[id(_walk(_spans(text, spans), field, path))]
+    elements = [_span_of(node) for node in _node_at(_nodes(text), field).inside]
     if count > len(elements):
         if not elements:
             raise PayloadError("nothing tells what the elements of an empty array are", where=path)

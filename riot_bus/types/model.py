@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+import struct
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.vocabulary.trial import Scalar
@@ -28,8 +30,12 @@ __all__ = [
     "TopicName",
     "TypeSource",
     "check_size",
+    "encoded_text",
     "member_path",
+    "packed_float",
     "parse_path",
+    "rebuilt",
+    "saturated",
     "wanted_length",
     "why_opaque",
     "wrap_integer",
@@ -195,8 +201,55 @@ def why_opaque(kind: MessageType, payload: bytes) -> str | None:
 def wanted_length(value: Scalar, path: str) -> int:
     """Return a value that is meant as a length; raise PayloadError if it is not a valid one."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 32:
-        raise PayloadError(f"{value!r} is no length", where=path, hint="write an integer from 0 to 4294967295")
+        raise PayloadError(f"{value!r} is not a length", where=path, hint="write an integer from 0 to 4294967295")
     return value
+
+
+def rebuilt(
+    payload: bytes,
+    changes: Mapping[str, Scalar],
+    resize: Callable[[bytes, str, int], bytes],
+    patch: Callable[[bytes, Mapping[str, Scalar]], bytes],
+) -> bytes:
+    """Return a payload with changed fields; lengths are changed before scalars, which may be in new elements.
+
+    Args:
+        payload: Payload of one message.
+        changes: New values by path, as in `MessageType.rebuild`.
+        resize: Function of the payload, the path of a length, and the new length.
+        patch: Function that changes scalars.
+    """
+    scalars = {}
+    for path, value in changes.items():
+        if parse_path(path).length:
+            payload = resize(payload, path, wanted_length(value, path))
+        else:
+            scalars[path] = value
+    return patch(payload, scalars) if scalars else payload
+
+
+def encoded_text(value: str, path: str | None = None) -> bytes:
+    """Return text as UTF-8, with bytes in place of surrogates that stand for them; raise PayloadError for others."""
+    try:
+        return value.encode(errors="surrogateescape")
+    except UnicodeEncodeError as error:
+        raise PayloadError(f"{value!r} cannot be encoded: {error}", where=path) from error
+
+
+def saturated(value: float) -> float:
+    """Return a number as a float; an integer that overflows becomes infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def packed_float(form: str, value: float) -> bytes:
+    """Return a number in a floating-point format of `struct`; one that overflows becomes infinite."""
+    try:
+        return struct.pack(form, float(value))
+    except OverflowError:
+        return struct.pack(form, math.inf if value > 0 else -math.inf)
 
 
 def check_size(size: int, path: str = "") -> None:

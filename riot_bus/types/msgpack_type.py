@@ -5,12 +5,11 @@ Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Extension types 
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.types.document import DocumentType, Item
-from riot_bus.types.model import wrap_integer
+from riot_bus.types.model import encoded_text, packed_float, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
@@ -99,7 +98,15 @@ class MsgpackType(DocumentType):
 
     def encode(self, payload: bytes, item: Item, value: Scalar, path: str) -> bytes:
         """Return the item that replaces a scalar."""
-        return _encode(payload[item.start], item.kind, value, path)
+        code = payload[item.start]
+        if isinstance(value, bool):
+            return b"\xc3" if value else b"\xc2"
+        if isinstance(value, int) and item.kind != "float":
+            return _integer(code, item.kind, value)
+        if isinstance(value, int | float):
+            form, code = (">f", 0xCA) if code == 0xCA else (">d", 0xCB)
+            return bytes([code]) + packed_float(form, value)
+        return _sized(code, "str", encoded_text(value, path)) if isinstance(value, str) else _sized(code, "bin", value)
 
     def container_head(self, payload: bytes, item: Item, count: int) -> bytes:
         """Return the head of an array or map, with a count as wide as before where it fits."""
@@ -169,20 +176,6 @@ def _skip(payload: bytes, at: int) -> int:
     return at
 
 
-def _encode(code: int, kind: str, value: Scalar, path: str) -> bytes:
-    if isinstance(value, bool):
-        return b"\xc3" if value else b"\xc2"
-    if isinstance(value, int) and kind != "float":
-        return _integer(code, kind, value)
-    if isinstance(value, int | float):
-        return _float(code, value)
-    try:
-        data = value.encode(errors="surrogateescape") if isinstance(value, str) else value
-    except UnicodeEncodeError as error:
-        raise PayloadError(f"{value!r} cannot be encoded: {error}", where=path) from error
-    return _sized(code, "str" if isinstance(value, str) else "bin", data)
-
-
 def _integer(code: int, kind: str, value: int) -> bytes:
     if not -(1 << 63) <= value < 1 << 64:
         value = wrap_integer(value, bits=64, signed=value < 0)
@@ -196,14 +189,6 @@ def _integer(code: int, kind: str, value: int) -> bytes:
             if (-half if signed else 0) <= value < half:
                 return bytes([new_code]) + value.to_bytes(size, "big", signed=signed)
     raise AssertionError(value)
-
-
-def _float(code: int, value: float) -> bytes:
-    form, code = (">f", 0xCA) if code == 0xCA else (">d", 0xCB)
-    try:
-        return bytes([code]) + struct.pack(form, float(value))
-    except OverflowError:
-        return bytes([code]) + struct.pack(form, math.inf if value > 0 else -math.inf)
 
 
 def _sized(code: int, kind: str, data: bytes) -> bytes:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.types.fields import FieldType
-from riot_bus.types.model import Leaf, Schema, parse_path, wrap_integer
+from riot_bus.types.model import Leaf, Schema, packed_float, parse_path, wrap_integer
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ class StructType:
         kind, big, length, name, offset = match.groups() if match is not None else ("",) * 5
         if kind not in _CODES:
             hint = did_you_mean(kind, _CODES) if kind else _EXAMPLE
-            raise ConfigError(f"{text!r} describes no field", where=self.name, hint=hint)
+            raise ConfigError(f"{text!r} does not describe a field", where=self.name, hint=hint)
         form = struct.Struct((">" if big else "<") + _CODES[kind])
         start = int(offset) if offset else end
         number = int(length) if length else 1
@@ -244,14 +244,11 @@ def _pack(place: _Place, data: bytearray, value: Scalar, path: str) -> None:
     if isinstance(value, str | bytes) or (
         not place.type.startswith("float") and isinstance(value, float) and not math.isfinite(value)
     ):
-        raise PayloadError(f"{value!r} is no {place.type}", where=path)
+        raise PayloadError(f"{value!r} is not of type {place.type}", where=path)
     if place.type == "bool":
         place.form.pack_into(data, place.offset, bool(value))
     elif place.type.startswith("float"):
-        try:
-            place.form.pack_into(data, place.offset, float(value))
-        except OverflowError:
-            place.form.pack_into(data, place.offset, math.inf if value > 0 else -math.inf)
+        data[place.offset : place.end] = packed_float(place.form.format, value)
     else:
         number = wrap_integer(int(value), bits=8 * place.form.size, signed=place.type[0] == "i")
         place.form.pack_into(data, place.offset, number)

@@ -19,7 +19,7 @@ from riot_bus.types.model import (
     check_size,
     member_path,
     parse_path,
-    wanted_length,
+    rebuilt,
     why_opaque,
 )
 from riot_bus.types.protobuf.edits import Edit, apply
@@ -34,6 +34,7 @@ from riot_bus.types.protobuf.walk import (
     fields_of,
     found_of,
     last,
+    packed,
     part_of,
     size,
     slot_of,
@@ -157,14 +158,7 @@ class ProtobufType:
 
         A scalar that is not on the wire is added at the end of its message, with the messages around it.
         """
-        scalars = {}
-        for path, value in changes.items():
-            if parse_path(path).length:
-                edits = self._resized(payload, path, wanted_length(value, path))
-                payload = apply(payload, edits)
-            else:
-                scalars[path] = value
-        return apply(payload, self._edits(payload, scalars)) if scalars else payload
+        return rebuilt(payload, changes, self._resized, lambda data, scalars: apply(data, self._edits(data, scalars)))
 
     def array(self, payload: bytes, path: str) -> list[Scalar]:
         """Return all elements of an array of scalars."""
@@ -287,7 +281,7 @@ class ProtobufType:
                 return _Spot(field, found, slot_of(found[-1]) if found else None, parts[-1], missing)
             layout = self._definitions.inside(field)
             if not steps:
-                raise PayloadError("a message is no scalar field", hint=did_you_mean("", layout.fields))
+                raise PayloadError("a message is not a scalar field", hint=did_you_mean("", layout.fields))
             if found:
                 parts = tuple(part_of(one) for one in found)
             else:
@@ -296,7 +290,7 @@ class ProtobufType:
     def _chosen(self, payload: bytes, entry: Layout, found: Sequence[FieldEntry], steps: list[str | int]) -> FieldEntry:
         known = self._entries(payload, entry, found)
         if not steps:
-            raise PayloadError("a map is no scalar field", hint=did_you_mean("", map(str, known)))
+            raise PayloadError("a map is not a scalar field", hint=did_you_mean("", map(str, known)))
         key = steps.pop()
         if key not in known:
             raise PayloadError(f"no entry {key!r}", hint=did_you_mean(str(key), map(str, known)))
@@ -326,7 +320,10 @@ class ProtobufType:
                 edits[slot.start, slot.end, 0] = Edit(slot.start, slot.end, data, slot.box)
         return list(edits.values())
 
-    def _resized(self, payload: bytes, path: str, wanted: int) -> list[Edit]:
+    def _resized(self, payload: bytes, path: str, wanted: int) -> bytes:
+        return apply(payload, self._length_edits(payload, path, wanted))
+
+    def _length_edits(self, payload: bytes, path: str, wanted: int) -> list[Edit]:
         spot = self._find(payload, path)
         field, found = spot.field, [one for one in spot.found if size(payload, spot.field, one)]
         present = count(payload, field, found)
@@ -338,7 +335,7 @@ class ProtobufType:
             check_size(len(payload) + more, path)
             return [Edit(part.end, part.end, _wrapped(_empty(field, more), spot.missing), part.box)]
         one = found[-1]
-        if field.kind is not None and field.kind.wire != BYTES and one.entry.wire == BYTES:
+        if packed(field, one):
             slot = last(payload, field, one)
             data, place, box = payload[slot.start : slot.end], slot.end, slot.box
         else:

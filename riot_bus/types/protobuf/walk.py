@@ -28,6 +28,7 @@ __all__ = [
     "fields_of",
     "found_of",
     "last",
+    "packed",
     "part_of",
     "size",
     "slot_of",
@@ -135,7 +136,8 @@ def slot_of(one: FieldEntry) -> Slot:
     return Slot(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
 
 
-def _packed(field: ProtobufField, one: FieldEntry) -> bool:
+def packed(field: ProtobufField, one: FieldEntry) -> bool:
+    """Return whether an entry holds packed elements of an array."""
     return field.kind is not None and field.kind.wire != BYTES and one.entry.wire == BYTES
 
 
@@ -146,14 +148,14 @@ def count(data: bytes, field: ProtobufField, found: Sequence[FieldEntry]) -> int
 
 def size(data: bytes, field: ProtobufField, one: FieldEntry) -> int:
     """Return the number of elements of an array in one entry."""
-    if not _packed(field, one):
+    if not packed(field, one):
         return 1
     assert field.kind is not None
     start, end = one.entry.body, one.entry.end
     if field.kind.size:
         number, rest = divmod(end - start, field.kind.size)
         if rest:
-            raise PayloadError(f"{end - start} bytes are no whole number of elements", where=field.name)
+            raise PayloadError(f"{end - start} bytes are not a whole number of elements", where=field.name)
         return number
     if end > start and data[end - 1] >= 0x80:
         raise PayloadError(f"the last of the packed elements before byte {end} does not end", where=field.name)
@@ -169,7 +171,7 @@ def elements(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], mos
         if field.kind is None:
             yield one
             left -= 1
-        elif not _packed(field, one):
+        elif not packed(field, one):
             yield slot_of(one)
             left -= 1
         else:
@@ -186,7 +188,7 @@ def element(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], inde
         if left < here:
             if field.kind is None:
                 return one
-            return next(_slots(data, field, one, left, 1)) if _packed(field, one) else slot_of(one)
+            return next(_slots(data, field, one, left, 1)) if packed(field, one) else slot_of(one)
         left -= here
     raise PayloadError(f"no element {index} in an array of {count(data, field, found)}")
 

@@ -9,7 +9,7 @@ import math
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.types.model import wrap_integer
+from riot_bus.types.model import encoded_text, packed_float, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
@@ -212,11 +212,11 @@ def encode(kind: ScalarKind, value: Scalar) -> bytes:
     if kind.wire == BYTES:
         return _text(kind, value)
     if isinstance(value, str | bytes):
-        raise PayloadError(f"{value!r} is no {kind.leaf}")
+        raise PayloadError(f"{value!r} is not of type {kind.leaf}")
     if kind.leaf.startswith("float"):
-        return _packed_float(kind, value)
+        return packed_float("<f" if kind.leaf == "float32" else "<d", value)
     if isinstance(value, float) and not math.isfinite(value):
-        raise PayloadError(f"{value} is no {kind.leaf}")
+        raise PayloadError(f"{value} is not of type {kind.leaf}")
     if kind.leaf == "bool":
         return b"\1" if value else b"\0"
     number = wrap_integer(int(value), bits=_bits(kind), signed=kind.leaf[0] == "i")
@@ -231,19 +231,8 @@ def _text(kind: ScalarKind, value: Scalar) -> bytes:
     if isinstance(value, bytes) and kind.leaf == "bytes":
         return value
     if not isinstance(value, str) or kind.leaf == "bytes":
-        raise PayloadError(f"{value!r} is no {kind.leaf}")
-    try:
-        return value.encode(errors="surrogateescape")
-    except UnicodeEncodeError as error:
-        raise PayloadError(f"{value!r} cannot be encoded: {error}") from error
-
-
-def _packed_float(kind: ScalarKind, value: float) -> bytes:
-    assert kind.form is not None
-    try:
-        return kind.form.pack(float(value))
-    except OverflowError:
-        return kind.form.pack(math.inf if value > 0 else -math.inf)
+        raise PayloadError(f"{value!r} is not of type {kind.leaf}")
+    return encoded_text(value)
 
 
 def _bits(kind: ScalarKind) -> int:

@@ -79,7 +79,7 @@ def test_star_sets_every_element_with_one_change():
         ("v[*].x", {}, "no field 'x'"),
         ("a[*].typo", {"a": [{"b": 1}]}, "no field 'typo'"),
         ("a[*].b[*]", {"a": [{"c": 1}]}, "no field 'b'"),
-        ("v[*]", {"v": [None]}, "null is no scalar field"),
+        ("v[*]", {"v": [None]}, "null is not a scalar field"),
     ],
 )
 def test_star_on_fields_that_are_not_there(field, document, problem):

@@ -58,7 +58,7 @@ def test_bounds_are_not_enforced_but_arrays_stay():
 
 @pytest.mark.parametrize("value", [-1, 1 << 32, 2.0, True, "3"])
 def test_values_that_are_no_lengths(value):
-    with pytest.raises(PayloadError, match="is no length"):
+    with pytest.raises(PayloadError, match="is not a length"):
         NUMBERS.rebuild(PAYLOAD, {"len(x)": value})
 
 

@@ -128,7 +128,7 @@ def test_tags_and_simple_values_are_kept():
     payload = bytes.fromhex("a4 6161 c1 01 6162 f7 6163 f820 6164 d9d9f7 6178".replace(" ", ""))
     assert {leaf.path: leaf.value for leaf in CBOR.leaves(payload)} == {"a": 1, "d": "x"}
     assert CBOR.patch(payload, {"a": 2}) == payload.replace(b"\xc1\x01", b"\xc1\x02")
-    with pytest.raises(PayloadError, match="simple is no scalar"):
+    with pytest.raises(PayloadError, match="simple is not a scalar"):
         CBOR.read(payload, "c")
 
 

@@ -155,7 +155,7 @@ def test_protobuf_without_the_library(monkeypatch, tmp_path):
 def test_structures_are_declared_by_their_layout():
     kind = TypeRegistry(declared={"imu/raw": "raw(uint32 seq, float32[3] gyro)"}).type_of("imu/raw")
     assert kind.read(b"\x05" + bytes(15), "seq") == 5
-    with pytest.raises(ConfigError, match="describes no field"):
+    with pytest.raises(ConfigError, match="does not describe a field"):
         TypeRegistry(declared={"imu/raw": "raw(nonsense)"})
 
 

@@ -137,9 +137,9 @@ def test_size_is_bounded():
     ("path", "message"),
     [
         ("pose.xx", "no field 'xx'"),
-        ("pose", "an object is no scalar"),
-        ("ranges", "an array is no scalar"),
-        ("none", "null is no scalar"),
+        ("pose", "an object is not a scalar"),
+        ("ranges", "an array is not a scalar"),
+        ("none", "null is not a scalar"),
         ("ranges[3]", "no element 3 in an array of 3"),
         ("ranges[-1]", "no element -1"),
         ("pose[0]", "no field 0"),

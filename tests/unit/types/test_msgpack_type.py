@@ -103,7 +103,7 @@ def test_extensions_and_odd_keys_are_no_fields():
     payload = msgpack.packb(document)
     assert [leaf.path for leaf in MSGPACK.leaves(payload)] == ["x"]
     assert MSGPACK.patch(payload, {"x": 2}) == msgpack.packb(document | {"x": 2})
-    with pytest.raises(PayloadError, match="ext is no scalar"):
+    with pytest.raises(PayloadError, match="ext is not a scalar"):
         MSGPACK.read(payload, "e")
 
 
@@ -160,8 +160,8 @@ def test_is_container(payload, answer):
     ("path", "message"),
     [
         ("pose.xx", "no field 'xx'"),
-        ("pose", "map is no scalar"),
-        ("none", "nil is no scalar"),
+        ("pose", "map is not a scalar"),
+        ("none", "nil is not a scalar"),
         ("ranges[3]", "no element 3 in an array of 3"),
         ("ranges[-1]", "no element -1"),
         ("ranges.x", "no field 'x'"),

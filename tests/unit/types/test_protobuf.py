@@ -215,7 +215,7 @@ def test_editions():
     ("path", "message"),
     [
         ("f_int33", "no field 'f_int33'"),
-        ("at", "a message is no scalar"),
+        ("at", "a message is not a scalar"),
         ("at.w", "no field 'w'"),
         ("f_int32.x", "this is a scalar"),
         ("path", "is an array"),
@@ -224,7 +224,7 @@ def test_editions():
         ("r_double[-1]", "no element -1"),
         ("len(f_int32)", "only arrays have a length"),
         ("counts.right", "no entry 'right'"),
-        ("counts", "a map is no scalar"),
+        ("counts", "a map is not a scalar"),
         ("place.x", "not set"),
         ("inner.maybe", "not set"),
     ],
@@ -255,7 +255,7 @@ def test_values_of_another_kind(path, value):
         (b"\x0b", "group 1 does not end"),
         (b"\x0b\x14", "end of another group"),
         (b"\x0b" * 1000, "nested deeper"),
-        (b"\xaa\x06\x03abc", "no whole number"),
+        (b"\xaa\x06\x03abc", "not a whole number"),
         (b"\xba\x06\x01\xff", "does not end"),
     ],
 )

@@ -68,8 +68,8 @@ def test_patch():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"seq": "x"}, "is no uint32"),
-        ({"seq": np.nan}, "is no uint32"),
+        ({"seq": "x"}, "is not of type uint32"),
+        ({"seq": np.nan}, "is not of type uint32"),
         ({"len(gyro)": 2}, "fixed length"),
         ({"sec": 1}, "no such field"),
     ],
