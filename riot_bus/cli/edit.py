@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from riot_bus.cli.options import Definitions, Format, OutputFormat, Salvage, Types
+from riot_bus.cli.declared import declared
+from riot_bus.cli.options import Format, OutputFormat, Types
 from riot_bus.cli.printing import new_table, print_json, print_table, warn
+from riot_bus.log.editing.options import EditOptions
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["edit"]
 
 
+@declared(EditOptions, before="interceptor")
 def edit(
     inputs: Annotated[
         list[Path], typer.Argument(metavar="IN...", help="MCAP files or ROS 2 bag folders; several are merged by time.")
@@ -28,38 +31,6 @@ def edit(
         Path, typer.Argument(metavar="OUT", help="A file that ends in .mcap, or the folder of a ROS 2 bag.")
     ],
     *,
-    start: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
-    ] = None,
-    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there; likewise.")] = None,
-    duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Keep only this much, such as 90, 90s or 5min.")
-    ] = None,
-    latched: Annotated[
-        bool, typer.Option("--latched", help="Begin with the last messages of latched topics before --start.")
-    ] = False,
-    align: Annotated[bool, typer.Option("--align", help="Let all inputs begin at the same time.")] = False,
-    keep: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--keep",
-            "--topics",
-            metavar="'TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]'",
-            help="Keep these messages only; repeatable.",
-        ),
-    ] = None,
-    drop: Annotated[
-        list[str] | None,
-        typer.Option("--drop", "--exclude", metavar="'TOPIC ...'", help="Leave out these; as for --keep; repeatable."),
-    ] = None,
-    change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="'TOPIC:FIELD = VALUE ...'",
-            help="Set a field, or change it with += -= *= /=; conditions as for --keep may follow; repeatable.",
-        ),
-    ] = None,
     interceptor: Annotated[
         list[str] | None,
         typer.Option(
@@ -70,35 +41,9 @@ def edit(
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Injections, after the interceptors.")
     ] = None,
-    shift: Annotated[
-        list[str] | None, typer.Option(metavar="[TOPIC=]SECONDS", help="Move messages in time; repeatable.")
-    ] = None,
-    remap: Annotated[
-        list[str] | None,
-        typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic, or all below it: '/a/**:=/b/**'."),
-    ] = None,
-    originals: Annotated[
-        bool, typer.Option("--originals/--no-originals", help="Also keep messages as they were before interceptors.")
-    ] = True,
-    salvage: Salvage = False,
-    sort: Annotated[bool, typer.Option("--sort", help="Write by time, even if the input is in another order.")] = False,
-    compression: Annotated[
-        str | None, typer.Option(metavar="zstd|lz4|none", help="Compression of the output. [default: as the input]")
-    ] = None,
-    chunk_size: Annotated[str, typer.Option(metavar="SIZE", help="Size of a chunk before compression.")] = "1MiB",
-    split_size: Annotated[
-        str | None, typer.Option(metavar="SIZE", help="Begin another file at this size, such as 1GB.")
-    ] = None,
-    split_duration: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin another file after this much of the log's time.")
-    ] = None,
-    split_topics: Annotated[bool, typer.Option("--split-topics", help="Write a file for each topic.")] = False,
     type_: Types = None,
-    msg: Definitions = None,
-    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
-    force: Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it exists.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Write nothing; say what would be kept.")] = False,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Make a new log from one or several: cut, drop, change, rename, merge, split, compress, recover.
 
@@ -107,42 +52,20 @@ def edit(
     the input is damaged; what can be read is written all the same.
     """
     from riot_bus.cli.narrate import bar
-    from riot_bus.config.arguments import parse_seconds, parse_size, parse_types
+    from riot_bus.config.arguments import parse_types
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.interceptors.parsing import build_all
     from riot_bus.log.editing.edit import edit as edit_logs
-    from riot_bus.log.editing.options import EditOptions
 
-    interceptors = build_all(interceptor or (), seed=seed)
-    plan = None if inject is None else InjectionPlan.read(inject, seed=seed)
+    interceptors = build_all(interceptor or (), seed=given["seed"])
+    plan = None if inject is None else InjectionPlan.read(inject, seed=given["seed"])
     options = EditOptions(
         inputs=inputs,
         output=output,
-        start=start,
-        end=end,
-        duration=parse_seconds(duration, "--duration") if duration is not None else None,
-        latched=latched,
-        align=align,
-        keep=keep or (),
-        drop=drop or (),
-        changes=change or (),
         interceptors=interceptor or (),
         plan=plan.text if plan is not None else None,
-        seed=seed,
-        shifts=shift or (),
-        remap=remap or (),
-        originals=originals,
-        salvage=salvage,
-        sort=sort,
-        compression=compression,
-        chunk_bytes=parse_size(chunk_size, "--chunk-size"),
-        split_seconds=parse_seconds(split_duration, "--split-duration") if split_duration is not None else None,
-        split_bytes=parse_size(split_size, "--split-size") if split_size is not None else None,
-        split_topics=split_topics,
         types=parse_types(type_ or ()),
-        definitions=msg or (),
-        force=force,
-        dry_run=dry_run,
+        **given,
     )
     with _ended_by_sigterm(), bar("editing") as progress:
         result = edit_logs(
@@ -150,7 +73,7 @@ def edit(
             interceptors=[*interceptors, *([plan.injector] if plan is not None else [])],
             progress=progress,
         )
-    _tell(result, form, dry=dry_run)
+    _tell(result, form, dry=options.dry_run)
 
 
 def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:

@@ -1,21 +1,17 @@
 """Options of an edit, as plain values; `EditOptions.design` parses them."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
+from riot_bus.config.arguments import Flag, parse_seconds, parse_size
 from riot_bus.log.editing.assignment import Assignment, parse_assignment
 from riot_bus.log.editing.selection import Selection, parse_selection
 from riot_bus.log.engine.packing import check_compression
 from riot_bus.log.naming import parse_remaps
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 __all__ = ["Design", "EditOptions", "Shift"]
 
@@ -51,65 +47,76 @@ class Design:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditOptions:
-    """The inputs, changes and outputs of an edit.
+    """The inputs, changes and outputs of an edit: the options of `riot edit`, declared here alone.
 
     Attributes:
         inputs: MCAP files, or folders of ROS 2 bags; merged by time.
         output: An MCAP file, or, if its name does not end in `.mcap`, the folder of a ROS 2 bag.
-        start: Where to begin, as `naming.parse_time` takes it; None at the beginning.
-        end: Where to end, exclusive.
-        duration: Seconds from `start` on, in place of `end`.
-        latched: Whether to begin with the last messages of latched topics from before `start`.
-        align: Whether all logs begin at the same time, whenever they were recorded.
-        keep: Selections, of which a message must meet one; empty for all.
-        drop: Selections, of which a message may meet none.
-        changes: Assignments, such as `TOPIC:FIELD = VALUE`.
         interceptors: Names of the interceptors, for the record that the output holds.
         plan: Text of the injection plan, for the same record.
-        seed: Seed of everything that is random, for the same record.
-        shifts: Shifts of times, as `SECONDS` or `TOPIC=SECONDS`.
-        remap: New names of topics, as `OLD:=NEW`.
-        originals: Whether originals and provenance stay; never in the folder of a ROS 2 bag.
-        salvage: Whether to take messages of damaged chunks that an index confirms.
-        sort: Whether to sort by time even if there is only one input.
-        compression: `zstd`, `lz4` or `none`; None for that of the first input.
-        chunk_bytes: Size of a chunk before compression.
-        split_seconds: Seconds of the log's time after which another file begins.
-        split_bytes: Size of a file at which another one begins.
-        split_topics: Whether each topic gets a file of its own.
         types: Type names by topic or key expression.
-        definitions: Files that define message types.
-        force: Whether existing files are replaced.
-        dry_run: Whether nothing is written, only reported.
     """
 
     inputs: Sequence[Path]
     output: Path
-    start: str | None = None
-    end: str | None = None
-    duration: float | None = None
-    latched: bool = False
-    align: bool = False
-    keep: Sequence[str] = ()
-    drop: Sequence[str] = ()
-    changes: Sequence[str] = ()
     interceptors: Sequence[str] = ()
     plan: str | None = None
-    seed: int = 0
-    shifts: Sequence[str] = ()
-    remap: Sequence[str] = ()
-    originals: bool = True
-    salvage: bool = False
-    sort: bool = False
-    compression: str | None = None
-    chunk_bytes: int = 1 << 20
-    split_seconds: float | None = None
-    split_bytes: int | None = None
-    split_topics: bool = False
     types: Mapping[str, str] = field(default_factory=dict)
-    definitions: Sequence[Path] = ()
-    force: bool = False
-    dry_run: bool = False
+    start: Annotated[
+        str | None, Flag("Begin there: seconds from the beginning, or a date and time.", metavar="TIME")
+    ] = None
+    end: Annotated[str | None, Flag("End there, likewise; exclusive.", metavar="TIME")] = None
+    duration: Annotated[
+        float | None, Flag("Keep only this much, such as 90, 90s or 5min.", metavar="TIME", read=parse_seconds)
+    ] = None
+    latched: Annotated[bool, Flag("Begin with the last messages of latched topics before --start.")] = False
+    align: Annotated[bool, Flag("Let all inputs begin at the same time.")] = False
+    keep: Annotated[
+        Sequence[str],
+        Flag(
+            "Keep these messages only; repeatable.",
+            "--keep --topics",
+            "'TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]'",
+        ),
+    ] = ()
+    drop: Annotated[
+        Sequence[str], Flag("Leave out these; as for --keep; repeatable.", "--drop --exclude", "'TOPIC ...'")
+    ] = ()
+    changes: Annotated[
+        Sequence[str],
+        Flag(
+            "Set a field, or change it with += -= *= /=; conditions as for --keep may follow; repeatable.",
+            "--set",
+            "'TOPIC:FIELD = VALUE ...'",
+        ),
+    ] = ()
+    shifts: Annotated[Sequence[str], Flag("Move messages in time; repeatable.", "--shift", "[TOPIC=]SECONDS")] = ()
+    remap: Annotated[
+        Sequence[str], Flag("Rename a topic, or all below it: '/a/**:=/b/**'.", "--remap -m", "OLD:=NEW")
+    ] = ()
+    originals: Annotated[bool, Flag("Also keep messages as they were before interceptors; never in a ROS 2 bag.")] = (
+        True
+    )
+    salvage: Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")] = False
+    sort: Annotated[bool, Flag("Write by time, even if the input is in another order.")] = False
+    compression: Annotated[
+        str | None, Flag("Compression of the output. [default: as the input]", metavar="zstd|lz4|none")
+    ] = None
+    chunk_bytes: Annotated[
+        int, Flag("Size of a chunk before compression.", "--chunk-size", "SIZE", read=parse_size, text="1MiB")
+    ] = 1 << 20
+    split_bytes: Annotated[
+        int | None, Flag("Begin another file at this size, such as 1GB.", "--split-size", "SIZE", read=parse_size)
+    ] = None
+    split_seconds: Annotated[
+        float | None,
+        Flag("Begin another file after this much of the log's time.", "--split-duration", "TIME", read=parse_seconds),
+    ] = None
+    split_topics: Annotated[bool, Flag("Write a file for each topic.")] = False
+    definitions: Annotated[Sequence[Path], Flag("Definitions of message types; repeatable.", "--msg", "FILE")] = ()
+    seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED")] = 0
+    force: Annotated[bool, Flag("Replace the output if it exists.", "--force -f")] = False
+    dry_run: Annotated[bool, Flag("Write nothing; say what would be kept.", "--dry-run -n")] = False
 
     @property
     def folder(self) -> bool:
