@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import (
     DEFAULT_OUT,
     DEFAULT_SYSTEM,
@@ -21,7 +22,7 @@ from riot_bus.cli.options import (
     StreamFormat,
     System,
 )
-from riot_bus.cli.printing import print_lines, warn
+from riot_bus.cli.printing import print_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

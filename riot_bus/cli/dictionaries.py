@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import Format, OutputFormat, UnitName
-from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table, warn
+from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import Format, OutputFormat
-from riot_bus.cli.printing import print_json, print_result, warn
+from riot_bus.cli.printing import print_json, print_result
 
 __all__ = ["doctor", "interceptors"]
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from riot_bus.cli.declared import declared
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import Format, OutputFormat, Types
-from riot_bus.cli.printing import new_table, print_json, print_table, warn
+from riot_bus.cli.printing import new_table, print_json, print_table
 from riot_bus.log.editing.options import EditOptions
 from riot_bus.vocabulary.redaction import escape_control_chars
 

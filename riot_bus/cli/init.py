@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_SYSTEM, Format, OutputFormat
-from riot_bus.cli.printing import print_result, warn
+from riot_bus.cli.printing import print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 __all__ = ["init"]

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from riot_bus.cli.archives import messages_to_file
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_OUT, Definitions, Format, OutputFormat, Salvage, Types
-from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table, warn
+from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -196,16 +197,10 @@ def show(
 
 
 def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
+    from riot_bus.config.arguments import parse_types
     from riot_bus.log.tables.plan import log_registry
-    from riot_bus.vocabulary.errors import ConfigError
 
-    pairs = {}
-    for text in declared or ():
-        topic, equals, name = text.rpartition("=")
-        if not equals or not topic or not name:
-            raise ConfigError(f"{text!r} is not TOPIC=TYPE", where="--type", hint="such as /odom=nav_msgs/msg/Odometry")
-        pairs[topic] = name
-    return log_registry(reader, declared=pairs, definitions=definitions or ())
+    return log_registry(reader, declared=parse_types(declared or ()), definitions=definitions or ())
 
 
 def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:

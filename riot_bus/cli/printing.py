@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-__all__ = ["json_safe", "new_table", "print_json", "print_lines", "print_result", "print_table", "warn"]
+__all__ = ["json_safe", "new_table", "print_json", "print_lines", "print_result", "print_table"]
 
 _COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
 
@@ -45,11 +45,6 @@ def print_lines(lines: Iterable[str]) -> None:
 def print_json(document: Any, *, indent: int | None = 1) -> None:
     """Print a document; in one line if `indent` is None."""
     typer.echo(json.dumps(json_safe(document), indent=indent))
-
-
-def warn(line: str) -> None:
-    """Print a line of diagnostics to stderr."""
-    typer.echo(line, err=True)
 
 
 def json_safe(value: Any) -> Any:

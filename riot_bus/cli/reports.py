@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
-from riot_bus.cli.printing import print_json, print_lines, print_result, warn
+from riot_bus.cli.printing import print_json, print_lines, print_result
 
 __all__ = ["compare", "findings", "predict", "report", "trials"]
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from riot_bus.cli.declared import declared
-from riot_bus.cli.printing import warn
+from riot_bus.cli.fastpath import warn
 from riot_bus.control.router_flags import RouterOptions
 
 __all__ = ["register"]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from riot_bus.cli.ctl import Cfg, Endpoint
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_OUT, CatalogueFile, Format, OutputFormat
-from riot_bus.cli.printing import print_lines, print_result, warn
+from riot_bus.cli.printing import print_lines, print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:

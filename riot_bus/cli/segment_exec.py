@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.cli.printing import warn
+from riot_bus.cli.fastpath import warn
 from riot_bus.cli.router import ComponentCfg, Host
 
 __all__ = ["register"]

@@ -31,9 +31,18 @@ Status = Literal["ok", "warning", "problem"]
 _LEAST_PYTHON = (3, 11)  # requires-python in pyproject.toml
 _LEAST_ZENOH = (1, 10)  # lower bound of eclipse-zenoh in pyproject.toml
 _KNOWN_ZENOH = (1, 10)  # version that docs/limits.md is about; newer ones were not measured
-_LEAST_FILES = 1024  # the usual soft limit on Linux, so less is somebody's choice
+_LEAST_FILES = 1024  # the usual soft limit on Linux, so less was set on purpose
 _LEAST_SHARED = 64 << 20  # all that a Docker container has by default, so any use of that gives the warning
 _MOST_LEFT_OVER = 1000  # a guess: more than sessions that run at once, each of which has a file
+
+_PORTS = {
+    "free": ("free", ""),
+    "taken": ("in use", "stop what listens there, or choose another endpoint"),
+    "elsewhere": ("this host has no such address", "listen on 127.0.0.1 or an own address"),
+    "denied": ("this user may not listen there", "choose a port above 1023"),
+    "other": ("not looked at: not TCP", ""),
+}
+"""What is said about the states of ports, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +50,10 @@ class Check:
     """Result of one check.
 
     Attributes:
-        name: What was checked.
+        name: Subject of the check, such as `open files`.
         status: Whether it is all right.
-        text: What was found.
-        cure: What to do about it; empty if it is all right.
+        text: Observation in a few words.
+        cure: Advice; empty if it is all right.
     """
 
     name: str
@@ -55,14 +64,14 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What was found on this host.
+    """Observations on this host.
 
     Attributes:
         python: Version of the interpreter.
         versions: Installed versions of required packages; None for those that are missing.
         runtime: The bus's assessment of `ZENOH_RUNTIME`.
         ports: State of each endpoint to listen on.
-        answers: Who answers multicast scouting; None if it could not be asked.
+        answers: Answers to multicast scouting; None if it could not be asked.
         memory: The shared memory file system; None if there is none.
         files: Maximum number of open files in a process; None if unlimited.
         processors: Number of processors that this process may use.
@@ -83,7 +92,7 @@ def check(*, endpoints: Sequence[str] = (), scouting: Scouting | None = THIS_HOS
 
     Args:
         endpoints: Endpoints that a router is going to listen on, such as `tcp/127.0.0.1:7447`.
-        scouting: How to ask who answers multicast scouting; None to not ask.
+        scouting: Parameters of the question who answers multicast scouting; None to not ask.
     """
     return judge(gather(endpoints=endpoints, scouting=scouting))
 
@@ -182,19 +191,9 @@ def _processors(facts: Facts) -> Check:
 
 
 def _port(found: PortState) -> Check:
-    name = f"port {redacted(found.endpoint)}"
-    match found.state:
-        case "free":
-            return Check(name, "ok", "free")
-        case "taken":
-            owner = f" by {found.owner}" if found.owner else ""
-            return Check(name, "problem", f"in use{owner}", "stop what listens there, or choose another endpoint")
-        case "elsewhere":
-            return Check(name, "problem", "this host has no such address", "listen on 127.0.0.1 or an own address")
-        case "denied":
-            return Check(name, "problem", "this user may not listen there", "choose a port above 1023")
-        case _:
-            return Check(name, "ok", "not looked at: not TCP")
+    text, cure = _PORTS[found.state]
+    owner = f" by {found.owner}" if found.owner else ""
+    return Check(f"port {redacted(found.endpoint)}", "problem" if cure else "ok", text + owner, cure)
 
 
 def _numbers(version: str | None) -> tuple[int, ...]:

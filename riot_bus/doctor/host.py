@@ -34,7 +34,7 @@ _SHARED = Path("/dev/shm")  # noqa: S108 - Zenoh's own place
 
 @dataclass(frozen=True, slots=True)
 class Runtime:
-    """The bus's assessment of the current `ZENOH_RUNTIME`."""
+    """Assessment of the current `ZENOH_RUNTIME` by the bus."""
 
     status: Literal["ok", "warning", "problem"] = "ok"
     text: str = ""
@@ -43,7 +43,7 @@ class Runtime:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """Whether one can listen on an endpoint; `elsewhere`: not an address of this machine, `other`: not TCP."""
+    """Whether a process can listen on an endpoint; `elsewhere`: not an address of this machine, `other`: not TCP."""
 
     endpoint: str
     state: Literal["free", "taken", "elsewhere", "denied", "other"]

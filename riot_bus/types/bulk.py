@@ -62,7 +62,9 @@ def as_array(values: list[Scalar | None]) -> Gathered:
     kinds = {type(value) for value in values if value is not None}
     dtype = _dtype(kinds, values)
     if dtype == np.object_:
-        return Gathered(_objects(values), valid)
+        objects = np.empty(len(values), np.object_)  # numpy would make arrays of sequences, such as bytes
+        objects[:] = values
+        return Gathered(objects, valid)
     nothing: float = np.nan if dtype == np.float64 else 0
     return Gathered(np.array([nothing if value is None else value for value in values], dtype), valid)
 
@@ -107,12 +109,6 @@ def _dtype(kinds: set[type], values: list[Scalar | None]) -> type[Any]:
         return np.uint64 if low >= 0 and high < 1 << 64 else np.object_
     exact = kinds == {int, float} and all(-_EXACT <= value <= _EXACT for value in integers)
     return np.float64 if exact else np.object_
-
-
-def _objects(values: list[Scalar | None]) -> NDArray[Any]:
-    array = np.empty(len(values), np.object_)
-    array[:] = values
-    return array
 
 
 def _read(kind: MessageType, payload: bytes, path: str) -> Scalar | None:

@@ -81,7 +81,6 @@ class ListsTypes(Protocol):
 
     def type_names(self) -> Iterable[str]:
         """Return the names of all types that are known without searching files."""
-        ...
 
 
 @runtime_checkable
@@ -90,7 +89,6 @@ class ReadsTypesFromKeys(Protocol):
 
     def type_of_key(self, key: str) -> MessageType | None:
         """Return the type that a key names, None if it names no known type."""
-        ...
 
 
 Ask = Callable[[str, bytes, bytes], Iterable[bytes]]
@@ -106,7 +104,6 @@ class DiscoversTypes(Protocol):
 
     def missing(self, key: str) -> bool:
         """Return whether a key names a type without a known definition that participants can be asked for."""
-        ...
 
     def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> MessageType | None:
         """Ask the users of a key for its type, and remember it; None if none of them knows, or none can be asked now.
@@ -117,7 +114,6 @@ class DiscoversTypes(Protocol):
             heard: Attachments of some messages of the key, which may tell which participant answers which query.
             ask: Function that sends a query.
         """
-        ...
 
 
 # -- what an adapter can do: participants of the bus ------------------------------------------------------------------
@@ -164,7 +160,6 @@ class ParsesTokens(Protocol):
 
     def announcement(self, token: str) -> Announcement | None:
         """Return the announcement in a token's key, None if it is of another kind; never raise."""
-        ...
 
 
 @runtime_checkable
@@ -184,7 +179,6 @@ class HasServices(Protocol):
         Args:
             name: Name of the action as users write it; may contain wildcards.
         """
-        ...
 
     def call_type(self, type_name: str, part: str) -> str | None:
         """Return the type of a part of a call, None if it has none.
@@ -193,7 +187,6 @@ class HasServices(Protocol):
             type_name: Type of the service.
             part: One of `riot_bus.types.serve.PARTS`.
         """
-        ...
 
 
 @runtime_checkable
@@ -208,7 +201,6 @@ class AnnouncesServers(Protocol):
             zid: Id of the Zenoh session that serves it.
             entity: Number of the server in the session, from 1.
         """
-        ...
 
 
 @runtime_checkable
@@ -217,7 +209,6 @@ class SetsParameters(Protocol):
 
     def has_parameters(self, node: str) -> bool:
         """Return whether a text names a participant of this kind, such as `/planner`."""
-        ...
 
     def set_parameters(
         self,
@@ -244,7 +235,6 @@ class SetsParameters(Protocol):
             ConfigError: A value is of a type that the parameter cannot have.
             EnvironmentFaultError: It has not answered in time.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +271,6 @@ class ListensToLinks(Protocol):
             ConfigError: A link or the unit is wrong.
             EnvironmentFaultError: A link cannot be opened, or nothing was heard.
         """
-        ...
 
 
 # -- what an adapter can do: logs -------------------------------------------------------------------------------------
@@ -313,7 +302,6 @@ class ReadsMetadata(Protocol):
 
     def stamp(self, attachment: bytes) -> Stamp | None:
         """Return the metadata in an attachment, None if it is of another kind; never raise."""
-        ...
 
     def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
         """Return metadata for the key's channel in a log, such as the offered quality of service.
@@ -322,7 +310,6 @@ class ReadsMetadata(Protocol):
             key: A key of this adapter.
             tokens: Keys of all present tokens.
         """
-        ...
 
     def definition(self, key: str) -> tuple[Schema, str] | None:
         """Return schema and encoding of a log's channel for a key of unknown type; None if there is none.
@@ -330,7 +317,6 @@ class ReadsMetadata(Protocol):
         Args:
             key: A key of this adapter.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -414,7 +400,6 @@ class PublishesAs(Protocol):
             name: Another name for it.
             domain: Another domain for it, in middleware with domains.
         """
-        ...
 
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock | None:
         """Return how to publish the time, None if this middleware has no simulated time.
@@ -423,7 +408,6 @@ class PublishesAs(Protocol):
             topics: Topics that are played.
             domain: Domain to use instead of theirs.
         """
-        ...
 
 
 class Unpacker(Protocol):
@@ -431,15 +415,12 @@ class Unpacker(Protocol):
 
     def feed(self, data: bytes) -> Sequence[Message]:
         """Return the messages that these bytes complete, under the keys that they have on the bus."""
-        ...
 
     def end(self) -> Sequence[Message]:
         """Return the remaining messages at the end of the file."""
-        ...
 
     def loss(self) -> str:
         """Return a description of what could not be read so far; empty if nothing was lost."""
-        ...
 
 
 @runtime_checkable
@@ -454,11 +435,9 @@ class ConvertsFiles(Protocol):
 
     def unpacker(self) -> Unpacker:
         """Return a new decoder for one file."""
-        ...
 
     def packed(self, message: Message) -> bytes | None:
         """Return the record of a message, None if it is of another kind."""
-        ...
 
 
 # -- what a message type can do ---------------------------------------------------------------------------------------
@@ -474,7 +453,6 @@ class DescribesFields(Protocol):
         Raises:
             PayloadError: The type has unknown parts.
         """
-        ...
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
         """Yield the elements of an array of numbers (`ranges`) of many payloads, in batches of payloads.
@@ -482,7 +460,6 @@ class DescribesFields(Protocol):
         Raises:
             PayloadError: There is no such array.
         """
-        ...
 
 
 @runtime_checkable
@@ -495,7 +472,6 @@ class GathersFields(Protocol):
         Raises:
             PayloadError: No payload of this type has such a field.
         """
-        ...
 
 
 MOST_PARTS = 1_000
@@ -525,7 +501,6 @@ class ListsParts(Protocol):
         Raises:
             PayloadError: The type has unknown parts.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -550,7 +525,6 @@ class SuggestsValues(Protocol):
         Returns:
             Values that the field can hold, empty if there are no suggestions or no such field.
         """
-        ...
 
 
 def suggested_values(kind: MessageType | None, payload: bytes, path: str) -> Sequence[SuggestedValue]:
@@ -568,7 +542,6 @@ class KnowsBrittleFields(Protocol):
         Returns:
             The reason, empty if the field may be changed, None if unknown; then its name decides.
         """
-        ...
 
 
 @runtime_checkable
@@ -581,7 +554,6 @@ class AllowsNonFinite(Protocol):
         Args:
             path: Path of a field or of an array element.
         """
-        ...
 
 
 def allows_non_finite(kind: MessageType | None, path: str) -> bool:
@@ -603,4 +575,3 @@ class OmitsFields(Protocol):
         Raises:
             PayloadError: There is no such field.
         """
-        ...

@@ -162,8 +162,7 @@ class DocumentType(ABC):
         if item.kind == "map":
             for key, at in dict(self._members(payload, item)).items():
                 if key is not None:
-                    name = f"{path}[{key}]" if isinstance(key, int) else member_path(path, key)
-                    self._collect(payload, self.head(payload, at), name, elements, depth + 1, found)
+                    self._collect(payload, self.head(payload, at), member_path(path, key), elements, depth + 1, found)
         elif item.kind == "array":
             found.append(Leaf(f"len({path})", "uint32", item.entries))
             at = item.body

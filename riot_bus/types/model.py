@@ -90,17 +90,14 @@ class MessageType(Protocol):
     @property
     def name(self) -> str:
         """Name of the type, such as `nav_msgs/msg/Odometry` or `json`."""
-        ...
 
     @property
     def encoding(self) -> str:
         """MCAP message encoding: `cdr`, `json`, `msgpack`."""
-        ...
 
     @property
     def schema(self) -> Schema | None:
         """Definition for the log, None if the encoding is self-describing."""
-        ...
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
         """List the scalar fields in payload order.
@@ -113,14 +110,12 @@ class MessageType(Protocol):
         Raises:
             PayloadError: The payload is opaque.
         """
-        ...
 
     def opaque(self, payload: bytes) -> str | None:
         """Return why the payload cannot be decoded, None if it can; never raise.
 
         If there is a reason, `leaves` raises it. `why_opaque` is an implementation for any type.
         """
-        ...
 
     def read(self, payload: bytes, path: str) -> Scalar:
         """Return one field's value (`len(path)` for a length).
@@ -128,7 +123,6 @@ class MessageType(Protocol):
         Raises:
             PayloadError: There is no such field.
         """
-        ...
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced in place; every other byte stays as it is.
@@ -139,7 +133,6 @@ class MessageType(Protocol):
             PayloadError: There is no such field, the value is of another kind, or it does not fit in place; in the
                 last case, use `rebuild`.
         """
-        ...
 
     def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with changed fields, which may change its size; values that fit are patched in place.
@@ -151,7 +144,6 @@ class MessageType(Protocol):
         Raises:
             PayloadError: There is no such field, the value is of another kind, or the result exceeds `MOST_BYTES`.
         """
-        ...
 
 
 @runtime_checkable
@@ -162,15 +154,12 @@ class TypeSource(Protocol):
 
     def load(self, files: Sequence[Path]) -> None:
         """Load type definitions that the user named; raise ConfigError with the place of an error."""
-        ...
 
     def type_named(self, type_name: str) -> MessageType | None:
         """Return the type of this name, None if unknown."""
-        ...
 
     def type_of_schema(self, schema: Schema) -> MessageType | None:
         """Return a type from a log's schema, None if it is of another kind or cannot be parsed."""
-        ...
 
 
 class Adapter(TypeSource, Protocol):
@@ -182,11 +171,9 @@ class Adapter(TypeSource, Protocol):
 
     def topic(self, key: str) -> TopicName | None:
         """Return the topic name of a key, None if the key does not belong to this adapter."""
-        ...
 
     def key_expression(self, topic: str) -> str | None:
         """Return the key expression of a topic name, None if the name does not belong to this adapter."""
-        ...
 
 
 def why_opaque(kind: MessageType, payload: bytes) -> str | None:
@@ -297,8 +284,10 @@ def _unquote(text: str, path: str) -> str:
 
 
 @lru_cache(1 << 12)  # each message has the same fields
-def member_path(parent: str, key: str) -> str:
-    """Return the path of a member; keys that are not identifiers are quoted as in JSON: `a["odd key"]`."""
+def member_path(parent: str, key: str | int) -> str:
+    """Return the path of a member: `a[3]` for a number; texts that are not identifiers are quoted: `a["odd key"]`."""
+    if isinstance(key, int):
+        return f"{parent}[{key}]"
     if _NAME.fullmatch(key) is None:
         return f"{parent}[{json.dumps(key, ensure_ascii=False)}]"
     return f"{parent}.{key}" if parent else key

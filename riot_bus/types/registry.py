@@ -104,11 +104,8 @@ class TypeRegistry:
         call = part_of(topic)
         if call is not None:
             return f"{self.key_expression(call[0])}/{call[1]}"
-        for adapter in self._adapters:
-            expression = adapter.key_expression(topic)
-            if expression is not None:
-                return expression
-        return topic
+        expression = _first(adapter.key_expression(topic) for adapter in self._adapters)
+        return topic if expression is None else expression
 
     def matches(self, topic_or_expression: str, key: str) -> bool:
         """Return whether a topic name or key expression, as a user wrote it, includes the key."""
@@ -161,11 +158,8 @@ class TypeRegistry:
             The type, None if neither a codec nor an adapter understands the schema.
         """
         codec = self._codecs.of_encoding(encoding)
-        found = codec if isinstance(codec, MessageType) else None
-        if found is None and isinstance(codec, TypeSource):
-            found = codec.type_of_schema(schema)
-        for adapter in self._adapters:
-            found = found or adapter.type_of_schema(schema)
+        sources = [*([codec] if isinstance(codec, TypeSource) else []), *self._adapters]
+        found = codec if isinstance(codec, MessageType) else _first(each.type_of_schema(schema) for each in sources)
         if found is not None:
             by_name = not schema.data and found.schema is not None and found.schema.data  # only from the log
             (self._named_in_logs if by_name else self._from_logs)[key_or_topic] = found
@@ -179,13 +173,11 @@ class TypeRegistry:
 
     def announcement(self, token: str) -> Announcement | None:
         """Return a token's announcement, None if no adapter reads it; an adapter may learn a key's type from it."""
-        for adapter in self._token_parsers:
-            found = adapter.announcement(token)
-            if found is not None:
-                self._names.pop(found.key, None)
-                self._settled.pop(found.key, None)
-                return found
-        return None
+        found = _first(adapter.announcement(token) for adapter in self._token_parsers)
+        if found is not None:
+            self._names.pop(found.key, None)
+            self._settled.pop(found.key, None)
+        return found
 
     def missing(self, key: str) -> bool:
         """Return whether the type of a key is unknown, but participants that use the key can be asked for it."""
@@ -244,9 +236,7 @@ class TypeRegistry:
         """
         found = self._types.get(name)
         if found is None:
-            found = self._of_codec(name)
-            for source in self._sources() if found is None else ():
-                found = found or source.type_named(name)
+            found = self._of_codec(name) or _first(source.type_named(name) for source in self._sources())
             if found is not None and "(" not in name:
                 self._types[name] = found
         return found
@@ -262,19 +252,16 @@ class TypeRegistry:
         name = self._names.get(key)
         if name is None:
             call = part_of(key)
-            if call is not None:
-                name = self._part(*call)
-            else:
-                found = (adapter.topic(key) for adapter in self._adapters)
-                name = next((each for each in found if each is not None), TopicName(key))
+            found = self._part(*call) if call else _first(adapter.topic(key) for adapter in self._adapters)
+            name = found or TopicName(key)
             _remember(self._names, key, name)
         return name
 
     def _part(self, key: str, part: str) -> TopicName:
         """Return the name and the type of a part of a service's calls."""
         name = self._name(key)
-        types = [each.call_type(name.type_name, part) for each in self._with_services if name.type_name is not None]
-        return TopicName(f"{name.name}/{part}", next((each for each in types if each is not None), None))
+        types = (each.call_type(name.type_name, part) for each in self._with_services if name.type_name is not None)
+        return TopicName(f"{name.name}/{part}", _first(types))
 
     def _settle(self, key: str) -> MessageType | None:
         name = self._name(key)
@@ -301,8 +288,7 @@ class TypeRegistry:
     def _by_key(self, key: str, name: TopicName) -> MessageType | None:
         if name.type_name is None:
             return None
-        keyed = (adapter.type_of_key(key) for adapter in self._key_readers)
-        return next((found for found in keyed if found is not None), None) or self.type_named(name.type_name)
+        return _first(adapter.type_of_key(key) for adapter in self._key_readers) or self.type_named(name.type_name)
 
     def _by_encoding(self, encoding: str) -> MessageType | None:
         known = self._encoded
@@ -359,6 +345,11 @@ class TypeRegistry:
 def _endings(adapter: Adapter) -> Sequence[str]:
     """Return the endings of the files that an adapter takes, empty if it takes all files that no other takes."""
     return adapter.endings if isinstance(adapter, TakesFiles) else ()
+
+
+def _first(found: Iterable[ValueT | None]) -> ValueT | None:
+    """Return the first result that is not None; those after it are not computed."""
+    return next((each for each in found if each is not None), None)
 
 
 def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:

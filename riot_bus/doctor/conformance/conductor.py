@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.session_config import client_config
@@ -58,11 +59,9 @@ class _Child:
     def tell(self, signal: str, value: Any = None) -> None:
         """Send a signal; nothing happens if the process is dead."""
         assert self._process.stdin is not None
-        try:
+        with suppress(BrokenPipeError):
             self._process.stdin.write(json.dumps({"signal": signal, "value": value}) + "\n")
             self._process.stdin.flush()
-        except BrokenPipeError:
-            return
 
     def kill(self) -> None:
         """End the process at once."""
@@ -87,11 +86,9 @@ class _Child:
         self._process.wait(_LEAVE_S)
         self._thread.join(_LEAVE_S)
         for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                try:
-                    pipe.close()
-                except BrokenPipeError:
-                    continue
+            assert pipe is not None
+            with suppress(BrokenPipeError):
+                pipe.close()
 
     def _read(self) -> None:
         assert self._process.stdout is not None

@@ -38,36 +38,47 @@ class ScenarioNetwork(Protocol):
     def __exit__(self, *error: object) -> None: ...
 
 
-class PlainNetwork:
-    """One plain Zenoh router."""
+class _OwnNetwork:
+    """A network that is opened here.
+
+    Args:
+        settings: Listening endpoint and Zenoh configuration.
+    """
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._router: Segment | None = None
-        self._listen: Sequence[str] = (settings.listen,)
+        self._listen: dict[str, Sequence[str]] = dict.fromkeys(_ENDS, (settings.listen,))
+        self._opened: Segment | Bus | None = None
 
-    def endpoint(self, end: EndName) -> str:  # noqa: D102 - see Network
-        return self._listen[0]
+    def endpoint(self, end: EndName) -> str:
+        return self._listen[end][0]
 
-    def restart(self) -> None:  # noqa: D102
+    def restart(self) -> None:
         self.__exit__()
         self.__enter__()
+
+    def __enter__(self) -> Self:
+        raise NotImplementedError
+
+    def __exit__(self, *error: object) -> None:
+        if self._opened is not None:
+            self._opened.close()
+
+
+class PlainNetwork(_OwnNetwork):
+    """One plain Zenoh router."""
 
     def report(self) -> list[str]:  # noqa: D102
         return []
 
     def __enter__(self) -> Self:
         prepare_runtime()
-        self._router = Segment("plain", self._listen, config=self._settings.router)
-        self._listen = self._router.endpoints
+        self._opened = Segment("plain", self._listen["left"], config=self._settings.router)
+        self._listen = dict.fromkeys(_ENDS, self._opened.endpoints)
         return self
 
-    def __exit__(self, *error: object) -> None:
-        if self._router is not None:
-            self._router.close()
 
-
-class BusNetwork:
+class BusNetwork(_OwnNetwork):
     """A riot bus, one segment for each end.
 
     Args:
@@ -77,21 +88,11 @@ class BusNetwork:
     """
 
     def __init__(self, settings: Settings, intercept: Sequence[str] = (), *, changed: bool = False) -> None:
-        self._settings = settings
-        self._intercept = intercept
-        self._changed = changed
-        self._listen: dict[str, Sequence[str]] = dict.fromkeys(_ENDS, (settings.listen,))
-        self._bus: Bus | None = None
-
-    def endpoint(self, end: EndName) -> str:  # noqa: D102 - see Network
-        return self._listen[end][0]
-
-    def restart(self) -> None:  # noqa: D102
-        self.__exit__()
-        self.__enter__()
+        super().__init__(settings)
+        self._intercept, self._changed = intercept, changed
 
     def report(self) -> list[str]:  # noqa: D102
-        losses = self._bus.losses if self._bus is not None else None
+        losses = self._opened.losses if isinstance(self._opened, Bus) else None
         if not losses:
             return []
         lost = [f"{count} messages of {key} were lost" for key, count in losses.messages.items()]
@@ -99,16 +100,12 @@ class BusNetwork:
 
     def __enter__(self) -> Self:
         first = [_UNUSED] if self._changed else self._intercept
-        self._bus = Bus(self._listen, intercept=first, config=self._settings.router, timeout=_TIMEOUT_S)
-        self._bus.open()
+        self._opened = bus = Bus(self._listen, intercept=first, config=self._settings.router, timeout=_TIMEOUT_S)
+        bus.open()
         if self._changed:
-            self._bus.set_intercept(self._intercept)
-        self._listen = {name: self._bus.segment(name).endpoints for name in _ENDS}
+            bus.set_intercept(self._intercept)
+        self._listen = {name: bus.segment(name).endpoints for name in _ENDS}
         return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._bus is not None:
-            self._bus.close()
 
 
 class RunningNetwork:

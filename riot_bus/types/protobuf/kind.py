@@ -190,7 +190,7 @@ class ProtobufType:
             entry = self._entry(field)
             if entry is not None:
                 for key, one in self._entries(payload, entry, found).items():
-                    self._add_value(payload, entry, one, _key_path(here, key), most, depth + 1, leaves)
+                    self._add_value(payload, entry, one, member_path(here, key), most, depth + 1, leaves)
             elif field.repeated:
                 leaves.append(Leaf(f"len({here})", "uint32", count(payload, field, found)))
                 for index, each in enumerate(elements(payload, field, found, most)):
@@ -356,10 +356,6 @@ def _check_end(steps: Sequence[str | int], *, length: bool) -> None:
         raise PayloadError(f"no field {steps[-1]!r} here: this is a scalar")
     if length:
         raise PayloadError("only arrays have a length")
-
-
-def _key_path(path: str, key: str | int) -> str:
-    return member_path(path, key) if isinstance(key, str) else f"{path}[{key}]"
 
 
 def _wrapped(data: bytes, around: Sequence[ProtobufField]) -> bytes:

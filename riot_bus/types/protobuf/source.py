@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions, load_set
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,14 +78,10 @@ def require_protobuf() -> None:
     """Raise MissingExtraError if the library is not installed."""
     from importlib.util import find_spec
 
-    from riot_bus.vocabulary.errors import MissingExtraError
-
-    try:
-        found = find_spec("google.protobuf")
-    except ModuleNotFoundError:
-        found = None
-    if found is None:
-        raise MissingExtraError("protobuf", "protobuf")
+    with suppress(ModuleNotFoundError):
+        if find_spec("google.protobuf") is not None:
+            return
+    raise MissingExtraError("protobuf", "protobuf")
 
 
 def _parsed(schema: Schema) -> ProtobufType | None:
