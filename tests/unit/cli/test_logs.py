@@ -234,7 +234,8 @@ def test_types_by_hand(tmp_path):
     assert "x  float64" in riot("types", path, *declared)[0]
     assert "59" in riot("info", path, "--fields", *declared)[0]
     riot("export", path, "--field", "/twist:x", "-o", tmp_path / "a.csv", *declared)
-    assert riot("types", path, "--type", "odd", error=ConfigError)[1].startswith("--type: 'odd' is not a topic and its type")
+    problem = riot("types", path, "--type", "odd", error=ConfigError)[1]
+    assert problem.startswith("--type: 'odd' is not a topic and its type")
 
 
 @pytest.mark.parametrize("data", [b"", b"text", None])
