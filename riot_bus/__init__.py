@@ -39,48 +39,31 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# One name for each thing that scripts do, by what they do it with; the module that has it.
-_MESSAGES = {"Message": "vocabulary.message", "Qos": "vocabulary.message"}
-_LOGS = {
-    "EditOptions": "log.editing.options",
-    "LogReader": "log.reader",
-    "LogWriter": "log.writer",
-    "columns": "log.tables.table",
-    "edit": "log.editing.edit",
-    "iter_columns": "log.tables.table",
+# One name for each thing that scripts do: the modules and what each has of it.
+_MODULES = {
+    "chain.workspace": "Workspace",
+    "findings.steps": "STEPS ChainStep find_step",
+    "inject.apply": "inject_log",
+    "interceptors.parsing": "from_text",
+    "log.editing.edit": "edit",
+    "log.editing.options": "EditOptions",
+    "log.reader": "LogReader",
+    "log.tables.table": "columns iter_columns",
+    "log.writer": "LogWriter",
+    "pipeline.runner": "Pipeline",
+    "play.options": "PlayOptions",
+    "play.service": "PlayService",
+    "record.options": "CaptureOptions",
+    "record.service": "CaptureService",
+    "router.bus": "Bus",
+    "types.registry": "TypeRegistry load_adapters",
+    "vocabulary.errors": "ConfigError InconclusiveError PayloadError RiotError",
+    "vocabulary.injection": "Curve Formula Injection Signal",
+    "vocabulary.message": "Message Qos",
+    "vocabulary.trial": "Outcome TestCase Verdict",
+    "zenoh.client": "open_client",
 }
-_TYPES = {"TypeRegistry": "types.registry", "load_adapters": "types.registry"}
-_BUSES = {"Bus": "router.bus", "open_client": "zenoh.client"}
-_INTERCEPTORS = {"Pipeline": "pipeline.runner", "from_text": "interceptors.parsing"}
-_RECORDING = {
-    "CaptureOptions": "record.options",
-    "CaptureService": "record.service",
-    "PlayOptions": "play.options",
-    "PlayService": "play.service",
-}
-_FAULTS = {
-    "Curve": "vocabulary.injection",
-    "Formula": "vocabulary.injection",
-    "Injection": "vocabulary.injection",
-    "Signal": "vocabulary.injection",
-    "inject_log": "inject.apply",
-}
-_CHAIN = {
-    "STEPS": "findings.steps",
-    "ChainStep": "findings.steps",
-    "Outcome": "vocabulary.trial",
-    "TestCase": "vocabulary.trial",
-    "Verdict": "vocabulary.trial",
-    "Workspace": "chain.workspace",
-    "find_step": "findings.steps",
-}
-_ERRORS = {
-    "ConfigError": "vocabulary.errors",
-    "InconclusiveError": "vocabulary.errors",
-    "PayloadError": "vocabulary.errors",
-    "RiotError": "vocabulary.errors",
-}
-_PLACES = _MESSAGES | _LOGS | _TYPES | _BUSES | _INTERCEPTORS | _RECORDING | _FAULTS | _CHAIN | _ERRORS
+_PLACES = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "STEPS",

@@ -46,10 +46,8 @@ class PluginKind(NamedTuple):
 
     def targets(self) -> dict[str, str]:
         """Return all plug-ins of this kind: `module:attribute` (or `module`) by name, sorted by name."""
-        everybody, own = (
-            {point.name: point.value for point in points.select(group=self.group)} for points in _installed()
-        )
-        return dict(sorted((everybody | (own or _declared().get(self.group, {}))).items()))
+        every, own = ({point.name: point.value for point in points.select(group=self.group)} for points in _installed())
+        return dict(sorted((every | (own or _declared().get(self.group, {}))).items()))
 
     def load(self, name: str, *, where: str | None = None) -> Any:
         """Import a plug-in and return what its entry point names: a class, function, value or module.

@@ -44,7 +44,7 @@ def doctor(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="For --acl: robot whose keys are tried; its agent must not run. [default: a name that nobody has]",
+            help="For --acl: robot whose keys are tried; its agent must not run. [default: a name that no robot has]",
         ),
     ] = None,
     form: Format = OutputFormat.TEXT,

@@ -151,7 +151,7 @@ def _scouting(facts: Facts) -> Check:
         return Check(name, "warning", "could not be asked on this host", "choose another interface")
     reachable = [each for each in facts.answers.values() if each.locators]
     if not reachable:
-        return Check(name, "ok", "nobody answers")
+        return Check(name, "ok", "no session answers")
     who = "; ".join(f"{each.mode} {each.zid} at {', '.join(each.locators)}" for each in reachable)
     return Check(
         name,

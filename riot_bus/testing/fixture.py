@@ -198,7 +198,7 @@ class RouterTest:
         key = registry.key_expression(topic)
         if "*" in key:
             hint = "give its whole key, or publish with a node of your own"
-            raise ConfigError(f"{topic!r} is no single key: {key}", where="put", hint=hint)
+            raise ConfigError(f"{topic!r} is not a single key: {key}", where="put", hint=hint)
         if isinstance(payload, bytes | bytearray | memoryview):
             data = bytes(payload)
         else:
@@ -322,7 +322,7 @@ class RouterTest:
             return given
         if inspect.isclass(given) or inspect.iscoroutinefunction(given) or not callable(given):
             hint = "give a function of an event, an object with message(event), or text such as 'drop every=5'"
-            raise ConfigError(f"{given!r} is no interceptor", where="riot.interceptor", hint=hint)
+            raise ConfigError(f"{given!r} is not an interceptor", where="riot.interceptor", hint=hint)
         name = getattr(given, "__name__", type(given).__name__)
         return SimpleNamespace(name=name, message=given)
 
@@ -366,7 +366,7 @@ class RouterTest:
         heard = self._receivers.heard(self._router.registry.key_expression(topic))
         if any(segment != source for segment in heard for source in sources):
             return ""
-        where = f"subscribers are in {', '.join(sorted(heard))}" if heard else "nobody has subscribed to them"
+        where = f"subscribers are in {', '.join(sorted(heard))}" if heard else "no component has subscribed to them"
         return (
             f"they came from segment {', '.join(sorted(sources))}, and {where}; between processes of one segment "
             "riot sees nothing"
@@ -377,7 +377,7 @@ class RouterTest:
         if topics is None:
             topics = self._topics
             if not topics:
-                return "saw nothing: say by `intercept`, or `topics`, what it shall see"
+                return "saw nothing: name the topics that it is to see, by `intercept` or `topics`"
         return "" if any(self._sources(topic) for topic in topics) else f"saw nothing: none of {', '.join(topics)} came"
 
 

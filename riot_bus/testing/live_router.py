@@ -189,7 +189,7 @@ class LiveRouter:
         keys = [self.registry.key_expression(topic) for topic in topics]
         missing = self.bus.wait_subscribed(segment, keys, timeout=timeout, alive=alive)
         when = f"in {timeout:g} s" if alive() else "before the process ended"
-        assert not missing, f"nobody in segment {segment!r} has subscribed to {', '.join(missing)} {when}"
+        assert not missing, f"no component in segment {segment!r} has subscribed to {', '.join(missing)} {when}"
 
     @contextmanager
     def capturing(self, capture: Capture) -> Iterator[None]:

@@ -293,7 +293,7 @@ class ReportConformance:
         self, tmp_path: Path, made: Callable[[str, Path], FindingView | CampaignView], harmless: str
     ) -> None:
         if self.binary:
-            pytest.skip("this format is no text")
+            pytest.skip("this format is not text")
         found = []
         for name in ("hostile", harmless):
             folder = tmp_path / name

@@ -209,7 +209,7 @@ def test_nor_does_one_that_is_to_fail():
             "*messages of nobody/says/this: none was intercepted*",
             "*injection 0 (set of pos:x) was not carried out*",
             "*interceptor bad raised in 1 message*",
-            "*saw nothing: say by `intercept`, or `topics`, what it shall see*",
+            "*saw nothing: name the topics that it is to see, by `intercept` or `topics`*",
             "*messages of pos: they came from segment system, and subscribers are in system*",
             "*has ended with status -6*",
         ]

@@ -38,7 +38,7 @@ def subscriber(router: LiveRouter, segment: str, key: str, heard: list[bytes]) -
 
 @pytest.mark.parametrize("expression", ["x", "**"])
 def test_who_records_everything_is_no_subscriber(router: LiveRouter, one: RouterTest, expression: str) -> None:
-    with pytest.raises(AssertionError, match=r"nobody in segment 'b' has subscribed to x in 0.3 s"):
+    with pytest.raises(AssertionError, match=r"no component in segment 'b' has subscribed to x in 0.3 s"):
         one.wait_subscribed("x", timeout=0.3)
     heard: list[bytes] = []
     with subscriber(router, "b", expression, heard):
@@ -51,7 +51,7 @@ def test_who_records_everything_is_no_subscriber(router: LiveRouter, one: Router
 
 
 def test_a_subscriber_elsewhere_does_not_count(router: LiveRouter, one: RouterTest) -> None:
-    with subscriber(router, "a", "x", []), pytest.raises(AssertionError, match="nobody in segment 'b'"):
+    with subscriber(router, "a", "x", []), pytest.raises(AssertionError, match="no component in segment 'b'"):
         one.wait_subscribed("x", timeout=0.5)
 
 
@@ -112,17 +112,17 @@ def test_problems_name_what_has_not_happened(router: LiveRouter, one: RouterTest
 def test_what_is_refused_changes_nothing(one: RouterTest) -> None:
     for given in (print, 5, object):
         if given is not print:
-            with pytest.raises(ConfigError, match="is no interceptor"):
+            with pytest.raises(ConfigError, match="is not an interceptor"):
                 one.interceptor(given)
 
     async def later(event: object) -> None:
         pass
 
-    with pytest.raises(ConfigError, match="is no interceptor"):
+    with pytest.raises(ConfigError, match="is not an interceptor"):
         one.interceptor(later)
     with pytest.raises(ConfigError):
         one.intercept("a:b c")
-    with pytest.raises(ConfigError, match="is no single key"):
+    with pytest.raises(ConfigError, match="is not a single key"):
         one.put("a/*", {})
     with pytest.raises(ConfigError, match="cannot read the injection plan"):
         one.inject("missing.toml")
@@ -149,7 +149,9 @@ def test_a_process_that_dies_is_a_problem_and_none_outlives_its_test(router: Liv
         assert stays.status is None
         (told,) = one.problems()
         assert told.endswith("has ended with status 3")
-        with pytest.raises(AssertionError, match="nobody in segment 'b' has subscribed to p before the process ended"):
+        with pytest.raises(
+            AssertionError, match="no component in segment 'b' has subscribed to p before the process ended"
+        ):
             one.start([sys.executable, "-c", ""], subscribes=["p"])
         process = psutil.Process(stays.pid)
     assert not process.is_running()
