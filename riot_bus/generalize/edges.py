@@ -27,7 +27,7 @@ NARROW = 1e-3
 MOST_DIGITS = 4
 """Maximum number of digits of a coefficient; longer ones are chance."""
 
-_MULTIPLES = range(1, 9)
+_MULTIPLES = range(1, 9)  # a guess: coefficients in code are small whole numbers
 _MOST_CHOICES = 16  # all of four variables with edges on both sides
 
 
