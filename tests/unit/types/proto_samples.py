@@ -109,8 +109,10 @@ def every(**values):
         r_double=[1.0, 2.0], r_float=[0.5], r_int64=[-1, 0, 300], r_bool=[True, False], r_string=["a", "", "ccc"],
         r_sint32=[-1, 70000], r_fixed32=[1, 2, 3], mode=1, modes=[1, 0], unpacked=[1, 200, 3],
         at={"x": 1.0, "z": -3.0}, path=[{"x": 1}, {"y": 2}, {}], inner={"f_int32": 3, "inner": {"f_string": "deep"}},
-        number=42, maybe=0, counts={"left": 1, "odd key": 300}, spots={3: {"x": 4.0}, -1: {}}, flags={True: "yes"},
+        number=42, maybe=0, counts={"left": 1, "odd key": 300}, flags={True: "yes"},
     )  # fmt: skip
+    found.spots[3].x = 4.0  # before protobuf 6.30, maps of messages take no dicts
+    found.spots[-1].SetInParent()
     for name, value in values.items():
         setattr(found, name, value)
     return found
