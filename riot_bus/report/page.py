@@ -19,6 +19,7 @@ from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
 from riot_bus.report.statements import not_tried, other_fields, statements
 from riot_bus.report.templating import rendered
+from riot_bus.vocabulary.errors import needs_extra
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.order import order_of
 
@@ -76,7 +77,8 @@ class HtmlReport:
 
 
 def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
-    from markupsafe import Markup
+    with needs_extra("jinja2", "report"):
+        from markupsafe import Markup
 
     plot = rule_plot(view.rule) if view.rule else None
     activation, nominal = view.activation, view.permeability.nominal if view.permeability else {}

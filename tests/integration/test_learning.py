@@ -171,7 +171,7 @@ def test_messages_get_fields_while_they_pass(tmp_path: Path, version: Literal[1,
             assert len(node.asked) <= 4
             sent = node.sent
         assert not router.pipeline.errors
-        assert not router.losses
+        assert not router.bus.losses
     assert got[-10:] == [-1.0] * 10
     (before, after) = schemas(path)
     assert before[0] == after[0] == NAME
@@ -267,7 +267,7 @@ def test_what_nobody_looks_at_is_not_listened_to(tmp_path: Path) -> None:
         pursued = router._recordings._announcements._learner._pursued
         assert node.publishes_until(lambda: KEY in pursued and pursued[KEY].missing is not None)
         assert pursued[KEY].missing
-        assert pursued[KEY].ear is None
+        assert pursued[KEY].probe is None
         assert not node.asked
         router.intercept_add(["/reading"])
         assert node.publishes_until(lambda: router._registry.type_of(KEY) is not None)

@@ -538,8 +538,8 @@ def test_an_action_is_intercepted_as_a_whole(tmp_path: Path) -> None:
             assert wait_until(crossed, 60, interval=0.02)
         parts = [f"/fibonacci/_action/{name}/@{part}" for name in list(ACTION)[:3] for part in ("request", "reply")]
         topics = [f"/fibonacci/_action/{name}" for name in ("feedback", "status")]
-        assert sorted(router.counts()) == sorted([*parts, *topics])
-        assert {router.counts()[part].forwarded for part in parts} == {1}
+        assert sorted(router.bus.counts()) == sorted([*parts, *topics])
+        assert {router.bus.counts()[part].forwarded for part in parts} == {1}
 
 
 def test_services_are_selected_and_left_alone_while_the_router_runs(tmp_path: Path) -> None:
@@ -548,15 +548,15 @@ def test_services_are_selected_and_left_alone_while_the_router_runs(tmp_path: Pa
         assert router.intercept_add(["calc/add/@request"]) == ["odom", "calc/add/@request"]
         assert router.status()["services"] == [ADD]
         assert eventually(system) == [("put", "x!")]
-        assert router.counts()[REQUEST].forwarded >= 1
+        assert router.bus.counts()[REQUEST].forwarded >= 1
         plan = router.plan_load('[[inject]]\ntopic = "calc/*/@reply"\nfield = "v"\nvalue = 1\n', "plan")
         assert plan["intercepted"] == ["odom", "calc/add/@request", "calc/*/@request"]
         router.plan_clear()
         assert router.intercept_remove(["calc/add/@request"]) == ["odom"]
         assert router.status()["services"] == []
-        seen = router.counts()[REQUEST].received
+        seen = router.bus.counts()[REQUEST].received
         assert eventually(system) == [("put", "x!")]
-        assert router.counts()[REQUEST].received == seen
+        assert router.bus.counts()[REQUEST].received == seen
 
 
 def test_the_graph_says_which_services_are_intercepted(tmp_path: Path) -> None:
@@ -591,7 +591,7 @@ def test_who_selects_all_keys_selects_services_of_ros_too(tmp_path: Path) -> Non
         assert eventually(system, "x", ACTION["send_goal"], target=complete) == [("put", "x!")]
         assert call(system, "y", ACTION["send_goal"]) == [("put", "y!")]
         assert eventually(system) == [("put", "x!")]
-        assert router.counts()["/fibonacci/_action/send_goal/@request"].received == 2
+        assert router.bus.counts()["/fibonacci/_action/send_goal/@request"].received == 2
 
 
 def test_wider_services_and_wider_questions_are_answered_once() -> None:
