@@ -174,16 +174,15 @@ def show(
 ) -> None:
     """Show the messages of a short log, or the few that a finding needs, and mark what was changed."""
     from riot_bus.chain.workspace import open_finding
-    from riot_bus.findings.records import FieldsRecord, MinimalRecord
+    from riot_bus.findings.records import FieldsRecord, MinimalRecord, shortest_log
     from riot_bus.log.reader import LogReader
     from riot_bus.log.showing import show_log
 
     log, notes = what, list[str]()
     if what.is_dir() and ((what / "finding.json").is_file() or (what / "findings").is_dir()):
         folder, _ = open_finding(what)
-        minimal = folder / "minimal.mcap"
-        log = minimal if minimal.is_file() else folder / "failure.mcap"
-        if minimal.is_file() and MinimalRecord.exists(folder):
+        log = shortest_log(folder)
+        if MinimalRecord.exists(folder):
             notes = MinimalRecord.load(folder).lines()
             if FieldsRecord.exists(folder):
                 notes += [f"it needs that {one}" for one in FieldsRecord.load(folder).structure]

@@ -113,7 +113,7 @@ class ConsoleNarrator:
 
         self._stop()
         trials = len(stored_trials(out / "trials" / TrialStore.NAME))
-        findings = len(list((out / "findings").glob(f"*/{FindingRecord.FILE}")))
+        findings = len(FindingRecord.folders(out / "findings"))
         text = (
             f"riot: interrupted; kept in {out}: {counted(trials, 'finished trial')}, {counted(findings, 'finding')}. "
         )

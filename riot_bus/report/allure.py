@@ -11,7 +11,7 @@ import json
 import uuid
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.findings.records import CampaignRecord, FindingRecord, MinimalRecord
+from riot_bus.findings.records import CampaignRecord, FindingRecord, shortest_log
 from riot_bus.report.cases import LONGEST_NAME, as_text, cases_of, suites_of
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place
@@ -111,7 +111,7 @@ def _times(view: CampaignView, case: ReportedCase) -> dict[str, int]:
 
 def _attached(one: FindingView) -> Iterator[tuple[Path, str, str]]:
     """Return the files of a finding that people open, each with its title and type."""
-    log = one.directory / ("minimal.mcap" if MinimalRecord.exists(one.directory) else "failure.mcap")
+    log = shortest_log(one.directory)
     if log.is_file() and log.stat().st_size <= _LARGEST:
         yield log, f"{'minimal' if log.stem == 'minimal' else 'failing'} log", "application/octet-stream"
     if (page := one.directory / PAGE).is_file():

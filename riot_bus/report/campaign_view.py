@@ -152,11 +152,11 @@ def load_campaign(
             campaign = CampaignRecord.load(folder)
         except ConfigError as error:
             broken[CampaignRecord.FILE] = error.message
-    for path in sorted((folder / _FINDINGS).glob(f"*/{FindingRecord.FILE}")):
+    for one in FindingRecord.folders(folder / _FINDINGS):
         try:
-            findings.append(load(path.parent))
+            findings.append(load(one))
         except ConfigError as error:
-            broken[f"{_FINDINGS}/{path.parent.name}/{path.name}"] = error.message
+            broken[f"{_FINDINGS}/{one.name}/{FindingRecord.FILE}"] = error.message
     for name in campaign.findings if campaign else ():
         if not FindingRecord.exists(folder / _FINDINGS / name):
             broken[f"{_FINDINGS}/{name}"] = "it is not there"
