@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from functools import cache, cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import HeardSystem
 from riot_bus.types.model import Schema, TopicName
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean, require_package
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
 from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
@@ -54,8 +53,7 @@ class MavlinkAdapter:
 
     def __init__(self, options: str = "") -> None:
         for package in ("pymavlink", "fastcrc"):
-            if find_spec(package) is None:
-                raise MissingExtraError(package, "mavlink")
+            require_package(package, "mavlink")
         chosen = _options(options)
         self.template = KeyTemplate(chosen.get("template", TEMPLATE))
         self.signer = Signer(read_key(Path(chosen["key_file"]))) if "key_file" in chosen else None

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean, require_package
 from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
 
@@ -124,10 +123,8 @@ _shipped = lru_cache(maxsize=4)(_load)
 
 
 def _shipped_folder() -> Path:
-    spec = find_spec("pymavlink")
-    if spec is None or not spec.submodule_search_locations:
-        raise MissingExtraError("pymavlink", "mavlink")
-    return Path(next(iter(spec.submodule_search_locations))) / "dialects" / "v20"
+    spec = require_package("pymavlink", "mavlink")
+    return Path(next(iter(spec.submodule_search_locations or ()))) / "dialects" / "v20"
 
 
 def _shipped_file(name: str) -> Path:

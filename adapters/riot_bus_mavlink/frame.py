@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
-from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
+from riot_bus.vocabulary.errors import PayloadError, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -244,10 +244,8 @@ def load_crc() -> Callable[[bytes, int], int]:
     Raises:
         MissingExtraError: fastcrc is not installed.
     """
-    try:
+    with needs_extra("fastcrc", "mavlink"):
         from fastcrc.crc16 import mcrf4xx
-    except ImportError:
-        raise MissingExtraError("fastcrc", "mavlink") from None
     crc: Callable[[bytes, int], int] = mcrf4xx
     return crc
 

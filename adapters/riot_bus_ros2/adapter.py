@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus.types.serve import REPLY, REQUEST, part_of
+from riot_bus.vocabulary.errors import require_package
 from riot_bus_ros2.announcing import EXPRESSIONS, announcement_of
 from riot_bus_ros2.attachment import Attachment, build_attachment, stamp_of
 from riot_bus_ros2.cdr import CdrType
@@ -27,7 +28,7 @@ from riot_bus_ros2.live import ask_nodes, services_of
 from riot_bus_ros2.offering import clock_of, offer_of, server_tokens
 from riot_bus_ros2.parameters import set_parameters
 from riot_bus_ros2.sources import HUMBLE, from_distribution
-from riot_bus_ros2.store import TypeStore, require_rosbags
+from riot_bus_ros2.store import TypeStore
 from riot_bus_ros2.tokens import TOKENS, details_of
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Ros2Adapter:
     services: Sequence[str] = (SERVICES,)
 
     def __init__(self) -> None:
-        require_rosbags()
+        require_package("rosbags", "ros2")
         self.store = TypeStore()
         self._of_schema = cache(self._parse_schema)
         self._forget()

@@ -6,11 +6,10 @@ Importing rosbags and loading a distribution's types is slow, so both are delaye
 from __future__ import annotations
 
 import struct
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.model import Schema
-from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.definitions import Field, fields_of, references
 from riot_bus_ros2.hashes import type_hash
 from riot_bus_ros2.schema_text import schema_text
@@ -24,17 +23,11 @@ if TYPE_CHECKING:
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.sources import Source
 
-__all__ = ["TypeStore", "require_rosbags"]
+__all__ = ["TypeStore"]
 
 _LONGEST = 1 << 12  # a guess: rosbags generates and compiles a line of code for each element
 _OF_USER = 2  # number of sources before the distributions
 _MOST_TOLD = 1 << 12  # a guess: nodes may describe any number of types, and each takes a store
-
-
-def require_rosbags() -> None:
-    """Raise MissingExtraError unless rosbags is installed; does not import it."""
-    if find_spec("rosbags") is None:
-        raise MissingExtraError("rosbags", "ros2")
 
 
 class TypeStore:

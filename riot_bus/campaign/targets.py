@@ -171,7 +171,7 @@ def samples_by_topic(
     for topic, carried in sorted(by_topic.items()):
         samples = []
         for message in carried[:: max(1, len(carried) // most)]:
-            kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            kind = registry.type_of_message(message)
             if kind is not None:
                 samples.append(TypedPayload(kind, message.payload))
         found[topic] = (len(carried), samples)

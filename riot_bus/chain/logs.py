@@ -191,7 +191,7 @@ class NamedFields:
         for position, (prefix, message) in enumerate(zip(log.names(registry), log.messages, strict=True)):
             topic = topics[position]
             self._positions[prefix] = position
-            kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            kind = registry.type_of_message(message)
             if kind is None or message.kind == "delete":
                 continue
             for leaf, original in self._leaves(kind, message):
@@ -253,7 +253,7 @@ class NamedFields:
         messages = list(self.log.messages)
         for position, patch in changes.items():
             message = messages[position]
-            kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            kind = self.registry.type_of_message(message)
             assert kind is not None
             messages[position] = message.with_(payload=_changed(kind, message.payload, patch))
         return _turned(messages, turned) if turned else tuple(messages)
@@ -265,7 +265,7 @@ class NamedFields:
         if position is None:
             raise ConfigError(f"the minimal log has no array {name!r}")
         message = self.log.messages[position]
-        kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = self.registry.type_of_message(message)
         assert kind is not None
         before = read_elements(kind, message.payload, path)
         pairs = enumerate(zip(elements, before, strict=True))
@@ -320,7 +320,7 @@ def nominal_values(
             by_topic[topic].append(message)
     for topic, carried in by_topic.items():
         for message in carried[:: max(1, -(-len(carried) // at_most))]:
-            kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            kind = registry.type_of_message(message)
             if kind is None:
                 break
             for path in paths[topic]:

@@ -169,7 +169,7 @@ def _missing(fields: NamedFields, names: Sequence[str]) -> Iterator[Part]:
     """Yield, for each message that lacks values of its original, the part that puts them back."""
     for place, message in enumerate(fields.log.messages):
         before = fields.log.originals.get(message.sequence)
-        kind: object = fields.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind: object = fields.registry.type_of_message(message)
         if before is None or not isinstance(kind, OmitsFields):
             continue
         try:

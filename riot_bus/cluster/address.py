@@ -7,7 +7,7 @@ import logging
 import re
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, needs_extra
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -61,11 +61,9 @@ def connect(executor: str) -> Client:
         EnvironmentFaultError: No scheduler answers.
         MissingExtraError: Dask is not installed.
     """
-    try:
+    with needs_extra("distributed", "cluster"):
         import dask.config
         from distributed import Client, Security
-    except ImportError:
-        raise MissingExtraError("distributed", "cluster") from None
     for name in ("distributed", "distributed.client"):  # what matters is reported by our own errors
         logging.getLogger(name).setLevel(logging.CRITICAL)
     tls = bool(dask.config.get(f"{_TLS}.ca-file", None))

@@ -20,7 +20,7 @@ from riot_bus.log.account import LOST
 from riot_bus.log.engine.blocks import MAGIC
 from riot_bus.log.engine.scan import parse
 from riot_bus.log.layout import RUN
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -52,10 +52,8 @@ class ObjectStore:
     partial = True
 
     def __init__(self, url: str) -> None:
-        try:
+        with needs_extra("fsspec", "fleet"):
             from fsspec.core import url_to_fs
-        except ImportError:
-            raise MissingExtraError("fsspec", "fleet") from None
         try:
             self._fs, self._path = url_to_fs(url)
         except ImportError as error:

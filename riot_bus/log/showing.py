@@ -153,7 +153,7 @@ def show_log(reader: LogReader, *, registry: TypeRegistry, most: int = 20) -> Sh
 def _shown(
     number: int | None, message: Message, original: Message | None, first: int, registry: TypeRegistry
 ) -> ShownMessage:
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    kind = registry.type_of_message(message)
     fields, notes = _values(message, registry, _ELEMENTS if original is None else _CHANGED)
     before: dict[str, Scalar] = {}
     if original is not None:
@@ -185,7 +185,7 @@ def _shown(
 def _values(message: Message, registry: TypeRegistry, elements: int) -> tuple[dict[str, Scalar], str]:
     if message.kind == "delete":
         return {}, "delete"
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    kind = registry.type_of_message(message)
     if kind is None:
         return {}, f"{len(message.payload)} bytes of an unknown type"
     try:

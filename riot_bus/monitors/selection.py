@@ -70,7 +70,7 @@ def selected(
     for message in view.outputs if messages is None else messages:
         if message.kind != "put" or not view.registry.matches(selector.topic, message.key):
             continue
-        kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = view.registry.type_of_message(message)
         if kind is None:
             raise PayloadError(f"the type of {message.key!r} is unknown, so {selector.topic!r} cannot be watched")
         if predicate is None or predicate(partial(kind.read, message.payload)):

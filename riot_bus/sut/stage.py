@@ -379,7 +379,7 @@ class TrialSetup:
 
     def _hear(self, name: str, where: str | None, message: Message) -> None:
         """Note that a component has published what its `ready` asks for."""
-        kind = self.context.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = self.context.registry.type_of_message(message)
         with suppress(PayloadError, TypeError):  # the field is not there, or is of another type
             if where is None or (kind and parse_predicate(where)(lambda path: kind.read(message.payload, path))):
                 self._published.add(name)

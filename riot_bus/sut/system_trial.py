@@ -337,7 +337,7 @@ class SystemTrial:
                 if path is None:
                     times[topic].append((message.time - begin) / 1e9)
                     continue
-                kind = kind or registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+                kind = kind or registry.type_of_message(message)
                 try:
                     value = read_field(kind, message.payload, path) if kind else None
                 except PayloadError:

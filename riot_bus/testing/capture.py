@@ -61,7 +61,7 @@ class Captured:
             PayloadError: The message has no such field.
         """
         message = self.message
-        kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = self.registry.type_of_message(message)
         if kind is None:
             hint = "say it in the ini option riot_types: TOPIC=TYPE"
             raise ConfigError("nothing tells the type of these messages", where=message.key, hint=hint)

@@ -35,7 +35,7 @@ class ByPayload(Generic[_T]):
 
     def __call__(self, message: Message, registry: TypeRegistry) -> _T:
         """Return the result for a message's payload."""
-        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = registry.type_of_message(message)
         return self.of(kind, message.payload)
 
     def of(self, kind: MessageType | None, payload: bytes) -> _T:

@@ -125,7 +125,7 @@ class LatestFields:
         return values
 
     def _read(self, message: Message, path: str) -> Scalar | None:
-        kind = self._registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = self._registry.type_of_message(message)
         try:
             return None if kind is None else read_field(kind, message.payload, path)
         except PayloadError:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import Announcement, Ask
     from riot_bus.types.model import Adapter, Schema
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
 
@@ -145,6 +146,10 @@ class TypeRegistry:
             if inferred is not None:
                 _remember(self._inferred, key, inferred)
         return inferred
+
+    def type_of_message(self, message: Message) -> MessageType | None:
+        """Return the type of a message, None if it is unknown."""
+        return self.type_of(message.key, payload=message.payload, encoding=message.encoding)
 
     def add_schema(self, key_or_topic: str, schema: Schema, encoding: str) -> MessageType | None:
         """Add what a log says about a topic's type.

@@ -12,6 +12,7 @@ from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from importlib.machinery import ModuleSpec
 
 __all__ = [
     "ConfigError",
@@ -24,6 +25,7 @@ __all__ = [
     "RiotError",
     "did_you_mean",
     "needs_extra",
+    "require_package",
 ]
 
 
@@ -75,6 +77,25 @@ def needs_extra(package: str, extra: str) -> Iterator[None]:
         yield
     except ImportError:
         raise MissingExtraError(package, extra) from None
+
+
+def require_package(module: str, extra: str, *, package: str = "") -> ModuleSpec:
+    """Find an optional dependency without importing it.
+
+    Args:
+        module: Name by which the package is imported.
+        extra: Extra of riot-bus that installs it.
+        package: Name of the package, as pip knows it; empty if it is the module's.
+
+    Raises:
+        MissingExtraError: The package is not installed.
+    """
+    from importlib.util import find_spec
+
+    with needs_extra(package or module, extra):  # `find_spec` imports the parents of a module
+        if (spec := find_spec(module)) is not None:
+            return spec
+    raise MissingExtraError(package or module, extra)
 
 
 class PayloadError(RiotError, ValueError):

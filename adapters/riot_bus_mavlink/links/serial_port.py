@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.vocabulary.errors import needs_extra
 from riot_bus_mavlink.links.stream import StreamClient
 
 if TYPE_CHECKING:
@@ -50,10 +50,8 @@ class SerialLink(StreamClient):
     lost, retry = "unplugged", 1.0
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
-        try:
+        with needs_extra("pyserial", "mavlink"):
             import serial
-        except ImportError:
-            raise MissingExtraError("pyserial", "mavlink") from None
         super().__init__(spec, host)
         self._serial: Any = serial
         self._try()

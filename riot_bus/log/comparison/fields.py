@@ -140,7 +140,7 @@ class Shapes:
             registry: Registry that knows the types of its log.
         """
         payload = message.payload
-        kind = registry.type_of(message.key, payload=payload, encoding=message.encoding) if payload else None
+        kind = registry.type_of_message(message) if payload else None
         why = "" if kind or not payload else "no type is known"
         paths: list[str] = []
         values: list[Value] = []

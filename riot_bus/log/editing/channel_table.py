@@ -153,7 +153,7 @@ class ChannelTable:
         if known is not None:
             return self._definitions[known]
         registry = self.registry
-        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        kind = registry.type_of_message(message)
         topic = registry.topic(message.key)
         channel = Channel(
             id=0,

@@ -19,7 +19,7 @@ from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
 from riot_bus.types.payloads import Gathered
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, require_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -132,9 +132,9 @@ def _writer_for(out: Path, *, raw: bool) -> Callable[[str, dict[str, Kind]], Tab
 
         return partial(CsvWriter, raw=raw)
     if out.suffix == ".parquet":
-        from riot_bus.log.tables.export_parquet import ParquetTableWriter, require_pyarrow
+        from riot_bus.log.tables.export_parquet import ParquetTableWriter
 
-        require_pyarrow()
+        require_package("pyarrow", "export")
         return ParquetTableWriter
     hint = did_you_mean(out.suffix, (".csv", ".parquet"))
     raise ConfigError(f"unknown kind of file {out.suffix!r}", where=str(out), hint=hint)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, require_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -17,13 +16,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.tables.rows import Kind, Rows
 
-__all__ = ["ParquetTableWriter", "require_pyarrow", "write_rows"]
-
-
-def require_pyarrow() -> None:
-    """Raise MissingExtraError unless pyarrow is installed; does not import it."""
-    if find_spec("pyarrow") is None:
-        raise MissingExtraError("pyarrow", "export")
+__all__ = ["ParquetTableWriter", "write_rows"]
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
@@ -36,7 +29,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     if path.suffix != ".parquet" or path.exists():
         why = "the file exists" if path.exists() else "a table is written as .parquet"
         raise ConfigError(why, where=str(path), hint="choose another name")
-    require_pyarrow()
+    require_package("pyarrow", "export")
     import pyarrow as pa
     from pyarrow.parquet import write_table
 

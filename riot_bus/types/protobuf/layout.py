@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.protobuf.wire import KINDS, ScalarKind
 from riot_bus.types.units import unit_in
-from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
+from riot_bus.vocabulary.errors import PayloadError, needs_extra
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -112,11 +112,9 @@ def load_set(data: bytes) -> Any:
         MissingExtraError: The library is not installed.
         PayloadError: The bytes are not a FileDescriptorSet.
     """
-    try:
+    with needs_extra("protobuf", "protobuf"):
         from google.protobuf import descriptor_pb2
         from google.protobuf.message import DecodeError
-    except ImportError as error:
-        raise MissingExtraError("protobuf", "protobuf") from error
     if len(data) > _MAX_SET:
         raise PayloadError(f"a descriptor set of {len(data)} bytes is over the limit of {_MAX_SET}")
     try:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions, load_set
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, require_package
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +30,7 @@ class ProtobufTypes:
     name = "protobuf"
 
     def __init__(self) -> None:
-        require_protobuf()
+        require_package("google.protobuf", "protobuf", package="protobuf")
         self._files: dict[str, Any] = {}
         self._definitions = Definitions({})
         self._types: dict[str, ProtobufType] = {}
@@ -72,16 +71,6 @@ class ProtobufTypes:
         if schema not in self._from_schemas:
             self._from_schemas[schema] = _parsed(schema)
         return self._from_schemas[schema]
-
-
-def require_protobuf() -> None:
-    """Raise MissingExtraError if the library is not installed."""
-    from importlib.util import find_spec
-
-    with suppress(ModuleNotFoundError):
-        if find_spec("google.protobuf") is not None:
-            return
-    raise MissingExtraError("protobuf", "protobuf")
 
 
 def _parsed(schema: Schema) -> ProtobufType | None:

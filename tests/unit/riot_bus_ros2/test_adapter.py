@@ -4,7 +4,6 @@ from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus_ros2 import adapter as adapter_module
-from riot_bus_ros2 import store as store_module
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.store import TypeStore
@@ -176,9 +175,10 @@ def test_an_empty_schema_counts_by_its_name(adapter):
 
 
 def test_without_rosbags(monkeypatch):
-    monkeypatch.setattr(store_module, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="'rosbags' is not installed") as caught:
         Ros2Adapter()
+    assert caught.value.hint == "pip install 'riot-bus[ros2]'"
 
 
 def key_of(name, wanted, topic="x"):

@@ -4,10 +4,9 @@ import sys
 import numpy as np
 import pytest
 
-from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
-from riot_bus_ros2 import store as store_module
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_msg
-from riot_bus_ros2.store import TypeStore, require_rosbags
+from riot_bus_ros2.store import TypeStore
 
 STORE = TypeStore()
 POINT_IDL = """module my_pkg {
@@ -25,12 +24,6 @@ def test_importing_does_not_import_rosbags():
     code = "import sys, riot_bus_ros2.adapter as a; a.Ros2Adapter(); print('rosbags' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.split() == ["False"]
-
-
-def test_a_missing_rosbags_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(store_module, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"riot-bus\[ros2\]"):
-        require_rosbags()
 
 
 def test_normal_names():

@@ -265,7 +265,7 @@ def test_a_broken_adapter(plugin_package):
 
 
 def test_a_missing_extra_counts_only_when_named(monkeypatch):
-    monkeypatch.setattr("riot_bus_ros2.store.find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "ros2" not in [adapter.name for adapter in load_adapters()]
     with pytest.raises(MissingExtraError, match=r"riot-bus\[ros2\]"):
         load_adapters(["ros2"])

@@ -222,9 +222,7 @@ def test_the_disk_is_full(log, tmp_path, monkeypatch):
 
 
 def test_without_pyarrow(log, tmp_path, monkeypatch):
-    from riot_bus.log.tables import export_parquet
-
-    monkeypatch.setattr(export_parquet, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="pyarrow") as caught:
         export_table(log, FIELDS, tmp_path / "a.parquet")
     assert "riot-bus[export]" in (caught.value.hint or "")
