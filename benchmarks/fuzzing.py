@@ -87,7 +87,7 @@ def prepare(out: Path, seed: int, jobs: int) -> Path:
     assert text.count(SEGMENTS) == 1, "riot.toml has changed"
     (out / "rover/riot.toml").write_text(text.replace(SEGMENTS, f'{SEGMENTS}nominal = "../nominal.mcap"\n'))
     with Workspace(out / "rover/riot.toml", out, jobs=jobs, seed=seed) as workspace, suppress(InconclusiveError):
-        unit, _ = workspace.unit(None)
+        unit = workspace.context.file.choose_unit(None)
         found = tested(workspace, unit) or test_unit(workspace, unit, trials=TRIALS, seconds=None, covered=False)
         for step in (MINIMIZE, RELEVANCE, RULES, PERMEABILITY):
             if not step.kind.exists(found[0]):

@@ -15,12 +15,12 @@ from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import Workspace
 
-__all__ = ["Analysis", "analyze", "analyze_all"]
+__all__ = ["Analysis", "analyze", "analyze_all", "with_other_causes"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +50,21 @@ def analyze_all(
 
     Arguments are those of `analyze`.
     """
-    waiting, done = list(folders), list[Analysis]()
-    for folder in waiting:
-        done.append(analyze(workspace, folder, further=further, options=options))
+    every = with_other_causes(folders)
+    return [analyze(workspace, folder, further=further, options=options) for folder, _ in every]
+
+
+def with_other_causes(folders: Sequence[Path]) -> Iterator[tuple[Path, int]]:
+    """Yield findings, and those with another cause of the same failure that analyzing them has added meanwhile.
+
+    Each comes with the number of findings that are left, itself included.
+    """
+    queue = list(folders)
+    for number, folder in enumerate(queue):
+        yield folder, len(queue) - number
         other = other_cause(folder)
-        if FindingRecord.exists(other) and other not in waiting:
-            waiting.append(other)
-    return done
+        if FindingRecord.exists(other) and other not in queue:
+            queue.append(other)
 
 
 def analyze(

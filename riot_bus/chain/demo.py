@@ -50,7 +50,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
         seconds: Time budget of the unit's campaign.
     """
     started = time.monotonic()
-    unit, _ = workspace.unit(None)
+    unit = workspace.context.file.choose_unit(None)
     with workspace.step("record") as step:
         log = workspace.nominal_log()
         count = log_info(log).count

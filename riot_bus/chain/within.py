@@ -12,11 +12,10 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.absence import other_cause
-from riot_bus.chain.analyze import analyze
+from riot_bus.chain.analyze import analyze, with_other_causes
 from riot_bus.chain.robustness import test_unit
 from riot_bus.events import TimeLeft
-from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.findings.records import CampaignRecord
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -68,17 +67,13 @@ def analyze_within(
         return left
 
     def explain(folders: Sequence[Path]) -> None:
-        waiting = list(folders)
-        for number, folder in enumerate(waiting):
-            workspace.until = until = now() + tell() / (len(waiting) - number)
+        for folder, count in with_other_causes(folders):
+            workspace.until = until = now() + tell() / count
             left = partial(_left, until, now)
             try:
                 done[folder] = analyze(workspace, folder, further=further, options=options, left=left)
             finally:
                 workspace.until = None
-            other = other_cause(folder)
-            if FindingRecord.exists(other) and other not in waiting:
-                waiting.append(other)
 
     def unexplained(folders: Sequence[Path]) -> list[Path]:
         return [folder for folder in folders if folder not in done or done[folder].unfinished]

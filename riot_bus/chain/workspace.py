@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.steps import ChainStep
     from riot_bus.sut.baseline import Baseline
-    from riot_bus.sut.system import RunPace, Unit
+    from riot_bus.sut.system import RunPace
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["NOMINAL", "StepRun", "Workspace", "open_finding", "system_of"]
@@ -219,11 +219,6 @@ class Workspace:
     def tell_finding(self, step: str, folder: Path, finding: FindingRecord) -> None:
         """Report a finding that a step has written."""
         self.tell(FindingWritten(step, str(folder), finding.id, finding.signature, occurrences=finding.occurrences))
-
-    def unit(self, name: str | None) -> tuple[str, Unit]:
-        """Return the unit to test."""
-        chosen = self.context.file.choose_unit(name)
-        return chosen, self.context.file.unit[chosen]
 
     def nominal_log(self) -> Path:
         """Return the nominal log: the one that riot.toml names, or a recording of a nominal run made now.

@@ -248,7 +248,7 @@ def run_tests(
     from riot_bus.findings.records import CampaignRecord
 
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
-        name, _ = workspace.unit(unit)
+        name = workspace.context.file.choose_unit(unit)
         if trials is None and seconds is None and not covered:
             trials = _TRIALS
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
@@ -304,7 +304,7 @@ def analyze(
     options = {"permeability": {"prune": prune}}
     others = [find_step(name) for name in further or ()]
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
-        name, _ = workspace.unit(unit)
+        name = workspace.context.file.choose_unit(unit)
         if workspace.context.file.external.topics:
             workspace.context.file.check_outside_apart()  # else the chain would fail with this after its longest steps
         if given is not None:

@@ -177,7 +177,7 @@ def run(
         ConsoleNarrator(Console(stderr=True)) as narrator,
         Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator], fresh=True) as workspace,
     ):
-        name, _ = workspace.unit(unit or template.unit)
+        name = workspace.context.file.choose_unit(unit or template.unit)
         options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)
         answers = run_over(workspace, template.anywhere() if anywhere else template, name, logs, options)
     rows = [asdict(each) for each in answers]

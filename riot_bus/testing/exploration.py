@@ -63,7 +63,7 @@ def explore(
     __tracebackhide__ = True
     found: list[str] = []
     with Workspace(system, out, jobs=jobs, seed=seed, runners=runners) as workspace:
-        name, _ = workspace.unit(unit)
+        name = workspace.context.file.choose_unit(unit)
         folders = run_campaign(workspace, name, trials=trials, seconds=seconds, covered=False)
         for folder in folders:
             stopped = ""

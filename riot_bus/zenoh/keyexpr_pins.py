@@ -12,17 +12,15 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import OrderedDict
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.zenoh.libraries import library_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import zenoh
 
-__all__ = ["FrequentKeys", "begin_pinning", "end_pinning", "no_more_numbers", "pin"]
+__all__ = ["FrequentKeys", "begin_pinning", "end_pinning", "pin"]
 
 _MOST = 1 << 14  # a quarter of Zenoh's numbers, which have 16 bits
 _MOST_FREQUENT = 1 << 12  # a sixteenth of Zenoh's numbers, as none is released before the session ends
@@ -64,13 +62,6 @@ def pin(session: zenoh.Session, expression: str) -> None:
         if len(held) > _MOST:
             with suppress(KeyError):
                 held.popitem(last=False)
-
-
-@contextmanager
-def no_more_numbers() -> Iterator[None]:
-    """Prevent numbers for frequent keys meanwhile; first wait for one that is just being assigned."""
-    with _numbering:
-        yield
 
 
 class FrequentKeys:

@@ -118,10 +118,6 @@ def test_outcomes_depend_on_the_system_the_unit_and_what_is_observed(tmp_path: P
     assert (finished.text, finished.trials, finished.folder, finished.record) == ("done", 4, None, None)
 
 
-def test_the_only_unit_is_the_one_to_test(tmp_path: Path) -> None:
-    assert bench(tmp_path).workspace.unit(None)[0] == "drive"
-
-
 def test_a_finding_is_opened_by_its_folder_or_as_the_only_one(tmp_path: Path) -> None:
     one = bench(tmp_path)
     with pytest.raises(ConfigError, match=r"no finding at[^`]*`riot test` first"):

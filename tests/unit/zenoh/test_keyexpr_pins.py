@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from riot_bus.zenoh import keyexpr_pins as held_keys
-from riot_bus.zenoh.keyexpr_pins import FrequentKeys, begin_pinning, end_pinning, no_more_numbers, pin
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, begin_pinning, end_pinning, pin
 
 
 class Declaring:
@@ -76,16 +76,6 @@ def test_keys_that_come_again_and_again_get_a_number(session: Any, monkeypatch: 
     for _ in range(20):
         another.saw(zenoh.KeyExpr("a"))
     assert session.declared == ["a", "b", "c"], "one number is enough for a session"
-
-
-def test_no_key_gets_a_number_meanwhile_but_afterwards(session: Any) -> None:
-    frequent = FrequentKeys(session)
-    with no_more_numbers():
-        for _ in range(20):
-            frequent.saw(zenoh.KeyExpr("a"))
-        assert session.declared == []
-    frequent.saw(zenoh.KeyExpr("a"))
-    assert session.declared == ["a"]
 
 
 def test_a_number_for_a_key_ends_with_the_session(session: Any) -> None:
