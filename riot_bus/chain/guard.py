@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from riot_bus.findings.records import FindingRecord, RuleRecord, shortest_log
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.toml_text import toml_string
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,8 +101,8 @@ def plan_guard(
     trials = tuple(_tried(name, log, RuleGuard(path, action), registry) for name, log in logs if log)
     root = file.path.resolve().parent
     table = {"use": "guard", "rule": os.path.relpath(path.resolve(), root), "action": action}
-    toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {_quoted(value)}" for key, value in table.items())])
-    option = f"guard rule={_quoted(str(path))} action={action}"
+    toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {toml_string(value)}" for key, value in table.items())])
+    option = f"guard rule={toml_string(str(path))} action={action}"
     command = f"riot router --system {shlex.quote(str(file.path))} --interceptor {shlex.quote(option)}"
     topics = RuleGuard(path, action).topics
     keys = {one.key for _, log in logs for one in log if registry.topic(one.key) in topics}
@@ -127,7 +127,3 @@ def _tried(name: str, log: Sequence[Message], guard: RuleGuard, registry: TypeRe
         pipeline.feed(message)
     unread = sum(each.count for each in pipeline.errors.values())
     return GuardTrial(name, len(log), guard.met.total(), dict(guard.done), unread)
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML, except for DEL

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.pipeline.runner import OTHER_TOPICS
 from riot_bus.router.counts import TopicCounts
 from riot_bus.vocabulary.redaction import redacted
+from riot_bus.vocabulary.text_table import table_lines
 from riot_bus.zenoh.session_config import is_control
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from riot_bus.control.bypass import Bypass
     from riot_bus.graph.model import Graph
@@ -31,7 +32,6 @@ __all__ = [
     "plan_row",
     "segment_rows",
     "shown_endpoints",
-    "table_lines",
 ]
 
 MOST_TOPICS = 2000
@@ -171,14 +171,3 @@ def count_table(counts: Mapping[str, Any]) -> list[str]:
         row = each if isinstance(each, dict) else asdict(each)
         rows.append([topic, *(str(row[name]) for name in names)])
     return table_lines(rows)
-
-
-def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table with a title row; columns after the first one are flush right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        )
-        for row in rows
-    ]

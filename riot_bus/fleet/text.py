@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log.text import size_text
 from riot_bus.vocabulary.redaction import escape_control_chars
+from riot_bus.vocabulary.text_table import table_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,16 +49,7 @@ def list_lines(entries: Sequence[LogEntry]) -> list[str]:
                 escape_control_chars(each.place),
             )
         )
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
-    right = {0, 3, 4, 5}
-    return [
-        "  ".join(
-            cell.rjust(widths[place]) if place in right else cell.ljust(widths[place])
-            for place, cell in enumerate(row[:-1])
-        )
-        + f"  {row[-1]}"
-        for row in rows
-    ]
+    return table_lines(rows, left=(1, 2, 6, 7))
 
 
 def show_lines(entry: LogEntry) -> list[str]:

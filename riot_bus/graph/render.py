@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from riot_bus.graph.folding import folded, names
 from riot_bus.graph.model import CALL_ROLES
 from riot_bus.vocabulary.redaction import escape_control_chars as _plain
+from riot_bus.vocabulary.text_table import table_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Sequence
 
     from riot_bus.graph.model import Edge, Graph
 
@@ -140,12 +141,8 @@ def _who(graph: Graph, edge: Edge) -> str:
     return edge.node or (component.label if component is not None else edge.zid[:8])
 
 
-def _columns(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    table = [head, *rows]
-    if len(table) == 1:
-        return ""
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
+def _columns(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    return "\n".join(table_lines([head, *rows], left=range(len(head)))) if rows else ""
 
 
 def _html(name: str) -> str:

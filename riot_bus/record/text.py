@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status import table_lines
 from riot_bus.log.text import size_text
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
+from riot_bus.vocabulary.text_table import table_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -6,7 +6,6 @@ short recording (`draft_toml`).
 
 from __future__ import annotations
 
-import re
 import shlex
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -29,7 +28,6 @@ PROGRAM = ("ros2", "run", "PACKAGE", "EXECUTABLE")
 """Placeholder for the command of a component, which a network does not reveal."""
 _MARK = "FILL IN"
 _KEYS = "All keys: docs/riot-toml.md."
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MOST_NAMED = 12  # topics in one comment: at about 20 letters each, a line of 240
 
 
@@ -377,7 +375,7 @@ def _component(part: DraftComponent, found: PlainDraft) -> str:
     if runs.cwd != ".":
         lines.append(f"cwd = {toml_string(runs.cwd)}")
     if runs.env:
-        lines.append(f"env = {_table(runs.env)}")
+        lines.append(f"env = {toml_value(runs.env)}")
     lines.append(f"segment = {toml_string(found.segments[part.name])}")
     if part.name in found.peers:
         lines.append("# A Zenoh peer: without multicast scouting, else it also finds what runs beside its trials.")
@@ -395,10 +393,3 @@ def _open(found: PlainDraft) -> str:
         return ""
     more = f" and {len(topics) - _MOST_NAMED} more" if len(topics) > _MOST_NAMED else ""
     return f". The components of these topics are unknown: {comment(', '.join(topics[:_MOST_NAMED]))}{more}"
-
-
-def _table(env: Mapping[str, str]) -> str:
-    pairs = (
-        f"{name if _BARE.fullmatch(name) else toml_string(name)} = {toml_string(text)}" for name, text in env.items()
-    )
-    return f"{{ {', '.join(pairs)} }}"
