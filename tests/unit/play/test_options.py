@@ -36,9 +36,9 @@ def test_usual_options_are_usable():
         ({"clock": 1001.0}, "1001 Hz is too high"),
         ({"duration": 1.0, "until": "1"}, "choose one"),
         ({"ack": "a", "lockstep": ["b"]}, "choose one"),
-        ({"name": ""}, "is no name"),
-        ({"name": "a/b"}, "is no name"),
-        ({"name": "*"}, "is no name"),
+        ({"name": ""}, "is not a name"),
+        ({"name": "a/b"}, "is not a name"),
+        ({"name": "*"}, "is not a name"),
     ],
 )
 def test_others_are_refused(options, message):

@@ -49,7 +49,7 @@ def test_throttles() -> None:
         ({"split_seconds": float("nan")}, "is not a number"),
         ({"chunk_seconds": -1.0}, "--chunk-duration"),
         ({"queue_bytes": -1}, "--queue-size: -1 is not a number"),
-        ({"name": "a/b"}, "is no name"),
+        ({"name": "a/b"}, "is not a name"),
         ({"dump_on": ["/a where b > 1"]}, "need a ring"),
         ({"ring_seconds": 1.0, "dump_on": ["/a:b where b > 1"]}, "not a condition"),
         ({"ring_seconds": 1.0, "split_bytes": 1}, "nothing to split"),

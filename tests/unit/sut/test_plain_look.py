@@ -37,7 +37,7 @@ def test_a_graph_in_which_our_recorder_receives_everything_is_not_taken(
         monkeypatch.setattr(CaptureService, "wait", after_a_look)
         with open_client(endpoint) as unit, open_client(router.endpoints["b"][0]) as world:
             keep = unit.session.declare_subscriber("in", lambda sample: unit.session.put("out", b"1"))
-            assert wait_until(lambda: world.session.put("in", b"1") or len(router.counts()) == 2, 10)
+            assert wait_until(lambda: world.session.put("in", b"1") or len(router.bus.counts()) == 2, 10)
             facts = look_at_network(endpoint, seconds=2, record=None, config={}, router=None, force=False)
             del keep
     received = {edge.topic for edge in facts.graph.edges if edge.role == "subscribes"}
