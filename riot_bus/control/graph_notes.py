@@ -7,8 +7,6 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from riot_bus.log.layout import GRAPH
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
@@ -46,16 +44,18 @@ class GraphNotes:
 
     def whole(self) -> list[tuple[str, Mapping[str, str]]]:
         """Return the record of the whole graph; none if there is no graph."""
-        from riot_bus.graph.history import record
-
-        graph = self._graph
-        return [] if graph is None else [(GRAPH, record(None, graph, time=time.time_ns()))]
+        return [] if self._graph is None else [_entry(None, self._graph)]
 
     def _note(self) -> None:
-        from riot_bus.graph.history import record
-
         graph = self._graph
         if graph is None or graph == self._noted:
             return
-        if self._write(GRAPH, record(self._noted, graph, time=time.time_ns())):
+        if self._write(*_entry(self._noted, graph)):
             self._noted = graph
+
+
+def _entry(before: Graph | None, graph: Graph) -> tuple[str, Mapping[str, str]]:
+    from riot_bus.graph.history import record
+    from riot_bus.log.layout import GRAPH
+
+    return GRAPH, record(before, graph, time=time.time_ns())
