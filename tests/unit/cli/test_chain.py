@@ -28,10 +28,9 @@ class StoppedError(Exception):
 class Place:
     """A workspace with one unit, without anything external."""
 
-    context = SimpleNamespace(file=SimpleNamespace(external=SimpleNamespace(topics=())))
-
-    def unit(self, name: str | None) -> tuple[str, None]:
-        return name or "unit", None
+    context = SimpleNamespace(
+        file=SimpleNamespace(external=SimpleNamespace(topics=()), choose_unit=lambda name: name or "unit")
+    )
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,7 @@ def test_choosing_a_unit(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="did you mean 'two'"):
         file.choose_unit("tow")
     file = load_system(write(tmp_path, GOOD + '[components.two]\ncommand = ["true"]\n'))
+    assert file.choose_unit(None) == "one"
     with pytest.raises(ConfigError, match=r"add a table \[unit.two\]"):
         file.choose_unit("two")
 
