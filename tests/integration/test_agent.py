@@ -454,7 +454,7 @@ def test_a_robot_whose_disk_is_full_does_not_record(bus: str, hub: str, logs: Pa
 def test_the_documented_router_of_a_fleet(bus: str, logs: Path, tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "fleet.md").read_text()
     begin = page.index("    [router.segments.fleet]")
-    text = textwrap.dedent(page[begin : page.index("What the rules come to")])
+    text = textwrap.dedent(page[begin : page.index("Try the rules with each identity")])
     roles = page.partition("    riot agent acl ")[2].partition(" >> riot.toml")[0].split()
     code, rules, err = riot("agent", "acl", *roles)
     assert code == 0, err
