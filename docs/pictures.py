@@ -33,8 +33,8 @@ svg { font-family: system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
 .paper { fill: var(--paper); } .box { fill: var(--tint); stroke: var(--soft); }
 .group { fill: none; stroke: var(--line); }
 .topic { fill: var(--paper); stroke: var(--pass); } .cut { stroke: var(--fail); stroke-width: 2.5; }
-.name { fill: var(--ink); font-size: 13px; font-weight: 600; } .word { fill: var(--ink); font-size: 12px; }
-.soft { fill: var(--soft); font-size: 11px; } .arrow { fill: none; stroke: var(--soft); stroke-width: 1.3; }
+.name { fill: var(--ink); font-size: 14px; font-weight: 600; } .word { fill: var(--ink); font-size: 13px; }
+.soft { fill: var(--soft); font-size: 13px; } .arrow { fill: none; stroke: var(--soft); stroke-width: 1.3; }
 .head { fill: var(--soft); }
 :root { --outside: #dceaf7; --target: #f7dcdc; }
 @media (prefers-color-scheme: dark) { :root { --outside: #1d3a55; --target: #5a2624; } }
@@ -48,7 +48,7 @@ _COLOURS = {
 }
 """Colours of the picture of paths, and the variables that replace them."""
 _PAPER = '<rect class="paper" width="100%" height="100%"/>'
-_EDGE, _COLUMN, _HALF = 40, 134, 50
+_EDGE, _COLUMN, _HALF = 40, 142, 56
 """Of the graph: its margin, the distance of columns, and half the width of a node, which has room for 14 letters."""
 _HEAD = (
     '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
@@ -78,7 +78,7 @@ def chain(steps: tuple[ChainStep, ...]) -> str:
     """
     boxes = [("record", "nominal log", False), *((one.name, one.title, one.whole_system) for one in steps)]
     boxes.append(("report", "page to read", False))
-    wide, gap, top = 104, 20, 14
+    wide, gap, top = 112, 14, 10
     lines = []
     for place, (name, title, _) in enumerate(boxes):
         x = 10 + place * (wide + gap)
@@ -90,7 +90,7 @@ def chain(steps: tuple[ChainStep, ...]) -> str:
     names = [name for name, *_ in boxes]
     whole = [place for place, (*_, system) in enumerate(boxes) if system]
     for label, first, last in (
-        ("the system in use", 0, 0),
+        ("a nominal run", 0, 0),
         ("one unit on its own, fast", names.index("test"), whole[0] - 1),
         ("the whole system, from outside", whole[0], whole[-1]),
         ("for a reader", len(boxes) - 1, len(boxes) - 1),
