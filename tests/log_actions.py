@@ -181,10 +181,10 @@ def _command() -> Any:
     from typer import Typer
     from typer.main import get_command
 
-    from riot_bus.cli import logs
+    from riot_bus.cli.main import add_commands
 
     app = Typer()
-    logs.register(app)
+    add_commands(app, "logs")
     return get_command(app)
 
 

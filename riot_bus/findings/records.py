@@ -178,20 +178,28 @@ class EffectsRecord(_Model):
             f"{self.failing} in failing trials, {self.untold} had an unknown effect; "
             "whether the changed messages were read is not known"
         ]
-        for title, many, rates in (("topic", "topics", self.topics), ("field class", "classes", self.classes)):
+        by_class = self.classes if self.undecided else {}  # which classes those belong to is not known
+        for title, many, rates, open_ in (
+            ("topic", "topics", self.topics, self.undecided),
+            ("field class", "field classes", self.classes, by_class),
+        ):
             failed = {name: one for name, one in rates.items() if one.count}
             for name, one in sorted(failed.items(), key=lambda item: (-item[1].value, item[0])):
-                share = f"{one.count} of {one.total} failed, 95 %: {one.low:.1%} to {one.high:.1%}"
-                found.append(f"tried on {title} {name}: {share}")
+                share = "" if name in open_ else f", 95 %: {one.low:.1%} to {one.high:.1%}"
+                found.append(f"tried on {title} {name}: {one.count} of {one.total} failed alone{share}")
             rest = [one for name, one in rates.items() if name not in failed]
             if rest:
-                most, tried = max(one.high for one in rest), sum(one.total for one in rest)
+                doubtful = any(name in open_ for name in rates if name not in failed)
+                share = "" if doubtful else f", 95 %: at most {max(one.high for one in rest):.1%} of each"
                 others = f"{len(rest)} {'other ' if failed else ''}{title if len(rest) == 1 else many}"
-                found.append(f"tried on {others}: 0 of {tried} failed, 95 %: at most {most:.1%} of each")
+                found.append(f"tried on {others}: 0 of {sum(one.total for one in rest)} failed alone{share}")
         if self.undecided:
             topics = ", ".join(f"{count} on {name}" for name, count in sorted(self.undecided.items())[:_MOST_TOLD])
             topics += ", ..." if len(self.undecided) > _MOST_TOLD else ""
-            found.append(f"failed only together with others, so not counted in these shares: {topics}")
+            found.append(
+                f"failed only together with others, so that no share is known there: {topics}; "
+                "`riot test --covered` tells these apart"
+            )
         return found
 
 

@@ -54,11 +54,19 @@ def test_what_has_failed_is_told_by_name_and_the_rest_in_a_line() -> None:
         return ProportionRecord(value=count / total, low=0.0, high=high, count=count, total=total)
 
     topics = {"a": rate(0, 9, 0.34), "b": rate(1, 4, 0.81), "c": rate(0, 5, 0.52)}
-    effects = EffectsRecord(injections=18, topics=topics, undecided={"a": 2, "c": 1})
+    effects = EffectsRecord(injections=18, topics=topics, classes={"int8": rate(0, 18, 0.19)})
     assert effects.lines()[1:] == [
-        "tried on topic b: 1 of 4 failed, 95 %: 0.0% to 81.0%",
-        "tried on 2 other topics: 0 of 14 failed, 95 %: at most 52.0% of each",
-        "failed only together with others, so not counted in these shares: 2 on a, 1 on c",
+        "tried on topic b: 1 of 4 failed alone, 95 %: 0.0% to 81.0%",
+        "tried on 2 other topics: 0 of 14 failed alone, 95 %: at most 52.0% of each",
+        "tried on 1 field class: 0 of 18 failed alone, 95 %: at most 19.0% of each",
+    ]
+    effects = effects.model_copy(update={"undecided": {"a": 2, "b": 1}})
+    assert effects.lines()[1:] == [
+        "tried on topic b: 1 of 4 failed alone",
+        "tried on 2 other topics: 0 of 14 failed alone",
+        "tried on 1 field class: 0 of 18 failed alone",
+        "failed only together with others, so that no share is known there: 2 on a, 1 on b; "
+        "`riot test --covered` tells these apart",
     ]
 
 
