@@ -89,27 +89,30 @@ def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target
 
 
 def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRegistry) -> list[ConfigError]:
-    """Return all errors of a dictionary file for a log: tables that cannot apply, and values that do not fit.
+    """Return what is wrong with a dictionary file (exceptional values for fields and types) if a log is tested with it.
+
+    These are tables that apply to no field or message of the log, mutations of fields that do not exist, and values
+    that a field's type cannot hold. Each is told once.
 
     Args:
-        text: Content of the dictionary file.
+        text: Content of the dictionary file, as TOML.
         where: Name of the file, for error messages.
         messages: The log.
         registry: Registry of its types.
 
     Raises:
-        ConfigError: The file itself is wrong.
+        ConfigError: The file is wrong for any log: not TOML, or an unknown key or type.
     """
     dictionary = Dictionary()
     dictionary.add(text, where=where, own=True)
-    everything = targets_of(messages, registry, include=["*"])
+    fields_by_topic = targets_of(messages, registry, include=["*"])
     found: list[ConfigError] = []
     try:
-        for problem in never_applied(dictionary, messages, registry, everything):
-            found.append(problem)  # noqa: PERF402 - what was said before one is raised counts
+        for problem in never_applied(dictionary, messages, registry, fields_by_topic):
+            found.append(problem)  # noqa: PERF402 - extend() would lose those that are yielded before one is raised
     except ConfigError as error:
         found.append(error)
-    for target in (each for fields in everything.values() for each in fields):
+    for target in (each for fields in fields_by_topic.values() for each in fields):
         try:
             dictionary.values_for(target.type, f"{target.topic}:{target.path}")
         except ConfigError as error:

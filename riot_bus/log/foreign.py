@@ -65,7 +65,12 @@ class _Topic:
 
 
 def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
-    """Use the types of a log's schemas for topics whose type is not known otherwise."""
+    """Add to a registry the types that a log's schemas describe, of topics whose type it does not know yet.
+
+    Args:
+        reader: Reader of the log.
+        registry: Registry that is added to.
+    """
     for topic, (schema, encoding) in reader.schemas.items():
         if registry.type_of(topic) is None:
             registry.add_schema(topic, schema, encoding)

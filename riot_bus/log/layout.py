@@ -148,15 +148,18 @@ def companions(extras: Sequence[tuple[int, dict[str, Any]]], provenance: Sequenc
 
 
 def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
-    """Decode the extras of one chunk.
+    """Decode the extras of one chunk: properties of its messages that MCAP has no place for.
 
     Args:
-        data: Result of `pack_extras`.
-        most: Largest number of messages that the chunk can have.
+        data: Result of `pack_extras`, from a file that may be damaged.
+        most: Largest number of messages that the chunk can have, and so of extras.
         limits: Limits of what is read.
 
+    Returns:
+        Extras by the message's place in the chunk (0, 1, ...), as `apply_extras` takes them.
+
     Raises:
-        ValueError: They are damaged or, as BeyondLimitError, too large.
+        ValueError: The data are damaged or, as BeyondLimitError, too large.
     """
     try:
         size = zstandard.frame_content_size(data)

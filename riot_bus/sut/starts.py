@@ -28,13 +28,14 @@ class Start(NamedTuple):
     """How a component is started.
 
     Attributes:
-        argv: Command that is executed on this machine.
-        teardown: Command that is executed when that has ended; empty for none.
-        engine: Program that runs its container; empty if it has none.
-        container: Name of the container.
-        held: Whether its standard input stays open.
-        relayed: Whether its status is reported as a shell does.
-        lost: Status that means a failure of the connection, not of the component; None if there is none.
+        argv: Command that is executed on this machine: the component's own, or one such as `docker run` or `ssh`.
+        teardown: Command that is executed when `argv` has ended; empty for none.
+        engine: Program that runs the component's container, such as `docker`; empty if it runs in none.
+        container: Name of the container; empty if it runs in none.
+        held: Whether the standard input of `argv` stays open, so that the component ends with the connection.
+        relayed: Whether `argv` passes on the component's status as a shell does: 128 plus the number of a signal.
+        lost: Status of `argv` that means that the container's engine or the connection has failed, not the component;
+            None if there is none.
     """
 
     argv: Sequence[str]

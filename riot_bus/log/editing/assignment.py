@@ -44,10 +44,10 @@ _HINT = "write TOPIC:FIELD=VALUE, such as '/odom:twist.twist.linear.x = nan wher
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """A change of a field.
+    """A change of one field in some messages of a log, such as `/odom:pose.pose.position.x += 0.5 index 3..7`.
 
     Attributes:
-        text: Text as it was written.
+        text: The assignment as the user wrote it.
         selection: Messages in which the field is changed.
         field: Path of the field; `[*]` stands for all elements.
         operator: `=`, or the operation that combines the field's value with `value`.
@@ -67,11 +67,13 @@ class Assignment:
         return set_elements(kind, payload, self.field, self._changed)
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
-        """Return a faster equivalent if all messages get one value at one place, otherwise None.
+        """Return a function that does to payloads what `applied` does, faster; None if there is none.
+
+        There is one only if every message gets the same value at the same bytes of its payload.
 
         Args:
             kind: Type of the messages.
-            payload: Payload of one of them.
+            payload: Payload of one of them, which shows the present type of the value.
         """
         patcher = getattr(kind, "patcher", None)
         if patcher is None or self.operator != "=" or "[*]" in self.field:
