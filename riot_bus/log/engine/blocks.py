@@ -310,10 +310,10 @@ def _unpack_chunk(body: bytes, block: Block, limits: LogLimits, memory: int | No
     except (struct.error, UnicodeDecodeError) as error:
         if block.cut:
             return b""
-        raise ValueError("chunk header") from error
+        raise ValueError("the header of a chunk is damaged") from error
     limits.check_size(size, len(packed))
     if memory is not None and size > memory:
-        raise ValueError(f"a chunk of {size} bytes")
+        raise ValueError(f"a chunk of {size} bytes is larger than the memory for it, {memory}")
     try:
         data = _decompress(packed, compression, size, cut=block.cut)
     except (zstandard.ZstdError, RuntimeError, EOFError) as error:
@@ -321,7 +321,7 @@ def _unpack_chunk(body: bytes, block: Block, limits: LogLimits, memory: int | No
             return b""
         raise ValueError(f"{compression} data: {error}") from error
     if not block.cut and (len(data) != size or (checksum and crc32(data) != checksum)):
-        raise ValueError("checksum")
+        raise ValueError("the data of a chunk do not have the size or the checksum that its header states")
     return data
 
 
@@ -331,7 +331,7 @@ def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> byt
         return packed
     if compression == "zstd":
         if zstandard.frame_content_size(packed) > size and not cut:
-            raise ValueError("zstd frame size")
+            raise ValueError("the zstd data of a chunk are larger than its header states")
         if cut:
             return b"".join(unzstd(packed, size, step=1 << 17))
         return zstandard.decompress(packed, max_output_size=size) if size else b""

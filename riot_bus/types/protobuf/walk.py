@@ -158,7 +158,7 @@ def size(data: bytes, field: ProtobufField, one: FieldEntry) -> int:
             raise PayloadError(f"{end - start} bytes are not a whole number of elements", where=field.name)
         return number
     if end > start and data[end - 1] >= 0x80:
-        raise PayloadError(f"the last of the packed elements before byte {end} does not end", where=field.name)
+        raise PayloadError(f"the last packed element is cut off at byte {end}", where=field.name)
     return end - start - len(data[start:end].translate(None, _ENDS_VARINT))
 
 

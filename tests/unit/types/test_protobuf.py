@@ -256,7 +256,7 @@ def test_values_of_another_kind(path, value):
         (b"\x0b\x14", "end of another group"),
         (b"\x0b" * 1000, "nested deeper"),
         (b"\xaa\x06\x03abc", "not a whole number"),
-        (b"\xba\x06\x01\xff", "does not end"),
+        (b"\xba\x06\x01\xff", "cut off"),
     ],
 )
 def test_opaque_payloads(payload, why):
