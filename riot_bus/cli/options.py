@@ -92,7 +92,8 @@ Types = Annotated[
     list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
 ]
 Definitions = Annotated[
-    list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
+    list[Path] | None,
+    typer.Option("--msg", metavar="FILE", help="File that defines message types: .msg, .desc, ...; repeatable."),
 ]
 Salvage = Annotated[
     bool, typer.Option("--salvage", help="Also read messages of damaged chunks, as far as an index confirms them.")

@@ -68,7 +68,9 @@ class RouterOptions:
         Path | None, Flag("Record all that passes, intercepted or not.", "", "OUT.mcap", "RIOT_RECORD")
     ] = None
     types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE")] = ()
-    definitions: Annotated[Sequence[Path], Flag("Definitions of message types.", "--msg", "FILE")] = ()
+    definitions: Annotated[
+        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
+    ] = ()
     seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED")] = 0
     budget: Annotated[
         float | None, Flag("How long an interceptor may block. [default: 1]", "", "SECONDS", "RIOT_BUDGET")

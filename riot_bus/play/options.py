@@ -97,7 +97,9 @@ class PlayOptions:
     ] = ()
     salvage: Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")] = False
     types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)] = ()
-    definitions: Annotated[Sequence[Path], Flag("Definitions of message types.", "--msg", "FILE")] = ()
+    definitions: Annotated[
+        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
+    ] = ()
     name: Annotated[str, Flag("Name for riot ctl play.", env="RIOT_PLAYER")] = "player"
     control: Annotated[bool, Flag("Obey riot ctl play.")] = True
 

@@ -130,7 +130,9 @@ class CaptureOptions:
     ] = None
     robot: Annotated[str, Flag("The robot's name, for the log.", env="RIOT_ROBOT")] = ""
     types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)] = ()
-    definitions: Annotated[Sequence[Path], Flag("Definitions of message types.", "--msg", "FILE")] = ()
+    definitions: Annotated[
+        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
+    ] = ()
     seed: Annotated[int, Flag("Seed of the run, for the log.", env="RIOT_SEED", remote=True)] = 0
     name: Annotated[str, Flag("Name for riot ctl record.", env="RIOT_RECORDER")] = "recorder"
     control: Annotated[bool, Flag("Obey riot ctl record.")] = True

@@ -113,7 +113,9 @@ class EditOptions:
         Flag("Begin another file after this much of the log's time.", "--split-duration", "TIME", read=parse_seconds),
     ] = None
     split_topics: Annotated[bool, Flag("Write a file for each topic.")] = False
-    definitions: Annotated[Sequence[Path], Flag("Definitions of message types; repeatable.", "--msg", "FILE")] = ()
+    definitions: Annotated[
+        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
+    ] = ()
     seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED")] = 0
     force: Annotated[bool, Flag("Replace the output if it exists.", "--force -f")] = False
     dry_run: Annotated[bool, Flag("Write nothing; say what would be kept.", "--dry-run -n")] = False
