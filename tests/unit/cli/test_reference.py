@@ -53,7 +53,9 @@ def rows(command: Any) -> Iterator[str]:
         if each.param_type_name == "argument":
             names = f"`{each.metavar or each.name.upper()}`"
         else:
-            value = f" {each.metavar}" if each.metavar else ""
+            choices = each.type_descriptor.choices or ()
+            allowed = each.metavar or "|".join(str(getattr(choice, "value", choice)) for choice in choices)
+            value = f" {allowed}" if allowed else ""
             names = ", ".join(f"`{name}{value}`" for name in (*each.opts, *each.secondary_opts))
         told = in_a_row(each.help) + (f" (default: `{in_a_row(shown)}`)" if (shown := default(each)) else "")
         yield f"| {in_a_row(names)} | {told}{' (required)' if each.required else ''} |"
