@@ -70,7 +70,8 @@ def mavlink(
     interceptor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="'NAME key=value ...'|FILE.py[:NAME]", help="Own router: interceptor, as for riot router."
+            metavar="'NAME key=value ...'|FILE.py[:NAME]",
+            help="Own router: interceptor of what --intercept names, as for riot router; repeatable.",
         ),
     ] = None,
     inject: Annotated[
