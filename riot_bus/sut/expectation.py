@@ -82,7 +82,11 @@ def play_expecting(options: PlayOptions, expectation: Expectation, foreground: F
         ]
         if not tracks:
             hint = "choose what is played by --topics, or name a log that has answers as well"
-            raise ConfigError("it holds no topic that is not played", where=str(expectation.log), hint=hint)
+            raise ConfigError(
+                "none of the compared topics can hold answers: each is played, or is a service's",
+                where=str(expectation.log),
+                hint=hint,
+            )
         names = sorted({track.topic for track in tracks})
         foreground.warn(f"answers are expected on {', '.join(names)}")
         counts = Counter[str]()
