@@ -86,6 +86,7 @@ class TrialFinished(RunEvent):
     """A trial has a result, by executing it or from the store of earlier trials.
 
     Attributes:
+        step: Name of the step that asked for the trial, as in `StepStarted`.
         verdict: `pass`, `fail`, `error` or `unjudged`.
         signature: Signature of the failure, if it failed.
         detail: Observation of the first monitor, or what went wrong.

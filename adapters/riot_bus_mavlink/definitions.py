@@ -133,7 +133,13 @@ class Param:
 
 @dataclass(frozen=True, slots=True)
 class EnumEntry:
-    """One value of an enum; commands have parameters."""
+    """One value of an enum of a dialect.
+
+    Attributes:
+        name: Name of the value, such as `MAV_CMD_NAV_WAYPOINT`.
+        value: Its number.
+        params: Definitions of its parameters if it is a command, which is a value of MAV_CMD; otherwise none.
+    """
 
     name: str
     value: int

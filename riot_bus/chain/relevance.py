@@ -163,7 +163,12 @@ def _with_structure(
 
 
 def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> list[FieldSpace]:
-    """Return fields with the values that may replace theirs."""
+    """Return for each field the values that may replace the one that it has in the minimal log.
+
+    Args:
+        questions: Questions to the unit, whose dictionary and nominal log the values come from.
+        considered: Fields of the minimal log.
+    """
     observed = questions.nominal(considered)
     return [
         FieldSpace(

@@ -236,7 +236,7 @@ def pack_provenance(entries: Sequence[Provenance]) -> str:
 
 
 def unpack_provenance(text: str) -> list[Provenance]:
-    """Decode provenance; raises ValueError on damage."""
+    """Decode the result of `pack_provenance`; raises ValueError if the text is damaged."""
     try:
         return [
             Provenance(

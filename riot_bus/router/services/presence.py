@@ -24,6 +24,9 @@ _CACHED = 1 << 10  # each is a querier declared in a session, and callers may us
 class Presence:
     """Keeps the stand-ins for the services of one key expression.
 
+    A stand-in is a queryable that the router declares on a segment while another segment has such a service: callers
+    find it, and `take` gets their calls, to pass them on.
+
     The matching status of queriers that never ask tells which services exist. Zenoh tells it for single keys only: a
     querier with wildcards matches only services that include the whole expression. So expressions with wildcards
     always have stand-ins, which are complete only if a service is complete for the whole expression. Complete services
