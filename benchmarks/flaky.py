@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from riot_bus.chain.workspace import Workspace
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.findings.steps import MINIMIZE, RELEVANCE, RULES
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import exact_interval

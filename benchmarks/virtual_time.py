@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from riot_bus.chain.external import driving_log
 from riot_bus.chain.workspace import Workspace
-from riot_bus.findings.records import ActivationRecord, FindingRecord
+from riot_bus.findings.activation import ActivationRecord
+from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import read_log
 from riot_bus.sut.local import Pool
 from riot_bus.sut.system_trial import SystemTrial

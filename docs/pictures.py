@@ -15,9 +15,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.backtrack import BacktrackRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.backtrack_picture import draw_picture
 from riot_bus.report.plots import region_plots

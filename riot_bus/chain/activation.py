@@ -14,8 +14,9 @@ from riot_bus.chain.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
 from riot_bus.chain.replay import Replay, replay
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample
 from riot_bus.backchain.region import FIT, Region, map_region
+from riot_bus.findings.activation import RangeRecord, RegionRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ProportionRecord, RangeRecord, RegionRecord, RuleRecord, RuleSample
+from riot_bus.findings.records import ProportionRecord, RuleRecord, RuleSample
 from riot_bus.generalize import literals
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.numbers import simplest, step

@@ -18,7 +18,8 @@ from riot_bus.chain.driven import changed_in_log
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.prediction import alike, column_of
-from riot_bus.findings.records import FindingRecord, PointRecord, RuleRecord
+from riot_bus.findings.activation import PointRecord
+from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.statistics.rates import chance_of_difference
 from riot_bus.types.latest import place_of

@@ -10,7 +10,8 @@ from riot_bus.chain.external import driving_log, parameter_name
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import NOMINAL, StepRun, Workspace
-from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord, shortest_log
+from riot_bus.findings.activation import ActivationRecord
+from riot_bus.findings.records import FindingRecord, MinimalRecord, shortest_log
 from riot_bus.log.reader import read_log
 from riot_bus.monitors.model import Monitor, names_of
 from riot_bus.plugins import MONITORS

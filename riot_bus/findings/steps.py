@@ -114,7 +114,7 @@ ACTIVATE = ChainStep(
     "activate",
     "activation",
     "Drive the external inputs until the whole system fails.",
-    "riot_bus.findings.records:ActivationRecord",
+    "riot_bus.findings.activation:ActivationRecord",
     "riot_bus.chain.activation:activation",
     (
         StepOption("budget", 200, "Runs of the whole system for the search; at most as many more confirm it.", min=1),

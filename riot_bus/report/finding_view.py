@@ -8,17 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.backtrack import BacktrackRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import (
-    ActivationRecord,
-    Artefact,
-    FieldsRecord,
-    FindingRecord,
-    MinimalRecord,
-    RecordT,
-    RuleRecord,
-)
+from riot_bus.findings.records import Artefact, FieldsRecord, FindingRecord, MinimalRecord, RecordT, RuleRecord
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 from riot_bus.report.format import clean, plural
 from riot_bus.statistics.rates import chance_of_difference

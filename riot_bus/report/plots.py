@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.findings.records import PointRecord, RegionRecord, RuleRecord
+from riot_bus.findings.activation import PointRecord, RegionRecord
+from riot_bus.findings.records import RuleRecord
 from riot_bus.report.format import clean, number
 from riot_bus.report.svg import embed, own_style
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, ProportionRecord, Value
+from riot_bus.findings.activation import ActivationRecord
+from riot_bus.findings.records import FieldsRecord, ProportionRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval

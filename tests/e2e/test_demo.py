@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]

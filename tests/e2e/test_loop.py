@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FindingRecord, RuleRecord
+from riot_bus.findings.records import FindingRecord, RuleRecord
 
 pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(1200)]
 

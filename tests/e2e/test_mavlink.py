@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from tests.mavlink_env import mavlink_python
 
 __all__ = ["mavlink_python"]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, MinimalRecord, RuleRecord
 
 pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(1800)]
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from tests.ros2_env import ros2_interpreter
 
 pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(3000)]

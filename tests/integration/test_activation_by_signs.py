@@ -10,8 +10,9 @@ import pytest
 from riot_bus.chain import replay
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.workspace import Workspace
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
-from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, ProportionRecord, RuleRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord
 from riot_bus.findings.steps import ACTIVATE
 from riot_bus.generalize.rules import Variable, learn_rule
 from tests.tiers import chosen

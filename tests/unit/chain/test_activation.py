@@ -14,15 +14,9 @@ from riot_bus.chain.driven_system import DrivenSystem
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.scan import scan_logs
 from riot_bus.events import Listeners, RunEvent, StepProgress
+from riot_bus.findings.activation import ActivationRecord, PointRecord
 from riot_bus.findings.permeability import PermeabilityRecord
-from riot_bus.findings.records import (
-    ActivationRecord,
-    FindingRecord,
-    PointRecord,
-    ProportionRecord,
-    RuleRecord,
-    RuleSample,
-)
+from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord, RuleSample
 from riot_bus.findings.steps import find_step
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index

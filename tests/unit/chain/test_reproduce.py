@@ -9,7 +9,8 @@ import pytest
 
 from riot_bus.chain.reproduce import play_again, reproduce
 from riot_bus.events import TrialFinished
-from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
+from riot_bus.findings.activation import ActivationRecord
+from riot_bus.findings.records import FindingRecord, MinimalRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError

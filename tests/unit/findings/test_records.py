@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.records import (
-    ActivationRecord,
     CampaignRecord,
     EffectsRecord,
     FieldsRecord,
@@ -68,12 +68,6 @@ def test_what_has_failed_is_told_by_name_and_the_rest_in_a_line() -> None:
         "failed only together with others, so that no share is known there: 2 on a, 1 on b; "
         "`riot test --covered` tells these apart",
     ]
-
-
-def test_a_replay_rate_needs_replays() -> None:
-    activation = ActivationRecord(found={"x": 1.0}, runs=8, best_distance=-1.0)
-    assert activation.replay_rate is None
-    assert activation.model_copy(update={"replays": 4, "replays_failed": 3}).replay_rate == 0.75
 
 
 def test_findings_are_ranked_by_the_crash_scale_then_by_ease() -> None:

@@ -6,19 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord, PointRecord, RangeRecord, RegionRecord
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import (
-    ActivationRecord,
     Artefact,
     CertificateRecord,
     FieldRecord,
     FieldsRecord,
     FindingRecord,
     MinimalRecord,
-    PointRecord,
     ProportionRecord,
-    RangeRecord,
-    RegionRecord,
     RuleRecord,
     RuleSample,
 )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import ActivationRecord, RangeRecord, RegionRecord
+from riot_bus.findings.activation import ActivationRecord, RangeRecord, RegionRecord
 from riot_bus.report.finding_view import FindingView, load
 from tests.unit.report.conftest import GOAL_X, GOAL_Y
 

@@ -10,14 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PathRecord, PermeabilityRecord, StageRecord
-from riot_bus.findings.records import (
-    ActivationRecord,
-    FieldsRecord,
-    FindingRecord,
-    MinimalRecord,
-    RuleRecord,
-)
+from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.report.backtrack import lines
 from riot_bus.report.page import write_report
 from riot_bus.report.regression import regression_name

@@ -6,7 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from riot_bus.findings.records import PointRecord, ProportionRecord, RangeRecord, RegionRecord, RuleRecord, RuleSample
+from riot_bus.findings.activation import PointRecord, RangeRecord, RegionRecord
+from riot_bus.findings.records import ProportionRecord, RuleRecord, RuleSample
 from riot_bus.report.plots import Plot, region_plots, rule_plot
 from riot_bus.report.svg import COLOURS
 from riot_bus.vocabulary.errors import MissingExtraError

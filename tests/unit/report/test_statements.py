@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import (
     AbsentRecord,
-    ActivationRecord,
     AlternativeRecord,
     FieldsRecord,
     MinimalRecord,
