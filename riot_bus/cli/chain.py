@@ -104,14 +104,15 @@ def open_workspace(
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator, write_line
-    from riot_bus.control.signals import ended_by_signals
+    from riot_bus.control.signals import END_S, ended_by_signals
     from riot_bus.report.follow import ReportFollower, asked_report
+    from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 
     console = Console(stderr=True)
     asked = [asked_report(each, out=out) for each in reports]
     say = partial(typer.echo, nl=False, err=form is not StreamFormat.TEXT)
     with (
-        ended_by_signals(_interrupt),
+        ended_by_signals(_interrupt, deadline=END_S + TORN_DOWN_WITHIN_S),
         ReportFollower(asked, out, say, known=known, lenient=lenient) as follower,
         ConsoleNarrator(console) as narrator,
     ):

@@ -238,8 +238,12 @@ class Launcher:
 
     def close(self) -> None:
         """Kill everything and end the supervisor."""
-        self._link.close()
+        with suppress(OSError):  # it is closed, or the supervisor has ended
+            # A `select` of another thread would not notice that the socket is closed, and would keep it open.
+            self._link.shutdown(socket.SHUT_RDWR)
         self._supervisor.wait(timeout=30 + TORN_DOWN_WITHIN_S)
+        with self._lock:
+            self._link.close()
 
     def _send(self, request: dict[str, object]) -> None:
         try:

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.kept import FOLDER_PREFIX
+from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.wire import TrialBatch, read_answer, remember
 from riot_bus.vocabulary.trial import Outcome, Verdict
@@ -46,7 +47,7 @@ _ROOM = 64 << 10
 """Free bytes of a disk below which a component may have failed because it could not write."""
 _DEATHS = 3
 """Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
-_ENDS_WITHIN_S = 30.0  # a worker ends its components first, whose teardowns take up to `TORN_DOWN_WITHIN_S`
+_ENDS_WITHIN_S = TORN_DOWN_WITHIN_S + 10.0  # a worker ends its components first: seconds, even on a loaded machine
 _MOST_BATCHES = 4  # a batch holds a log in memory; a chain works with one or two at a time
 
 

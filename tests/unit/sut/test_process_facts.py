@@ -125,7 +125,13 @@ def test_the_domain_of_a_bridge(command: tuple[str, ...], domain: int | None) ->
 
 def test_the_domain_of_a_bridge_that_was_told_by_its_environment() -> None:
     command = ("riot", "bridge", "ros2")
-    with subprocess.Popen(["cat"], stdin=subprocess.PIPE, env={**os.environ, "ROS_DOMAIN_ID": "11"}) as process:
-        assert bridged_domain(Started(process.pid, command, "/")) == 11
+    with subprocess.Popen(
+        ["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, "ROS_DOMAIN_ID": "11"}
+    ) as process:
         assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(b"up\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == b"up\n"  # before its first instruction, it has no environment yet
+        assert bridged_domain(Started(process.pid, command, "/")) == 11
         process.stdin.close()
