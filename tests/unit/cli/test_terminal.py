@@ -86,6 +86,7 @@ class Owner:
 
     @staticmethod
     def _lead() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's background job, as the tests may be, ignores it
         os.setsid()
         fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
