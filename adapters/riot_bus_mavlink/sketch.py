@@ -69,7 +69,7 @@ def sketch(
     if others were heard, too; otherwise one that was not heard. All others are the outside world.
 
     Args:
-        survey: What was heard.
+        survey: Systems and messages that were heard.
         specs: The links.
         dialect: The known messages.
         seconds: Duration of listening.
@@ -149,7 +149,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
 
     Args:
         found: The system.
-        origin: Where and how it was heard, for the first comment.
+        origin: Text on where and how it was heard, for the first comment.
     """
     topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
     head = [

@@ -99,7 +99,7 @@ class _Place:
 
     Attributes:
         node: The field.
-        start: Where it may begin: before its padding.
+        start: Offset at which it may begin, before its padding.
         end: Offset of its end in the payload.
         rest: Nodes that follow, from the inside outwards, each with its number of repetitions.
     """

@@ -48,7 +48,7 @@ class Lead(BaseModel):
         secret: Secret by which agent and controller prove who they are; None for no proofs.
         watched: Whether the controller stays.
         who: Name of the controller, for people.
-        on_lost_controller: What to do when the controller has given no proof for `grace` seconds.
+        on_lost_controller: Action once the controller has given no proof for `grace` seconds.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)

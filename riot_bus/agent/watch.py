@@ -19,7 +19,7 @@ class ControllerWatch:
     operation is resumed when the controller is back; a stop is final.
 
     Args:
-        policy: What the robot does while no controller is there.
+        policy: Action of the robot while no controller is there.
         grace: Grace time in seconds.
         now: Current time in seconds, by any clock; the controller counts as seen.
     """

@@ -75,7 +75,7 @@ class Variants:
     Attributes:
         parts: For each part of the response one row per variant, standardised (variants x samples).
         age: Median age of the candidate's latest message at a row, in seconds.
-        changes: How often it changed from the first row of a part to the last, over all parts.
+        changes: Number of its changes from the first row of a part to the last, over all parts.
         rows: Number of rows in parts in which it changed, the basis of evidence.
         logs: Number of logs that have these rows.
     """

@@ -42,7 +42,7 @@ class FieldEvidence:
         rows: Number of messages of the target's topic behind it.
         logs: Number of logs behind it.
         dependence: Result of the test; None if it was not tested.
-        reason: Why it was not tested.
+        reason: Reason why it was not tested.
     """
 
     source: str
@@ -71,7 +71,7 @@ class TopicEdge:
         source: The topic that is read; empty if all topics were tried and none seems to be read.
         target: The topic that is written.
         components: Names of these components.
-        told: Who says so; `inferred` if only the dependence in the logs does.
+        told: Source of this knowledge; `inferred` if it is only the dependence in the logs.
         evidence: Evidence on the tested fields, those that are followed first.
     """
 

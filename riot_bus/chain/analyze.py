@@ -30,7 +30,7 @@ class Analysis:
     Attributes:
         folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
         report: Path of the report page.
-        stopped: Why the chain ended early; empty if it did not.
+        stopped: Reason why the chain ended early; empty if it did not.
         unfinished: Whether it ended early for lack of time.
     """
 

@@ -41,7 +41,7 @@ class UnitResult:
     Attributes:
         view: Campaign and findings of the unit, compared with the baseline.
         undecided: Findings whose replay does not decide whether they are back.
-        untested: Why the unit was not tested, or not to the end; empty if it was.
+        untested: Reason why the unit was not tested, or not to the end; empty if it was.
     """
 
     unit: str

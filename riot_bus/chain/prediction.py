@@ -45,7 +45,7 @@ class Moment:
 
     Attributes:
         place: Its place in the log.
-        time: When it was sent (ns).
+        time: Time at which it was sent (ns).
         values: Values of the rule's fields that are known then.
         last: Whether it is of the last of the rule's topics.
     """
@@ -66,7 +66,7 @@ class Prediction:
         unknown: Number of messages of the last of the rule's topics at which they did not.
         fails: Number of judged messages at which the rule holds.
         moments: The first of these messages.
-        begin: When the first message of the log was sent (ns).
+        begin: Time at which the first message of the log was sent (ns).
         rule: The rule as text.
         topics: Topic of each message of the log in which the rule's fields are named.
         missed: Number of the campaign's trials that failed though the rule holds nowhere in them.

@@ -162,7 +162,7 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
     A worker that dies holds them until its leases expire: nothing of its trial runs by then.
 
     Args:
-        needs: How many the trial needs, and how many there are in all, by name.
+        needs: Number that the trial needs, and number that there are in all, by name.
         waited_for: Function that tells whether the trial is still awaited.
 
     Yields:

@@ -19,8 +19,8 @@ class MistakeError(ValueError):
     """A mistake in a table; `explained` finds it in pydantic's error.
 
     Args:
-        message: What is wrong, with the value.
-        hint: What can be done about it.
+        message: Description of the problem, with the value.
+        hint: Advice for the user.
         place: Keys below the table.
     """
 
@@ -62,7 +62,7 @@ def explained(
     """Turn pydantic's error into one with file, line, table and hint.
 
     Args:
-        error: What validation found.
+        error: Error of the validation.
         path: The file.
         text: Its text.
         known_keys: Returns the keys that a table may have.

@@ -125,7 +125,7 @@ class BypassWatch:
         bus: The bus, open.
         callback: Called with all present bypasses whenever they have changed; what it raises is logged.
         period: Seconds between two looks.
-        scouting: How to ask who answers multicast scouting; None not to ask.
+        scouting: Settings for asking who answers multicast scouting; None not to ask.
         scout_every: Number of looks from one scouting to the next.
     """
 

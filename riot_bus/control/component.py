@@ -29,7 +29,7 @@ def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "-
 
     Args:
         texts: Settings as written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`.
-        cwd: Where relative paths start from, by default the working folder.
+        cwd: Folder from which relative paths start, by default the working folder.
         where: The option, for errors.
 
     Raises:

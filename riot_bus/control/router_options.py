@@ -178,7 +178,7 @@ def merged(settings: RouterSettings, options: RouterOptions, *, cwd: Path | None
     Args:
         settings: As `load_router` returns them, or `RouterSettings()`.
         options: The command line.
-        cwd: Where relative paths in options start from, by default the working folder.
+        cwd: Folder from which relative paths in options start, by default the working folder.
 
     Raises:
         ConfigError: An option is wrong or names an unknown segment, segments conflict, or a certificate is missing.

@@ -51,7 +51,7 @@ class RouterService:
         folder: Folder for recordings requested over the network; by default that of `settings.record`, else the working
             folder.
         alarm: Called with all ways around the router whenever they have changed; None not to look for them.
-        scouting: How to ask who answers multicast scouting; None not to ask.
+        scouting: Settings for asking who answers multicast scouting; None not to ask.
         network: The segments, if they are open already; it is closed with the router.
     """
 

@@ -51,7 +51,7 @@ def export(
     """Return the variables by which children of a router's process can put processes into its segments.
 
     Args:
-        endpoints: Where components of each segment connect.
+        endpoints: Endpoints to which the components of each segment connect.
         files: Folder that `write_session_files` has filled; without it, `segment_variables` does not reach programs
             that call Zenoh themselves.
         domains: The ROS domain that a bridge joins to each segment.
@@ -131,7 +131,7 @@ def write_session_files(
     """Write the file of each segment for `ZENOH_CONFIG`, readable by this user alone.
 
     Args:
-        endpoints: Where components of each segment connect.
+        endpoints: Endpoints to which the components of each segment connect.
         folder: Target folder; only this user should be able to write there.
         config: Further keys of a component's Zenoh configuration.
 

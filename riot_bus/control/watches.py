@@ -32,7 +32,7 @@ class Watches:
         registry: Type registry that names keys and interprets what components announce.
         changed: Called with each new graph.
         alarm: Called with all current ways around the router whenever they change; None to not look for them.
-        scouting: How to ask who answers multicast scouting; None to not ask.
+        scouting: Settings for asking who answers multicast scouting; None not to ask.
     """
 
     def __init__(

@@ -53,8 +53,8 @@ class KnownFinding(_Table):
 
     Attributes:
         failed: Number of the fresh `trials` that failed when it was added.
-        since: When it was added: the day, and the commit if there is one.
-        fixed: When it was seen to be fixed, in the same form; empty until then. If it fails again, it is new.
+        since: Day on which it was added, and the commit if there is one.
+        fixed: Day on which it was seen to be fixed, in the same form; empty until then. If it fails again, it is new.
         note: Comment by people, which riot preserves.
         log: Folder with its log, relative to the folder of the file; empty if none is kept.
     """

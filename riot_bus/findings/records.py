@@ -242,7 +242,7 @@ class CampaignRecord(Artefact):
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
         whole_system: Whether trials were runs of the whole system, with injections into its external inputs.
-        stopped: Why it ended before its budget was spent; empty if it did not.
+        stopped: Reason why it ended before its budget was spent; empty if it did not.
     """
 
     FILE = "campaign.json"

@@ -59,7 +59,7 @@ class LogEntry:
         robot: Name of the robot that recorded it.
         named_by: Source of the name of the robot.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
-        problem: What is wrong with it; empty if nothing is missing.
+        problem: Description of what is wrong with it; empty if nothing is missing.
         profile: MCAP profile.
         start: Time of the first message, nanoseconds since the Unix epoch; None if there is none.
         end: Time of the last message, in the same form.

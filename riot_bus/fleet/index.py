@@ -38,7 +38,7 @@ class IndexReport:
         damaged: Number of fresh logs of which something is missing, or that are not logs.
         gone: Number of logs that no longer exist.
         pruned: Number of logs that were removed from the catalogue.
-        failures: What could not be looked at, a line each.
+        failures: Logs that could not be looked at, a line each.
     """
 
     logs: int = 0

@@ -51,7 +51,7 @@ class LogScan:
     """Result of scanning one log for a rule.
 
     Attributes:
-        place: Where the log is.
+        place: Path or URL of the log.
         robot: Name of the robot that recorded it.
         judged: Messages of the rule's topics at which all of its fields were known.
         unknown: Messages of the last of its topics at which a field was not known.
@@ -59,7 +59,7 @@ class LogScan:
         nearest: The moments of least distance, nearest first, at least a second apart.
         start: Time of the first message, ns.
         profile: Least distance in each of `BINS` equal stretches of the log; NaN where nothing was judged.
-        problem: Why it was not judged, or not all of it; empty if it was.
+        problem: Reason why it was not judged, or not all of it; empty if it was.
     """
 
     place: str

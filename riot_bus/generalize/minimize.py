@@ -63,7 +63,7 @@ class Minimal:
         confidence: Lower bound of the confidence in that; 0 if it was not shown.
         failed: Failing trials of `kept`, and trials in total.
         without: The same for each message of `kept`, when it alone is left out.
-        noise: What is known about the failure rates by now.
+        noise: Present knowledge about the failure rates.
     """
 
     kept: tuple[int, ...]
@@ -110,7 +110,7 @@ def minimize(
         groups: Topic of each message; needed messages often share one.
         causes: Messages of which at least one has to be kept; parts without any have another cause, and are not asked.
         likely: Whether the whole log is probably minimal: then that is checked before anything is searched.
-        noise: What is known about the failure rates.
+        noise: Knowledge about the failure rates.
         budget: Maximum number of trials; once they are spent, the best so far is the result, marked as not proven.
         parallelism: Questions worth asking in one batch.
         progress: Called after every batch.

@@ -49,7 +49,7 @@ class Trials(Generic[QuestionT]):
     Args:
         ask: The batch oracle.
         key: Function whose result is equal for questions that are the same.
-        noise: What is known about the rates of failures and of false ones.
+        noise: Knowledge about the rates of failures and of false ones.
         budget: Maximum number of trials.
         parallelism: Questions worth asking in one batch.
         progress: Called after every batch.
@@ -95,7 +95,7 @@ class Trials(Generic[QuestionT]):
             at: Gives the input at a position of the chain.
             rises: Whether inputs trigger the failure from the flip on.
             sure: Probability that ends the search.
-            doing: What is going on, for `progress`.
+            doing: Name of the current step, for `progress`.
             told: Positions that `ask` has already answered, with whether they failed.
 
         Raises:
@@ -127,7 +127,7 @@ class Trials(Generic[QuestionT]):
             questions: Questions that differ from each other.
             prior: Probability before any trial; one for all questions, or one for each.
             doubt: A probability below this, or above one minus this, decides.
-            doing: What is going on, for `progress`.
+            doing: Name of the current step, for `progress`.
             least: Minimum number of trials of each question, including earlier ones.
             first: Whether to stop at the first question found to trigger the failure; later ones may stay undecided.
 
@@ -165,9 +165,9 @@ class Trials(Generic[QuestionT]):
             question: Question that has to trigger it.
             prior: Probability before any trial.
             doubt: A probability below this, or above one minus this, decides.
-            doing: What is going on, for `progress`.
+            doing: Name of the current step, for `progress`.
             what: Name of the question, for the error.
-            so: What follows if it does not trigger the failure, for the error.
+            so: Consequence if it does not trigger the failure, for the error.
 
         Raises:
             InconclusiveError: It probably does not trigger the failure.
@@ -190,8 +190,8 @@ class Trials(Generic[QuestionT]):
         Args:
             questions: Questions, of which some may be equal.
             doubt: Maximum probability that an answer is wrong.
-            doing: What is going on, for `progress`.
-            priors: How likely each one is to trigger it before any trial; None if nothing is known.
+            doing: Name of the current step, for `progress`.
+            priors: Probability of each one to trigger it before any trial; None if nothing is known.
 
         Raises:
             BudgetSpentError: There are no trials left for it.

@@ -137,7 +137,7 @@ def relevant_fields(
         seed: Seed of all random draws.
         straight: Draws in a row without effect that end the search.
         passing_straight: The same around a passing assignment; 0 skips that stage.
-        noise: What is known about the failure rates.
+        noise: Knowledge about the failure rates.
         budget: Maximum number of trials; once they are spent, the fields found so far are the result.
         parallelism: Questions worth asking in one batch.
         progress: Called after every batch.

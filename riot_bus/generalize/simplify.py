@@ -52,7 +52,7 @@ def simplify(
         sizes: Rungs of each ladder, at least two; the last ones together are known to fail.
         ask: Each question has a rung for each ladder, and is each time a fresh trial; True = failed with the same
             signature.
-        noise: What is known about the failure rates.
+        noise: Knowledge about the failure rates.
         budget: Maximum number of trials; once they are spent, the lowest rungs so far are the result.
         parallelism: Questions worth asking in one batch.
         progress: Called after every batch.

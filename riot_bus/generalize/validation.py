@@ -97,7 +97,7 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
         learnt: The rule with the intervals of its thresholds.
         sampler: Draws new cases.
         chance: Source of randomness.
-        count: How many cases to try to make.
+        count: Number of cases to try to make.
     """
     limits: dict[Candidate, list[tuple[int, int]]] = {}  # one that several terms share is one limit
     for row, term in enumerate(learnt.terms):

@@ -75,13 +75,13 @@ class Edge:
 
     Attributes:
         topic: Key of the topic.
-        role: What the component does.
+        role: Role of the component on the key.
         segment: Name of the segment; empty if not known.
         zid: Id of the component; empty if not known.
         node: Its ROS node, if announced, or the system behind the link.
-        evidence: How we know, sorted: `ros2 token`, `bridge token`, `advanced token`, `traffic`, `timestamp` (the
-            sender stamped its messages), `matching` (there is a receiver), `declaration`, `bridge` (it says so
-            itself), and `only component` (of that segment: a conclusion).
+        evidence: Sources of this knowledge, sorted: `ros2 token`, `bridge token`, `advanced token`, `traffic`,
+            `timestamp` (the sender stamped its messages), `matching` (there is a receiver), `declaration`, `bridge`
+            (it says so itself), and `only component` (of that segment: a conclusion).
         messages: Number of messages so far, if they could be attributed; not compared.
         rate: Recent messages per second; not compared.
     """
@@ -108,7 +108,7 @@ class Unknown:
     Attributes:
         about: A topic's key, a component's id, or empty.
         segment: Name of the segment; empty if it holds for the whole bus.
-        text: What is not known, and why.
+        text: Description of what is not known, and why.
     """
 
     about: str

@@ -49,7 +49,7 @@ class Survey:
 
     Attributes:
         announcements: All announcements, sorted.
-        offered: What the publishers of a key offer, in the form of a log's channel (`offered_qos_profiles`).
+        offered: QoS that the publishers of a key offer, in the form of a log's channel (`offered_qos_profiles`).
         started: The processes behind sessions, by the sessions' ids; those of other hosts and users are left out.
         skipped: Number of tokens left out because there were too many.
         modes: `client`, `peer` or `router` of each session that routers say they are linked to, by its id.
@@ -68,7 +68,7 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
     Args:
         endpoint: Endpoint that a router listens on.
         registry: Type registry whose adapters interpret the tokens.
-        seconds: How long to look; tokens that vanish meanwhile are left out.
+        seconds: Duration of the look; tokens that vanish meanwhile are left out.
         config: Further Zenoh configuration.
 
     Raises:

@@ -103,7 +103,7 @@ class DelayFault:
     """Deliver the message later.
 
     Attributes:
-        delay: How much later, seconds.
+        delay: Delay, seconds.
     """
 
     delay: Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -118,7 +118,7 @@ class DuplicateFault:
     """Deliver the message more than once.
 
     Attributes:
-        copies: How many more times.
+        copies: Number of further copies.
     """
 
     copies: Annotated[int, Field(ge=1)] = 1

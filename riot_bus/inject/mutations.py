@@ -49,7 +49,7 @@ class Mutation:
     Attributes:
         type: Type of the message that has the fields.
         changes: New value of each field by path.
-        reason: Why this is worth trying.
+        reason: Reason why this is worth trying.
         consistent: Formula that is true of sound messages and false of mutated ones; empty if these are only unusual.
         opt_in: Whether it is only tried where the user asked for all of its fields.
         source: Entry and file that it comes from.

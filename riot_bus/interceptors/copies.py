@@ -23,7 +23,7 @@ class Duplicate:
     """Deliver messages more than once.
 
     Args:
-        copies: How many times more.
+        copies: Number of further copies.
         spacing: Seconds between two copies.
     """
 

@@ -64,7 +64,7 @@ class RuleGuard:
 
     Args:
         rule: A finding's rule.json.
-        action: What is done with a message for which the rule holds: drop it; clamp its fields to the nearest values
+        action: Treatment of a message for which the rule holds: drop it; clamp its fields to the nearest values
             for which the rule does not hold; hold its fields at those of the last good message; or report it and let
             it pass. Where clamp or hold cannot help, it is dropped. Of an array whose elements the rule is about, those
             alone are changed that are too large, too small or no numbers.

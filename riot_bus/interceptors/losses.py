@@ -24,7 +24,7 @@ class Drop:
     Args:
         every: Drop only every n-th message of a topic.
         chance: Share of messages at which a drop begins.
-        burst: How many messages of the topic a drop takes.
+        burst: Number of messages of the topic that a drop takes.
     """
 
     name: ClassVar[str] = "drop"

@@ -78,10 +78,10 @@ class Corrupt:
     """Flip bits or replace bytes.
 
     Args:
-        bits: How many bits are flipped.
-        count: How many bytes are replaced, instead.
-        offset: Where the part begins that may be hit.
-        length: How long it is; None up to the end.
+        bits: Number of bits that are flipped.
+        count: Number of bytes that are replaced, instead.
+        offset: First byte of the part that may be hit.
+        length: Length of that part, bytes; None up to the end.
     """
 
     name: ClassVar[str] = "corrupt"
@@ -118,7 +118,7 @@ class Truncate:
     """Cut the end of payloads off.
 
     Args:
-        length: How many bytes are left, or
+        length: Number of bytes that are left, or
         fraction: which share of them.
     """
 
@@ -146,7 +146,7 @@ class SetField:
 
     Args:
         field: Path of the field, such as `pose.position.x`.
-        value: What it is set to; `nan` and `inf` are numbers where the field is one.
+        value: Value that it gets; `nan` and `inf` are numbers where the field is one.
     """
 
     name: ClassVar[str] = "set"
@@ -165,8 +165,8 @@ class ClockOffset:
     Without `field`, all stamps of ROS messages are shifted: fields `sec` and `nanosec` of a `stamp`.
 
     Args:
-        seconds: How far, negative into the past.
-        drift: How many seconds more for each second that passes.
+        seconds: Shift, seconds; negative into the past.
+        drift: Further shift for each second that passes, seconds.
         field: Path of one field that holds a time.
         unit: Its unit: s, ms, us or ns.
     """

@@ -20,7 +20,7 @@ class Delay:
     """Deliver messages later.
 
     Args:
-        seconds: How much later.
+        seconds: Delay, seconds.
     """
 
     name: ClassVar[str] = "delay"
@@ -39,7 +39,7 @@ class Jitter:
     """Deliver messages unevenly late; the order within a topic is kept.
 
     Args:
-        seconds: How much later on average.
+        seconds: Mean delay, seconds.
         spread: Most that a delay differs from the average.
     """
 

@@ -78,7 +78,7 @@ class LogInfo:
         start: Time of the first message, nanoseconds; None if there is none.
         end: Time of the last message, nanoseconds; None if there is none.
         metadata: Metadata of the run, from the recorder.
-        loss: What cannot be read; unknown unless `scanned`.
+        loss: Messages and blocks that cannot be read; unknown unless `scanned`.
         scanned: Whether all of the file was read, not only its summary.
         account: The recorder's own account of what it lost; None if it gave none.
         library: Library that has written the file.

@@ -84,9 +84,9 @@ class LossNotes:
 
     Attributes:
         damaged: Blocks that cannot be read.
-        salvaged: How many messages of a damaged block were read all the same.
-        unknown: How many messages of a block have an unknown channel or an impossible time.
-        unsorted: How many messages of a block come after messages with later times.
+        salvaged: Messages that were read all the same, by damaged block.
+        unknown: Messages with an unknown channel or an impossible time, by block.
+        unsorted: Messages that come after messages with later times, by block.
     """
 
     damaged: set[int] = field(default_factory=set)

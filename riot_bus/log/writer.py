@@ -158,7 +158,7 @@ class LogWriter:
     Attributes:
         lost: Messages per topic that an MCAP file cannot hold: too many keys, or a time that is not 0 ... 2^64 - 1.
         refused: Total number of these messages.
-        problem: Why nothing can be written at present; empty as long as all is well.
+        problem: Reason why nothing can be written at present; empty as long as all is well.
         errno: Number of that error, None if the operating system has none.
         gone: Whether the file has been removed; then nothing more is written.
         profile: The file's MCAP profile.
@@ -239,7 +239,7 @@ class LogWriter:
         Args:
             message: The message; its time becomes the log time.
             role: `original` for a message as it was before it was changed, delayed or dropped.
-            changes: What interceptors did to it.
+            changes: Changes that interceptors made to it.
 
         Raises:
             LostMessagesError: Earlier messages are lost, or the file is gone; this one is not written either.

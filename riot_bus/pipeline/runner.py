@@ -405,7 +405,7 @@ class Pipeline:
         Args:
             asked: Value of `current` when the waiting began.
             reason: Reason for giving up.
-            place: Where it hangs, as `file:line`.
+            place: Line in which it hangs, as `file:line`.
 
         Returns:
             Whether it was still being called; if not, nothing was done.

@@ -38,7 +38,7 @@ class Stage:
     Attributes:
         name: The interceptor's name, unique in its pipeline.
         message: The interceptor's method of this name.
-        bypassed: Why the interceptor is no longer called; None as long as it is.
+        bypassed: Reason why the interceptor is no longer called; None as long as it is.
     """
 
     __slots__ = ("bypassed", "expressions", "interceptor", "message", "name", "target", "when")

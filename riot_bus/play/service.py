@@ -64,7 +64,7 @@ class PlayResult:
         lateness: Seconds that messages were late: `p50`, `p99` and `max`.
         lost: Number of messages by topic that could not be published.
         problems: The first error by topic, and other failures.
-        unread: What could not be read, by log.
+        unread: Messages that could not be read, by log.
         unsettled: Number of messages in lock-step after which subscribers did not settle in time.
     """
 

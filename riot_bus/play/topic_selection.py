@@ -33,7 +33,7 @@ class TopicSelection:
         offers: Publisher settings, by the key to play.
         names: Topic names, by the key to play.
         topics: Recorded topics, by the key to play, for their types.
-        clock: How to publish the time, if that is wanted.
+        clock: Settings for publishing the time, if that is wanted.
     """
 
     keys: list[dict[str, str]] = field(default_factory=list)

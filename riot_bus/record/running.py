@@ -31,7 +31,7 @@ def run_capture(options: CaptureOptions, foreground: Foreground) -> None:
     SIGUSR1 writes the ring, or begins another file. A second SIGINT or SIGTERM ends the process at once.
 
     Args:
-        options: What to record.
+        options: Options of the recording.
         foreground: Frame that prints the result and takes keys.
 
     Raises:

@@ -65,7 +65,7 @@ class CaptureResult:
         files: Files in the order of writing.
         account: Messages by topic: recorded, lost by reason, left out by reason.
         seconds: Duration of the recording.
-        problems: What went wrong, in a line each.
+        problems: Problems, a line each.
         silent: Requested names and key expressions on which no message came.
     """
 
@@ -97,7 +97,7 @@ class CaptureService:
     Its operations may be called by several threads.
 
     Args:
-        options: What to record.
+        options: Options of the recording.
         warn: Function that receives each warning as one line; called on other threads too.
 
     Raises:

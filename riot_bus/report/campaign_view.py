@@ -37,7 +37,7 @@ class CampaignView:
         broken: Records that cannot be used, with the reason.
         unit: Unit under test; empty if that is not known.
         fingerprint: Fingerprint of the code and riot.toml under test; empty if that is not known.
-        problem: Why the work ended early; empty if it did not.
+        problem: Reason why the work ended early; empty if it did not.
         alone: Whether this is a single finding, without the rest of its campaign.
         known: The baseline by fingerprint; None if there is none, so that every finding counts.
         remarks: Further remarks, such as which known findings no longer fail.
@@ -143,7 +143,7 @@ def load_campaign(
         finished: Whether `campaign.json`, if it exists, is of this campaign and not of an earlier one.
         unit: Unit under test, used until a record names it.
         fingerprint: Fingerprint of what is tested, used until a record names it.
-        problem: Why the work has ended early; empty if it has not.
+        problem: Reason why the work has ended early; empty if it has not.
     """
     broken: dict[str, str] = {}
     campaign, findings = None, list[FindingView]()

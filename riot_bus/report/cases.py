@@ -36,12 +36,12 @@ class ReportedCase:
 
     Attributes:
         name: Its name, the same in each run.
-        result: How it has ended; `error` if the unit is not at fault.
+        result: Result of the case; `error` if the unit is not at fault.
         kind: Kind of failure, of error, or why it was skipped.
-        message: What happened, in a line; it may contain untrusted text, as all other texts.
+        message: Summary of what happened, in a line; it may contain untrusted text, as all other texts.
         lines: All that is known of that.
         told: Further lines, whatever the result.
-        seconds: How long it took; None if that is not known.
+        seconds: Duration; None if that is not known.
         finding: The finding that it stands for; None for other cases.
     """
 

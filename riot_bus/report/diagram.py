@@ -20,8 +20,8 @@ class DiagramBox:
     """One box of the chain.
 
     Attributes:
-        title: What the box stands for.
-        lines: What is known of it: two short lines.
+        title: Name of what the box stands for.
+        lines: Known facts about it: two short lines.
         effort: Trials and seconds of its step.
         state: Whether its step has finished, is the next one, or comes later.
     """

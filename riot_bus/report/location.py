@@ -77,8 +77,8 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
 
     Args:
         finding: Record of the finding.
-        texts: What its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its threads, and
-            the `backtrace` of a debugger.
+        texts: Texts that its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its
+            threads, and the `backtrace` of a debugger.
     """
     errors, stacks = texts.get("stderr", ""), texts.get("stacks", "")
     if finding.monitor == "crash":

@@ -46,7 +46,7 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
 
     Args:
         directory: The finding's directory.
-        open_questions: What else was not tried; listed at the end.
+        open_questions: Further things that were not tried; listed at the end.
 
     Raises:
         ConfigError: `finding.json` is missing or unusable.
@@ -59,7 +59,7 @@ class HtmlReport:
     """The report format `html`: one page that needs no network.
 
     Args:
-        open_questions: What else was not tried; listed at the end.
+        open_questions: Further things that were not tried; listed at the end.
     """
 
     file = PAGE

@@ -68,8 +68,8 @@ class Bus:
         registry: Registry that gives the names of topics in counts.
         recorder: Recorder of intercepted messages and of `record`. Closed by its owner, after the bus.
         record: Key expressions that are recorded without being intercepted.
-        wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
-        budget_s: How long an interceptor may take for one message before it is bypassed.
+        wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver, after which its link is closed.
+        budget_s: Longest time of an interceptor for one message, after which it is bypassed.
         config: Further Zenoh configuration of every segment, ignored if `segments` is a network.
         timeout: Seconds within which everything must be up.
     """

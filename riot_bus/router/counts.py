@@ -146,7 +146,7 @@ def count(
     """Return counts by topic; all arguments are by topic, too.
 
     Args:
-        looked_at: What the pipeline decided about the messages that it saw.
+        looked_at: Counts of the pipeline, of the messages that it saw.
         passed: Messages forwarded without inspection by the pipeline.
         shed: Messages that there was no room for.
         undelivered: Messages, passed or inspected, that could not be published.

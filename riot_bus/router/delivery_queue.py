@@ -75,7 +75,7 @@ class DeliveryQueue:
 
     Attributes:
         sessions: The segments' own sessions, once `open` was called.
-        outlets: Where to publish, by segment, once `open` was called.
+        outlets: Publishers by segment, once `open` was called.
         converters: Converters of samples to messages, by segment.
         sequence: Numbers of messages.
         targets: Target segments of messages, by source segment.

@@ -379,7 +379,7 @@ class SimClock:
 
     Attributes:
         name: Name of the topic; a recorded topic of this name is not played in addition.
-        offer: How to publish it.
+        offer: Delivery settings with which to publish it.
         payload: Function that returns the payload for a time in nanoseconds.
     """
 

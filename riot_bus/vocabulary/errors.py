@@ -33,9 +33,9 @@ class RiotError(Exception):
     """Root of every error that riot_bus raises on purpose; secrets of endpoints are left out of its texts.
 
     Args:
-        message: What went wrong, with the offending value.
+        message: Description of the problem, with the offending value.
         where: Place of the problem (file:line, key, field path), if there is one.
-        hint: What the user can do about it.
+        hint: Advice for the user.
     """
 
     exit_code = 2

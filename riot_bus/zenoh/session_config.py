@@ -83,7 +83,7 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
     """Return the configuration of a client of one router.
 
     Args:
-        endpoint: Where the router listens; paths behind its `#` start from the working folder.
+        endpoint: Endpoint on which the router listens; paths behind its `#` start from the working folder.
         extra: Further keys; they win.
 
     Raises:

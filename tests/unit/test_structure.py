@@ -17,6 +17,11 @@ FOLDERS = {"": "riot_bus", "adapters/": "riot_bus_*", "dictionaries/": "riot_bus
 SHORT_TEXT = re.compile(r"^ +[*`]*(?:[A-Za-z_]\w*)`?: (.{1,14})$(?!\n {5})", re.MULTILINE)
 """An argument or attribute whose whole text has less than 15 characters."""
 
+QUESTION = re.compile(
+    r"^ +[*`]*(?:[A-Za-z_]\w*)`?: ((?:How|What|When|Where|Which|Who|Whom|Whose|Why)\b.*)", re.MULTILINE
+)
+"""An argument or attribute whose text is a question, not a noun."""
+
 SECTIONS = re.compile(r"^(?:Args|Attributes|Yields|Returns):\n((?: +.*\n?|\n)+)", re.MULTILINE)
 NO_NOUN = (
     "a again all also always an and any are as asked at be both by default done each either every false few for from "
@@ -103,17 +108,18 @@ def texts(tree: ast.Module) -> Iterator[str]:
 
 
 def without_noun(docstring: str) -> list[str]:
-    """Return the texts of arguments and attributes below 15 characters that name nothing."""
+    """Return the texts of arguments and attributes that are questions, or below 15 characters and name nothing."""
     found = []
     for section in SECTIONS.finditer(docstring):
         for text in SHORT_TEXT.findall(section[1]):
             words = re.findall(r"[a-z]+", text.lower())
             if not words or words[0] in FIRST.split() or set(words) <= set(NO_NOUN.split()):
                 found.append(text)
+        found += [text for text in QUESTION.findall(section[1]) if text not in found]
     return found
 
 
-def test_short_texts_of_arguments_have_a_noun() -> None:
+def test_texts_of_arguments_have_a_noun() -> None:
     """`block: Which.` says nothing to who has not written it."""
     places = {name: [text for each in texts(tree) for text in without_noun(each)] for name, tree in sources().items()}
     assert {name: found for name, found in places.items() if found} == {}
@@ -129,8 +135,9 @@ def test_short_texts_of_arguments_have_a_noun() -> None:
         ("Most: See there.", ["See there."]),
         ("block: ?", ["?"]),
         ("block: The log.", []),
-        ("block: Which log it is.", []),
-        ("block: What is\n        sent.", []),
+        ("block: Which log it is.", ["Which log it is."]),
+        ("block: What is\n        sent.", ["What is"]),
+        ("block: Whether it is\n        sent.", []),
     ],
 )
 def test_what_names_nothing(line: str, told: list[str]) -> None:

@@ -49,11 +49,11 @@ class MavlinkBridge:
 
     Args:
         ports: Segments by name; the bridge does not close them.
-        options: What to bridge.
+        options: Options of the bridge.
         warn: Called from other threads with one line for each problem.
 
     Attributes:
-        failure: Why the bridge ended by itself, if it did.
+        failure: Reason why the bridge ended by itself, if it did.
         loop: Thread that waits for the links.
         crc_extra: Returns a message's CRC extra byte.
 

@@ -35,7 +35,7 @@ class MavlinkBridgeOptions:
         duplicates: Seconds within which a repeated frame is dropped; 0 to drop none.
         sniffer: Id of a system that gets everything; 0 for none.
         key_file: File with the key of signed frames.
-        mirror: What is also published as JSON, as by mavlink-server: `messages`; with `fields`, each field, too.
+        mirror: Parts that are also published as JSON, as by mavlink-server: `messages`; with `fields`, each field, too.
         patient: Whether to listen to a segment only once a peer is connected to one of its links, so that nothing is
             sent to a program that is not connected yet.
     """

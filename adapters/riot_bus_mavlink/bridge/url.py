@@ -73,7 +73,7 @@ class LinkSpec:
         name: Name in keys, counts and messages; unique within a bridge.
         segment: Name of the segment that it belongs to; empty for the only one.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
-        direction: Which way frames go.
+        direction: Direction of the frames.
         silence: Seconds after which a silent peer of a UDP server is forgotten, and a TCP connection whose other end
             acknowledges nothing is ended.
         rate: Speed at which a log is read, relative to its recording; 0 for as fast as possible.

@@ -60,11 +60,11 @@ class Ros2Bridge:
 
     Args:
         port: The segment; the bridge does not close it.
-        options: What to bridge.
+        options: Options of the bridge.
         warn: Called from other threads with one line for each problem.
 
     Attributes:
-        failure: Why the bridge ended by itself, if it did.
+        failure: Reason why the bridge ended by itself, if it did.
 
     Raises:
         ConfigError: An option is not usable.

@@ -126,7 +126,7 @@ def plan_of(
 
     Args:
         graph: The domain, without bridges.
-        segment: What others announce on the segment.
+        segment: Endpoints that others announce on the segment.
         names: Choice of the bridged topics and services.
         options: Options of the bridge.
         bridges: Zenoh session ids of other bridges, each of which has one publisher for all that it announces.

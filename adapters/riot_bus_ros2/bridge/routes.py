@@ -65,8 +65,8 @@ class BridgeRoute:
     Args:
         number: Number of its endpoint in the domain.
         key: Topic or service.
-        plan: What to do with a topic; None for a service.
-        context: What the routes of a bridge share.
+        plan: Plan for a topic; None for a service.
+        context: State that the routes of a bridge share.
 
     Attributes:
         way: Name of the count in the bridge's status.

@@ -36,7 +36,7 @@ def settings_for(needs: Collection[Need], folder: Path) -> Settings:
     """Return the settings that meet the needs of a scenario.
 
     Args:
-        needs: What a scenario needs of the network.
+        needs: Needs of a scenario from the network.
         folder: Folder in which certificates and passwords are written.
 
     Raises:

@@ -29,7 +29,7 @@ class Wishes:
     """What counts as a difference.
 
     Attributes:
-        tolerances: How far values may be apart, and how many messages may be missing.
+        tolerances: Distances that values may have, and numbers of messages that may be missing.
         timing: Seconds by which messages may be earlier or later; None for any.
         order: Whether the order across topics has to be the same.
     """
@@ -45,7 +45,7 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
     Args:
         a: The recording that is expected.
         b: The recording that is compared with it.
-        wishes: What counts as a difference; None for everything but times and the order across topics.
+        wishes: Differences that count; None for all but times and the order across topics.
     """
     wishes = wishes or Wishes()
     work: list[TopicComparison] = []

@@ -68,7 +68,7 @@ class Likeness:
     Args:
         a: Numbers of messages of one log, shape (messages, fields).
         b: Numbers of messages of the other log, shape (messages, fields).
-        texts: Which fields are not numbers.
+        texts: Fields that are not numbers.
         rules: Tolerances by field.
     """
 

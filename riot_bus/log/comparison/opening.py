@@ -41,8 +41,8 @@ class Extract:
     Attributes:
         topics: Names or key expressions; empty for all.
         exclude: Names or key expressions of topics that are left out.
-        start: Where to begin: seconds from the beginning of each log, or a point in time.
-        end: Where to end, in the same form; exclusive.
+        start: Beginning of the part: seconds from the beginning of each log, or a point in time.
+        end: End of the part, in the same form; exclusive.
         types: Types of topics, as `TOPIC=TYPE`.
         definitions: Files that define message types.
         salvage: Whether to take messages of damaged chunks that an index confirms.
@@ -63,7 +63,7 @@ def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Ext
     Args:
         a: Path of the expected log: an MCAP file, or a folder of a recording's files.
         b: Path of the log that is compared with it.
-        wishes: What counts as a difference; None for everything but times.
+        wishes: Differences that count; None for all but times.
         extract: Part of the logs that is compared; None for all.
 
     Raises:

@@ -40,7 +40,7 @@ class FieldDifference:
     Attributes:
         name: Path of the field, in which `[*]` stands for any element.
         messages: Number of messages in which it differs.
-        example: Where it differs most; for texts, where it differs first.
+        example: Place where it differs most; for texts, where it differs first.
         largest: Largest difference; None if that is not a number.
         typical: Median difference of the messages in which it differs; None if that is not a number.
         low: Smallest value in either log; None if there is no number.
@@ -89,7 +89,7 @@ class TopicDifference:
         count_a: Messages in the first log.
         count_b: Messages in the second log.
         equal: Messages that are the same in both, in the same order.
-        near: How many of those differ within the tolerances.
+        near: Number of those that differ within the tolerances.
         changed: Messages in which a field differs.
         lost: Messages of the first log only.
         added: Messages of the second log only.
@@ -102,7 +102,7 @@ class TopicDifference:
         lost_at: Numbers of the first lost messages.
         added_at: Numbers of the first added messages.
         moved_at: Numbers of the first moved messages in both logs.
-        allowed: How many messages may be lost, added or moved.
+        allowed: Number of messages that may be lost, added or moved.
         timing: Differences in time; None without any messages in common.
         labels: Other properties that differ between the logs, such as `encoding`.
         profile: Share of the first log's messages that are changed, lost or moved, along the log; empty if none is.

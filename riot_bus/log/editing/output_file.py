@@ -46,7 +46,7 @@ class _Draft:
         pieces: Records of the messages.
         rows: Channel, time and length of the messages of each batch, shape (n,) each.
         extras: Positions of messages, and their extras.
-        provenance: What interceptors did to the messages.
+        provenance: Changes that interceptors made to the messages.
         count: Number of messages.
         size: Bytes of the messages and their attachments.
     """

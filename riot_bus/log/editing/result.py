@@ -50,10 +50,10 @@ class EditResult:
     Attributes:
         topics: Counts of each topic, sorted by name.
         files: Files that were written; empty for a dry run.
-        losses: What could not be read, by input.
+        losses: Messages that could not be read, by input.
         unwritable: Messages, by topic, whose time would not fit into a log.
         warnings: Warnings, as sentences.
-        hint: What to do about damage, if something can be done.
+        hint: Advice on damage; empty if nothing can be done.
     """
 
     topics: Sequence[EditCounts]

@@ -111,8 +111,8 @@ class PlayStatus:
 
     Attributes:
         position: Present time of the log, nanoseconds.
-        start: Where the time line begins.
-        end: Where the time line ends.
+        start: Time at which the time line begins.
+        end: Time at which the time line ends.
         passes: Number of the present pass, from 1.
         published: Messages so far.
     """
@@ -145,7 +145,7 @@ class Player:
             tells when to give up.
 
     Attributes:
-        lateness: How late messages were, when a pace was asked for.
+        lateness: Delays of messages, if a pace was asked for.
 
     Raises:
         ConfigError: The rate is not valid.

@@ -33,7 +33,7 @@ class CsvWriter:
 
     Args:
         path: File to write.
-        kinds: What the columns hold, by name.
+        kinds: Kind of the values of each column, by name.
         raw: Whether texts are written unchanged.
     """
 

@@ -41,7 +41,7 @@ class ParquetTableWriter:
 
     Args:
         path: File to write.
-        kinds: What the columns hold, by name.
+        kinds: Kind of the values of each column, by name.
     """
 
     def __init__(self, path: str, kinds: dict[str, Kind]) -> None:

@@ -147,7 +147,7 @@ def delivered_sources(
 
     Args:
         reader: The log.
-        registry: What `log_registry` returns.
+        registry: Registry that `log_registry` returns.
         topics: Topic names or key expressions; None for all.
 
     Raises:
@@ -177,7 +177,7 @@ def topic_types(
 
     Args:
         reader: The log.
-        registry: What `log_registry` returns.
+        registry: Registry that `log_registry` returns.
         topics: Topic names or key expressions; None for all.
 
     Raises:
