@@ -34,14 +34,16 @@ _ASK_S = 1.0  # all sides are in this process and answer at once; silence means 
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """What one identity was seen to do at one key.
+    """An action at one key that was seen to succeed for one identity, which is a client with certain credentials.
 
     Attributes:
-        identity: Name of the identity.
-        action: Action that it tried.
-        key: Key that it was tried at.
-        seen_by: The identities on the other side: who received what it put, whom it answered ...
-        needed: Whether its role needs this; False for `NOBODY`, None for names that are not a role.
+        identity: Name of the identity; `NOBODY` for a client without credentials.
+        action: Action that succeeded.
+        key: Key of the agent, or its liveliness token, at which it succeeded.
+        seen_by: Identities on the other side, at least one: receivers of a `put`, publishers for `receive`, repliers
+            for `ask`, askers for `answer`, those that found the token for `announce`, its holders for `see`.
+        needed: Whether the role of this name (agent, controller or viewer) needs the action; False for `NOBODY`, None
+            if the name is not that of a role.
     """
 
     identity: str

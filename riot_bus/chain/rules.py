@@ -78,7 +78,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     questions.measure(one.certificate for one in relevant.fields)
     found = teacher.learn(questions, passing)
     for _ in range(_CONTEXTS):
-        more = teacher.learn_behind(found) if found.wrong else None
+        more = teacher.learn_after_context(found) if found.wrong else None
         if more is None or more.wrong >= found.wrong:
             break
         found = more
@@ -181,18 +181,28 @@ class _Teacher:
         answers = ask_in_contexts(questions, behind, asked, predicted, holds, by_log=by_log)
         return _Found(questions, passing, variables, scale, learned, answers, context)
 
-    def learn_behind(self, found: _Found) -> _Found | None:
-        """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be found."""
+    def learn_after_context(self, found: _Found) -> _Found | None:
+        """Learn the rule again on the minimal log with those nominal messages before it after which it is wrong.
+
+        They are a few messages of that part of the nominal log after which the rule predicts the most trials wrongly.
+
+        Args:
+            found: The present rule, with at least one wrong prediction.
+
+        Returns:
+            The new rule, with what it was learnt from; None if no such messages are found, an order of messages in the
+            rule does not exist in the longer log, or the trials are inconclusive.
+        """
         wrong = max(found.answers, key=lambda one: len(one.wrong))
         failing = next((values for values, failed in zip(wrong.asked, wrong.failed, strict=True) if failed), None)
         if failing is None:
             return None
         try:
-            return self._behind(found, bring_in(found.questions, wrong, progress=self.step.progress), failing)
+            return self._after_context(found, bring_in(found.questions, wrong, progress=self.step.progress), failing)
         except InconclusiveError:  # this casts no doubt on what the rule was learnt from
             return None
 
-    def _behind(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]) -> _Found | None:
+    def _after_context(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]) -> _Found | None:
         if not context:
             return None
         fields = with_context(found.questions, context, failing)

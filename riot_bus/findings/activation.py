@@ -23,7 +23,10 @@ class PointRecord(_Model):
 
 
 class RangeRecord(_Model):
-    """Values of one external field."""
+    """Interval of one external field in the region where the whole system fails, in the field's unit; limits included.
+
+    `ends` names limits that are ends of the range that was searched: a run there failed, and nothing beyond was tried.
+    """
 
     field: str
     low: float

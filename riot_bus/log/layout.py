@@ -206,7 +206,7 @@ def _unpack_pairs(raw: bytes, most: int) -> Iterator[tuple[int, dict[str, Any]]]
     unpacker.feed(raw)
     count = unpacker.read_array_header()
     if count > most:
-        raise ValueError(f"{count} extras")
+        raise ValueError(f"{count} extras in a chunk of at most {most} messages")
     for _ in range(count):
         yield unpacker.unpack()
 
