@@ -187,7 +187,7 @@ class CampaignFinished(RunEvent):
 
     Attributes:
         failing: Number of trials that failed.
-        exhausted: Whether the budget of trials was used up; False if time ran out first.
+        exhausted: Whether the budget of trials was used up, or all was tried; False if the campaign ended earlier.
         findings: Folders of the findings, most frequent failure first.
     """
 

@@ -242,7 +242,8 @@ class MavlinkType:
         if number != self.message.id:
             raise PayloadError(f"opaque: message {number} instead of {self.message.id}, {self.message.name}")
         if self._crc(payload[1:end] + self._extra, 0xFFFF) != payload[end] | payload[end + 1] << 8:
-            raise PayloadError("opaque: the checksum is wrong")
+            problem = "it is damaged, or its sender's dialect defines the message differently"
+            raise PayloadError(f"opaque: wrong checksum of a MAVLink frame of {self.message.name}: {problem}")
         if parts.version == 1 and end - 6 < self.message.base_size:
             raise PayloadError(f"opaque: a payload of {end - 6} bytes instead of {self.message.base_size}")
         return parts

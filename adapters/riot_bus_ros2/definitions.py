@@ -241,7 +241,8 @@ def _parse_action(text: str, name: str) -> dict[str, Definition]:
 def _parts(text: str, name: str, suffixes: tuple[str, ...]) -> dict[str, Definition]:
     texts = _DIVIDER.split(text.replace("\r\n", "\n"))
     if len(texts) != len(suffixes):
-        raise DefinitionError(f"has {len(texts)} parts instead of {len(suffixes)}: {', '.join(suffixes)}")
+        wanted = f"{len(suffixes)} ({', '.join(suffixes)})"
+        raise DefinitionError(f"has {len(texts)} parts instead of {wanted}; a line '---' separates two parts")
     found: dict[str, Definition] = {}
     for part, suffix in zip(texts, suffixes, strict=True):
         found |= parse_msg(part, f"{name}_{suffix}")

@@ -52,7 +52,10 @@ class SearchField:
 
     @property
     def usual(self) -> float:
-        """The nominal value as a search sets it: with no more digits than make a difference."""
+        """The nominal value as a search sets it: within the range, and rounded.
+
+        It is rounded to a whole number if `integer`, otherwise to a thousandth of `spread` or finer.
+        """
         return self.sensible(self.nominal)
 
     def encode(self, value: float) -> float:

@@ -202,7 +202,9 @@ class _Teacher:
         except InconclusiveError:  # this casts no doubt on what the rule was learnt from
             return None
 
-    def _after_context(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]) -> _Found | None:
+    def _after_context(
+        self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]
+    ) -> _Found | None:
         if not context:
             return None
         fields = with_context(found.questions, context, failing)

@@ -42,10 +42,10 @@ def info(
         ),
     ] = None,
     fields: Annotated[
-        bool, typer.Option("--fields", help="List every field with its type and the range of its values.")
+        bool, typer.Option("--fields", help="List every field of all topics with its type and the range of its values.")
     ] = False,
     topics: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="List the fields of these topics alone; repeatable.")
+        list[str] | None, typer.Option(metavar="TOPIC", help="List the fields of this topic; repeatable.")
     ] = None,
     type_: Types = None,
     msg: Definitions = None,
@@ -63,7 +63,7 @@ def info(
     with bar("reading") as progress:
         found = log_info(log, scan=scan, progress=progress)
     loss, ranges = found.loss, None
-    if fields:
+    if fields or topics:
         with LogReader(log) as reader, bar("fields") as progress:
             from riot_bus.log.tables.ranges import field_ranges
 

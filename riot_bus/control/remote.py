@@ -139,7 +139,9 @@ class Remote:
             hint = "it is asked too often just now, or access control refuses this"
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer", where=command, hint=hint)
         if name in found:
-            raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
+            hint = "it runs, since it tells its status, and may still do what was asked: look before asking again"
+            text = f"{self._kind} {name!r} did not answer in {timeout:g} s"
+            raise EnvironmentFaultError(text, where=command, hint=hint)
         raise self._no_answer(name, found)
 
     def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:

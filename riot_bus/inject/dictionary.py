@@ -11,7 +11,7 @@ A dictionary is a TOML file:
     [[field]]                              # values for some fields only, by a path pattern (`*` = anything)
     path = "*.linear.x"
     type = "float64"                       # optional: then every value is checked when the file is read
-    only = true                            # optional: try only these values in such fields
+    only = true                            # optional: no values for whole types or from definitions in such fields
     entries = [{ value = 1e6, reason = "faster than any robot" }]
 
     [[message]]                            # fields that are changed together, by message type: see `mutations`

@@ -51,17 +51,18 @@ class Limits:
 class CallForwarder:
     """Forwards the calls that components of one segment make to the services of one key expression.
 
-    One thread does all the work, so calls keep their order; Zenoh's threads only enqueue. Services answer to this
-    router; each reply goes to the caller as soon as it has passed the pipeline. A caller is told that its call has
-    ended when all services that were asked have ended it.
+    A call is a Zenoh query, and a service a queryable. One thread does all the work, so calls keep their order; Zenoh's
+    threads only enqueue. Services answer to this router; each reply goes to the caller as soon as it has passed the
+    pipeline. A caller is told that its call has ended when all services that were asked have ended it.
 
     Args:
         segment: Name of the segment.
         expression: Key expression of the services.
         deliveries: Queue that takes messages through the interceptors.
         owner: Function that returns which of several overlapping expressions a key belongs to.
-        asked: Function of a calling segment and a key that returns the other segments that may have a service for it,
-            and whether to ask only complete services there instead of those that a plain query would reach.
+        asked: Function of a calling segment and a key that returns the other segments that may have a service for it:
+            True to ask only queryables that are declared as complete there (`QueryTarget.ALL_COMPLETE`), False to ask
+            as Zenoh does by default (`QueryTarget.BEST_MATCHING`).
     """
 
     def __init__(

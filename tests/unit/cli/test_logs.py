@@ -138,7 +138,7 @@ def test_info_counts_gaps_in_the_numbers_of_publishers(tmp_path):
 
 
 def test_fields(log):
-    out, _ = riot("info", log, "--fields", "--topics", "/twist")
+    out, _ = riot("info", log, "--topics", "/twist")
     assert "/twist (geometry_msgs/msg/Vector3): 30 messages" in out
     assert ["x", "float64", "30", "0", "58"] in [line.split() for line in out.splitlines()]
     assert "std_msgs/msg/String)" not in out
