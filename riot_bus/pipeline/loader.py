@@ -10,7 +10,7 @@ from types import ModuleType
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
-__all__ = ["load_class", "load_interceptor"]
+__all__ = ["load_class"]
 
 _HINTS = {
     "message": "an interceptor is a class with a method message(self, event)",
@@ -18,25 +18,15 @@ _HINTS = {
 }
 
 
-def load_interceptor(path: str) -> object:
-    """Return an instance of the interceptor class in `FILE.py[:NAME]`.
+def load_class(path: str, *, method: str = "message") -> type:
+    """Return the class in `FILE.py[:NAME]` that has a method of this name.
 
     The file's code is executed: call this only with what the user wrote on the command line. Without `NAME` the file
-    must define exactly one class with a `message` method.
+    must define exactly one class with such a method.
 
     Raises:
         ConfigError: The file is missing or does not run, the class is missing, or the choice is ambiguous.
     """
-    kind = load_class(path)
-    file, _ = _split(path)
-    try:
-        return kind()
-    except Exception as error:
-        raise ConfigError(f"{kind.__name__}() raised {error!r}", where=_place(error, file)) from error
-
-
-def load_class(path: str, *, method: str = "message") -> type:
-    """Return the class in `FILE.py[:NAME]` that has a method of this name; see `load_interceptor`."""
     file, name = _split(path)
     classes = _classes(file, method)
     if name is None:
