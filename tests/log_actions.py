@@ -60,13 +60,12 @@ def select(path: Path) -> None:
 
 def play(path: Path) -> None:
     """Do what `riot play` does before and while it publishes."""
-    from riot_bus.log.channels import recorded_topics, span_of
     from riot_bus.log.playback.sources import LogSource, MergedSource
     from riot_bus.log.reader import LogReader
 
     with LogReader(path) as reader:
-        topics = recorded_topics(reader)
-        span_of(reader)
+        topics = reader.recorded_topics()
+        reader.span()
         source = LogSource(reader, {topic.key: f"x/{number}" for number, topic in enumerate(topics)}, shift=5)
         for _ in islice(MergedSource([source, source]).messages(), 3000):
             pass

@@ -135,7 +135,6 @@ def export(
 
     Exit code 3: the log is damaged, and what could be read was written.
     """
-    from riot_bus.log.channels import span_of
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.export import export_table
@@ -143,7 +142,7 @@ def export(
     log = _file_of(log)
     with LogReader(log, salvage=salvage) as reader:
         registry = _registry(reader, type_, msg)
-        begin = (span_of(reader) or (0, 0))[0] if start is not None or end is not None else 0
+        begin = (reader.span() or (0, 0))[0] if start is not None or end is not None else 0
     first = None if start is None else parse_time(start, begin, where="--start")
     last = None if end is None else parse_time(end, begin, where="--end")
     if field is None or topics is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.log.channels import recorded_topics
 from riot_bus.types.capabilities import Identity, Offer
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def bus_messages(
         ConfigError: A topic cannot be published.
     """
     foreign: dict[str, _Topic] = {}
-    for number, topic in enumerate(recorded_topics(reader), 1):
+    for number, topic in enumerate(reader.recorded_topics(), 1):
         if not topic.keyed:
             found = (each.offer(topic, name=None, domain=None) for each in registry.publishing_adapters())
             offer = next((each for each in found if each is not None), Offer(topic.key.strip("/")))

@@ -166,16 +166,23 @@ class LogReader:
         """Return the properties of each channel's messages, by the channel's number in the file."""
         return {number: self._source(number, channel) for number, channel in self._channels.items()}
 
-    def recorded(self) -> Iterator[RecordedTopic]:
-        """Yield all that the file tells about each channel of delivered messages; a topic may have several."""
+    def recorded_topics(self) -> list[RecordedTopic]:
+        """Return the topics of the delivered messages; if a topic has several channels, the first one counts."""
+        found: dict[str, RecordedTopic] = {}
         for number, source in self.sources().items():
             if source.role == "delivered":
-                yield source.recorded(self._channels[number].metadata)
+                found.setdefault(source.key, source.recorded(self._channels[number].metadata))
+        return list(found.values())
 
     @property
     def latest(self) -> int:
         """Time of the last message as chunks state it, without reading them; 0 for an empty log."""
         return max((block.end for block in self._scan.blocks), default=0)
+
+    def span(self) -> tuple[int, int] | None:
+        """Return the times of the first and (roughly) the last message, without reading all; None for an empty log."""
+        first = next((message.time for message in self.messages()), None)
+        return None if first is None else (first, max(first, self.latest))
 
     def messages(
         self,

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_types
-from riot_bus.log.channels import recorded_topics, span_of
 from riot_bus.log.naming import parse_time
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.recall import RecallingSource
@@ -63,7 +62,7 @@ class PlaybackPlan:
             adapters = load_adapters()
             declared = parse_types(options.types)
             self.registry = TypeRegistry(adapters, declared=declared, definitions=options.definitions)
-            self.cast: TopicSelection = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
+            self.cast: TopicSelection = cast([reader.recorded_topics() for reader in self.readers], options, adapters)
             self._learn_types()
             merged = self._merged(options)
             self._ahead = AheadSource(merged)
@@ -100,7 +99,7 @@ class PlaybackPlan:
                     self.registry.add_schema(name, topic.schema, topic.encoding)
 
     def _merged(self, options: PlayOptions) -> Source:
-        spans = {id(reader): span for reader in self.readers if (span := span_of(reader)) is not None}
+        spans = {id(reader): span for reader in self.readers if (span := reader.span()) is not None}
         begins = [
             min((spans[id(reader)][0] for reader in recording if id(reader) in spans), default=None)
             for recording in self._recordings

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_types
 from riot_bus.log.account import LOST, account_of
-from riot_bus.log.channels import span_of
 from riot_bus.log.comparison.compare import Wishes, compare
 from riot_bus.log.comparison.proposal import Proposal, propose
 from riot_bus.log.comparison.recording import Recording
@@ -152,7 +151,7 @@ class _Log:
             if (not extract.topics or is_chosen(source, extract.topics, registry))
             and not (extract.exclude and is_chosen(source, extract.exclude, registry))
         }
-        begins = [span[0] for reader in self._readers if (span := span_of(reader)) is not None]
+        begins = [span[0] for reader in self._readers if (span := reader.span()) is not None]
         begin = min(begins, default=0)
         start = None if extract.start is None else parse_time(extract.start, begin, where="--start")
         end = None if extract.end is None else parse_time(extract.end, begin, where="--end")

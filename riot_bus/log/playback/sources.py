@@ -7,7 +7,6 @@ from itertools import takewhile
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
-from riot_bus.log.channels import span_of
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.vocabulary.message import Message
 
@@ -53,7 +52,7 @@ class LogSource:
         self._reader = reader
         self._keys = keys
         self._shift = shift
-        low, high = span_of(reader) or (0, 0)
+        low, high = reader.span() or (0, 0)
         self.start, self.end = low + shift, high + shift
 
     def messages(self, start: int | None = None) -> Iterator[Message]:

@@ -11,6 +11,7 @@ from riot_bus.log.writer import LogWriter
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from tests.bags import LATCHED, STRING_HASH, VOLATILE, write_bag
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 
@@ -168,3 +169,49 @@ def test_real_bags(name, count):
         assert {message.key for message in messages} <= set(reader.schemas)
     times = [message.time for message in messages]
     assert times == sorted(times)
+
+
+def test_topics_of_a_bag(tmp_path):
+    topics = {"/map": (LATCHED, STRING_HASH), "/odom": (VOLATILE, "")}
+    with LogReader(write_bag(tmp_path / "bag.mcap", topics, [(5, "/map", "x"), (9, "/odom", "y")])) as reader:
+        first, second = reader.recorded_topics()
+        assert reader.span() == (5, 9)
+    assert (first.name, first.key, first.keyed, first.encoding) == ("/map", "/map", False, "cdr")
+    assert (first.schema.name, first.schema.encoding, first.schema.data) == (
+        "std_msgs/msg/String",
+        "ros2msg",
+        b"string data\n",
+    )
+    assert first.details == {"offered_qos_profiles": LATCHED, "topic_type_hash": STRING_HASH}
+    assert second.name == "/odom"
+
+
+def test_a_topic_of_several_channels_is_one(tmp_path):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = [writer.register_channel("a", encoding, 0) for encoding in ("json", "cbor")]
+        for time, channel in enumerate(channels):
+            writer.add_message(channel, time, b"", time)
+        writer.finish()
+    with LogReader(path) as reader:
+        (topic,) = reader.recorded_topics()
+        assert (topic.encoding, topic.schema.name) == ("json", "")
+        assert reader.span() == (0, 1)
+
+
+def test_originals_are_no_topics_and_begin_no_log(tmp_path):
+    with LogWriter(tmp_path / "log.mcap") as writer:
+        writer.write(Message(1, "b", b"[]"), role="original")
+        writer.write(Message(3, "a", b"[]"))
+    with LogReader(tmp_path / "log.mcap") as reader:
+        assert [topic.key for topic in reader.recorded_topics()] == ["a"]
+        assert reader.span() == (3, 3)
+
+
+def test_an_empty_log(tmp_path):
+    with LogWriter(tmp_path / "log.mcap"):
+        pass
+    with LogReader(tmp_path / "log.mcap") as reader:
+        assert (reader.recorded_topics(), reader.span()) == ([], None)

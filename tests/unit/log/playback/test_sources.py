@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from riot_bus.inject.interceptor import Injector
-from riot_bus.log.channels import recorded_topics
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
@@ -102,7 +101,7 @@ def test_recorded_topics_leave_originals_out(tmp_path):
         writer.write(Message(1, "a", b"{}", encoding="application/json"), role="original")
         writer.write(Message(1, "a", b"[]", encoding="application/json"))
         writer.write(Message(1, "b", b"[]"), role="original")
-    (topic,) = recorded_topics(LogReader(tmp_path / "log.mcap"))
+    (topic,) = LogReader(tmp_path / "log.mcap").recorded_topics()
     assert (topic.name, topic.key, topic.keyed, topic.encoding) == ("a", "a", True, "json")
     assert topic.details["riot.role"] == "delivered"
 
