@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from riot_bus.pipeline.event import Change
-    from riot_bus.pipeline.runner import Emission
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
@@ -61,14 +60,14 @@ def inject_log(
             continue
         result = pipeline.feed(message)
         queue.push(*result.emissions)
-        out.extend(_delivered(queue.pop_due(message.time)))
+        out.extend(each.message_when_due() for each in queue.pop_due(message.time))
         if result.changes:
             touched.append((index, message, result.changes))
             if reached is not None:
                 for number in changed_by(injections, injector.hits - hits, result.changes):
                     reached[number].append(index)
                 hits = injector.hits.copy()
-    out.extend(_delivered(queue.pop_due()))
+    out.extend(each.message_when_due() for each in queue.pop_due())
     pipeline.close()
     for name, errors in pipeline.errors.items():
         raise RiotError(f"{name} failed on {errors.count} messages:\n{errors.first}")
@@ -86,9 +85,3 @@ def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes:
     real = {each.field for each in changes if repr(each.before) != repr(each.after)}
     same = {each.field for each in changes if each.action == "set"} - real
     yield from (number for number in applied if injections[number].field not in same)
-
-
-def _delivered(emissions: Sequence[Emission]) -> Iterator[Message]:
-    for emission in emissions:
-        message = emission.message
-        yield message if message.time == emission.due else message.with_(time=emission.due)

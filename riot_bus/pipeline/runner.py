@@ -80,6 +80,10 @@ class Emission:
         """The key under which the pipeline has counted it, even if its message has another key by now."""
         return (self.original or self.message).key
 
+    def message_when_due(self) -> Message:
+        """Return the message with `due` as its time, as it arrives at a receiver."""
+        return self.message if self.message.time == self.due else self.message.with_(time=self.due)
+
 
 @dataclass(frozen=True, slots=True)
 class Result:

@@ -130,7 +130,7 @@ class Piping:
         assert target is not None
         if not 0 <= emission.due < _TIMES:
             return _Item(b"", number, None, None, changed)
-        message = emission.message.with_(time=emission.due)
+        message = emission.message_when_due()
         extras = layout.extras_of(message, target.source.constants)
         published = message.publish_time
         if published is None or not 0 <= published < _TIMES:

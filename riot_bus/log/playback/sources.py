@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.log.reader import LogReader
-    from riot_bus.pipeline.runner import Emission, Pipeline
+    from riot_bus.pipeline.runner import Pipeline
 
 __all__ = ["LogSource", "MergedSource", "PipedSource", "Source"]
 
@@ -133,11 +133,6 @@ class PipedSource:
         for message in self._source.messages(start):
             queue.push(*self._pipeline.feed(message).emissions)
             for emission in queue.pop_due(message.time):
-                yield _delivered(emission)
+                yield emission.message_when_due()
         for emission in queue.pop_due():
-            yield _delivered(emission)
-
-
-def _delivered(emission: Emission) -> Message:
-    message = emission.message
-    return message if message.time == emission.due else message.with_(time=emission.due)
+            yield emission.message_when_due()
