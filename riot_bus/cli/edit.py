@@ -79,7 +79,7 @@ def edit(
 
 def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
     """Print the result; raises DataLossError if something is missing."""
-    from riot_bus.log.text import size_text
+    from riot_bus.config.arguments import size_text
     from riot_bus.vocabulary.errors import DataLossError
 
     if form is OutputFormat.JSON:

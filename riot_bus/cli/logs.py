@@ -241,7 +241,7 @@ def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:
 
 
 def _print_info(found: LogInfo) -> None:
-    from riot_bus.log.text import size_text
+    from riot_bus.config.arguments import size_text
 
     columns = ["messages", "Hz", *(["missing"] if any(each.missing for each in found.topics) else [])]
     rows = []

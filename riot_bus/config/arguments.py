@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from dataclasses import Field
 
-__all__ = ["DEFAULT_ENDPOINT", "Flag", "flags_of", "parse_seconds", "parse_size", "parse_types"]
+__all__ = ["DEFAULT_ENDPOINT", "Flag", "flags_of", "parse_seconds", "parse_size", "parse_types", "size_text"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a router of this machine listens: Zenoh's own port, segment `system` of `riot router`."""
@@ -71,6 +71,20 @@ def parse_size(text: str, where: str) -> int:
     number, letter, binary = match.groups()
     base = 1024 if binary else 1000
     return int(float(number) * base ** " kmgt".index(letter.lower() or " "))
+
+
+def size_text(size: float) -> str:
+    """Return a size in bytes as human-readable text, in a form that `parse_size` reads.
+
+    Example:
+        >>> size_text(999), size_text(1500), size_text(2_000_000)
+        ('999 B', '1.5 kB', '2.0 MB')
+    """
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} TB"
 
 
 def parse_seconds(text: str, where: str) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.log.text import size_text
+from riot_bus.config.arguments import size_text
 from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.vocabulary.text_table import table_lines
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.log.text import size_text
+from riot_bus.config.arguments import size_text
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.vocabulary.text_table import table_lines

@@ -3,8 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.config.arguments import parse_size
-from riot_bus.log.text import size_text
+from riot_bus.config.arguments import parse_size, size_text
 
 
 def test_sizes_as_people_write_them() -> None:
