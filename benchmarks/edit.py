@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import struct
 import tempfile
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from common import rate
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -58,15 +57,6 @@ def naive(source: Path, target: Path) -> None:
                 channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
             )
         writer.finish()  # type: ignore[no-untyped-call]
-
-
-def rate(action: Callable[[], object], *, count: int, repeats: int) -> float:
-    times = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - begun)
-    return count / statistics.median(times)
 
 
 def edits(seconds: float) -> Mapping[str, Mapping[str, Any]]:

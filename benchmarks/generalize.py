@@ -25,6 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from common import show
 from product_sets import product_sets
 from rule_shapes import SHAPES, Shape, canonical, held_out, near_limits, variables_of
 
@@ -395,15 +396,6 @@ def calibration_table(cases: int, jobs: int) -> list[Row]:
         rows.append({"claim": name, "claimed wrong at most": "5.0%" if name != "some mistakes" else "-"})
         rows[-1] |= {"wrong": f"{statistics.mean(map(bool, told)):.1%}", "claims": str(len(told))}
     return rows
-
-
-def show(title: str, rows: list[Row]) -> None:
-    print(f"\n## {title}\n")
-    heads = list(rows[0])
-    print("| " + " | ".join(heads) + " |")
-    print("|" + "---|" * len(heads))
-    for row in rows:
-        print("| " + " | ".join(str(row[head]) for head in heads) + " |")
 
 
 def main() -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
+from common import rate
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -59,15 +58,6 @@ def plain_read(path: Path) -> int:
 def riot_read(path: Path) -> int:
     with LogReader(path) as reader:
         return sum(1 for _ in reader.messages())
-
-
-def rate(action: Callable[[], object], *, count: int, repeats: int) -> float:
-    times = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - begun)
-    return count / statistics.median(times)
 
 
 def main() -> None:

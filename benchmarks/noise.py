@@ -24,6 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from common import show
 from peers import PEERS, explained
 
 from riot_bus.campaign.confirm import repeat
@@ -327,15 +328,6 @@ def related(chance: random.Random, unit: Unit, seed: int) -> tuple[tuple[int, in
         if name not in named:
             unchanged *= 0.5 if name == wanted[0] else 1 - heals[name] / 10
     return (len(named - set(wanted)), len(named)), (int(1 - unchanged > found.bound), int(found.straight > 0))
-
-
-def show(title: str, rows: list[Row]) -> None:
-    print(f"\n## {title}\n")
-    heads = list(rows[0])
-    print("| " + " | ".join(heads) + " |")
-    print("|" + "---|" * len(heads))
-    for row in rows:
-        print("| " + " | ".join(str(row.get(head, "")) for head in heads) + " |")
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import psutil
+from common import started
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -125,17 +126,11 @@ def measure(recorder: str, size: int, number: int, pool: Path, options: argparse
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=options.folder)))
 
-        def start(words: list[str]) -> subprocess.Popen[str]:
-            process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
-
-        router = start([sys.executable, str(ENDS), "router", endpoint])
+        router = started([sys.executable, str(ENDS), "router", endpoint], stack)
         assert router.stdout is not None
         assert router.stdout.readline()
-        recording = start(command(recorder, endpoint, folder, options))
-        publisher = start([sys.executable, str(ENDS), "publish", endpoint, KEY, str(count), "0", str(pool)])
+        recording = started(command(recorder, endpoint, folder, options), stack)
+        publisher = started([sys.executable, str(ENDS), "publish", endpoint, KEY, str(count), "0", str(pool)], stack)
         assert publisher.stdin is not None
         assert publisher.stdout is not None
         publisher.stdout.readline()

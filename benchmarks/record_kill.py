@@ -23,6 +23,8 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from common import started
+
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
@@ -66,14 +68,7 @@ def kill_once(endpoint: str, folder: Path, pool: Path, after: float) -> Killed:
     path.unlink(missing_ok=True)
     words = [sys.executable, "-m", "riot_bus", "record", KEY, "-e", endpoint, "-o", str(path), "--no-control"]
     with ExitStack() as stack:
-
-        def start(words: list[str]) -> subprocess.Popen[str]:
-            process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-            stack.enter_context(process)
-            stack.callback(process.kill)
-            return process
-
-        recorder = start([*words, "--format=json"])
+        recorder = started([*words, "--format=json"], stack)
         assert recorder.stdout is not None
         assert json.loads(recorder.stdout.readline())["event"] == "started"
         client = stack.enter_context(open_client(endpoint))
@@ -81,7 +76,9 @@ def kill_once(endpoint: str, folder: Path, pool: Path, after: float) -> Killed:
         client.subscribe(KEY, seen.append)
         for _ in client.session.get("nobody/answers", timeout=1.0):
             pass  # the router has taken the subscription in
-        publisher = start([sys.executable, str(ENDS), "publish", endpoint, KEY, "1000000", str(RATE), str(pool)])
+        publisher = started(
+            [sys.executable, str(ENDS), "publish", endpoint, KEY, "1000000", str(RATE), str(pool)], stack
+        )
         assert publisher.stdin is not None
         assert publisher.stdout is not None
         publisher.stdout.readline()

@@ -14,7 +14,6 @@ import itertools
 import json
 import multiprocessing
 import os
-import platform
 import signal
 import statistics
 import subprocess
@@ -23,11 +22,11 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
+from common import machine
 from router_ends import (
     ANCHOR,
     INJECTED,
@@ -330,12 +329,7 @@ def summary(results: Results, paths: list[str]) -> dict[str, Any]:
     if "riot router" in starts:
         verdict = _verdict(starts["riot router"]["median"], STARTUP_TARGET_S, at_least=False)
     return {
-        "machine": {
-            "cores": os.cpu_count(),
-            "system": platform.platform(),
-            "python": platform.python_version(),
-            "zenoh": version("eclipse-zenoh"),
-        },
+        "machine": machine(),
         "paths": {path: PATHS[path] for path in paths},
         "anchor": ANCHOR,
         "throughput": sorted(_throughput_rows(results), key=place),

@@ -15,7 +15,6 @@ import argparse
 import json
 import multiprocessing
 import os
-import platform
 import signal
 import statistics
 import subprocess
@@ -25,11 +24,11 @@ import time
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
+from common import machine
 
 from riot_bus.control.remote import Remote
 from riot_bus.log.reader import LogReader
@@ -360,12 +359,7 @@ def _figures(
         total.update({name: number for name, number in row.items() if name != "balanced"})
     left = total["received"] + total["added"]
     return {
-        "machine": {
-            "cores": os.cpu_count(),
-            "system": platform.platform(),
-            "python": platform.python_version(),
-            "zenoh": version("eclipse-zenoh"),
-        },
+        "machine": machine(),
         "minutes": round(seconds / 60, 2),
         "trends": {name: samples.trend(name, WARM_UP * seconds) for name in MOST_RISE},
         "samples": {"seconds": samples.seconds, **samples.figures},
