@@ -71,16 +71,6 @@ class Mutation:
             for path, value in self.changes
         )
 
-    def breaks(self, kind: MessageType, payload: bytes, base: str = "") -> bool:
-        """Return whether a message contradicts the formula `consistent`; False if there is no formula.
-
-        Raises:
-            PayloadError: The message lacks a field of the formula.
-        """
-        if not self.consistent:
-            return False
-        return not evaluate(Formula(self.consistent, base), lambda path: kind.read(payload, path))
-
 
 def mutate(kind: MessageType, payload: bytes, changes: Iterable[tuple[str, Scalar | Formula]]) -> bytes:
     """Return a payload with all changes made.
