@@ -160,13 +160,6 @@ class TypeStore:
         except _rosbags_errors() as error:
             raise PayloadError(f"does not decode as {name}: {error}") from error
 
-    def encode(self, message: Any, name: str, *, little_endian: bool = True) -> bytes:
-        """Return the payload of rosbags' message object."""
-        try:
-            return bytes(self._typestore(name).serialize_cdr(message, name, little_endian=little_endian))
-        except _rosbags_errors() as error:
-            raise PayloadError(f"does not encode as {name}: {error}") from error
-
     def _typestore(self, name: str) -> Typestore:
         store = self._typestores.get(name)
         if store is None:
@@ -191,7 +184,7 @@ class TypeStore:
 
 
 def _rosbags_errors() -> tuple[type[Exception], ...]:
-    """Return what rosbags raises on hostile bytes, odd values and types that it cannot handle."""
+    """Return what rosbags raises on hostile bytes and types that it cannot handle."""
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
 

@@ -19,9 +19,9 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 NODE = """
 import json, os, sys, threading
-from types import SimpleNamespace
 import zenoh
 from riot_bus_ros2.attachment import parse_attachment
+from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.keys import build_data_key, DataKey
 from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token
 from riot_bus_ros2.store import TypeStore
@@ -34,6 +34,8 @@ config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
 session = zenoh.open(config)
 zid, store, gain = str(session.info.zid()), TypeStore(), float(START)
+response = CdrType(SERVICE + "_Response", store)
+one_result = response.rebuild(bytes([0, 1]) + bytes(6), {"len(results)": 1})
 
 
 def take(query):
@@ -49,8 +51,8 @@ def take(query):
         os.abort()
     why = "" if (asked.name, asked.value.type) == ("planner.gain", 3) and value <= 10 else "at most 10"
     gain = gain if why else value
-    reply = SimpleNamespace(results=[SimpleNamespace(successful=not why, reason=why)])
-    query.reply(query.key_expr, store.encode(reply, SERVICE + "_Response"), attachment=attachment)
+    reply = response.rebuild(one_result, {"results[0].successful": not why, "results[0].reason": why})
+    query.reply(query.key_expr, reply, attachment=attachment)
     query.drop()
 
 

@@ -26,6 +26,7 @@ from tests.ros2_messages import (
     value_at,
     with_value,
 )
+from tests.rosbags_codec import encoded
 from tests.tiers import folded
 
 ROS2 = Ros2Adapter()
@@ -48,9 +49,9 @@ def test_every_type_round_trips(name):
         expected = list(leaves(name, document))
         assert [(leaf.path, leaf.value) for leaf in kind.leaves(payload, elements=EVERYTHING)] == expected
         assert kind.opaque(payload) is None
-        again = STORE.encode(STORE.decode(payload, name), name)
+        again = encoded(STORE.decode(payload, name), name, STORE)
         assert decode(name, again) == document
-        big = STORE.encode(STORE.decode(payload, name), name, little_endian=False)
+        big = encoded(STORE.decode(payload, name), name, STORE, little_endian=False)
         assert [(leaf.path, leaf.value) for leaf in kind.leaves(big, elements=EVERYTHING)] == expected
 
 
@@ -59,7 +60,7 @@ def test_a_patch_changes_exactly_the_bytes_of_its_field(name):
     kind, rng = ROS2.type_named(name), random.Random(name)
     document = random_document(name, rng)
     little = encode(name, document)
-    big = STORE.encode(STORE.decode(little, name), name, little_endian=False)
+    big = encoded(STORE.decode(little, name), name, STORE, little_endian=False)
     found = kind.leaves(little, elements=EVERYTHING)
     for leaf in rng.sample(found, min(len(found), 12)):
         if leaf.path.startswith("len("):
@@ -86,7 +87,7 @@ def test_rebuilding_agrees_with_the_codec(name, little):
     kind, rng = ROS2.type_named(name), random.Random(f"{name} {little}")
     for _ in range(3):
         document = random_document(name, rng)
-        payload = STORE.encode(STORE.decode(encode(name, document), name), name, little_endian=little)
+        payload = encoded(STORE.decode(encode(name, document), name), name, STORE, little_endian=little)
         resizable = [leaf for leaf in kind.leaves(payload) if leaf.type == "string" or leaf.path.startswith("len(")]
         for leaf in rng.sample(resizable, min(len(resizable), 5)):
             path = parse_path(leaf.path)
@@ -101,7 +102,7 @@ def test_rebuilding_agrees_with_the_codec(name, little):
                 elements[value:] = [elements[-1] for _ in range(value - len(elements))] if elements else []
                 document = json.loads(json.dumps(document))  # new elements share nothing
             payload = kind.rebuild(payload, {leaf.path: value})
-            as_little = STORE.encode(STORE.decode(payload, name), name)
+            as_little = encoded(STORE.decode(payload, name), name, STORE)
             assert len(as_little) == len(payload)
             assert decode(name, as_little) == document
             if leaf.path.startswith("len("):
@@ -171,7 +172,7 @@ def test_what_follows_moves_as_it_is(seed):
     kind, plain = CdrType("pkg/msg/Mixed", MIXED_STORE), CdrType("pkg/msg/Mixed", known)
     name = "pkg/msg/Mixed"
     message = known.decode(encode(name, random_document(name, rng, store=known), known), name)
-    payload = known.encode(message, name, little_endian=seed % 2 == 0)
+    payload = encoded(message, name, known, little_endian=seed % 2 == 0)
     payload += b"opaque and more"
     flag = plain.patch(payload, {"flag": 7})
     size = rng.randrange(0, 40)

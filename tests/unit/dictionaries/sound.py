@@ -11,6 +11,7 @@ from riot_bus.types.model import MessageType
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import pack_frame
 from riot_bus_ros2.adapter import Ros2Adapter
+from tests.rosbags_codec import encoded
 
 ROVER = Path(__file__).resolve().parents[3] / "examples" / "rover"
 ADAPTER = Ros2Adapter()
@@ -214,7 +215,7 @@ def sound(name: str) -> bytes:
     payload = type_named(name).rebuild(blank(name), SOUND[name])
     if name.startswith("mavlink/"):
         return payload
-    return ADAPTER.store.encode(ADAPTER.store.decode(payload, name), name)
+    return encoded(ADAPTER.store.decode(payload, name), name, ADAPTER.store)
 
 
 def accept(name: str, payload: bytes) -> None:

@@ -123,20 +123,14 @@ def test_ament_prefix_path(tmp_path, monkeypatch):
     assert own.definition("my_pkg/msg/../../Outer") is None
 
 
-def test_encode_and_decode_let_trailing_bytes_pass():
+def test_decoding_lets_trailing_bytes_pass():
     message = STORE.decode(b"\0\1\0\0\x03\0\0\0ab\0" + b"x" * 8, "std_msgs/msg/String")
     assert message.data == "ab"
-    assert STORE.encode(message, "std_msgs/msg/String") == b"\0\1\0\0\x03\0\0\0ab\0"
-    assert STORE.encode(message, "std_msgs/msg/String", little_endian=False) == b"\0\0\0\0\0\0\0\x03ab\0"
 
 
 def test_errors_of_rosbags_become_payload_errors():
     with pytest.raises(PayloadError, match="does not decode"):
         STORE.decode(b"\0\1\0\0\xff\xff\xff\xff", "std_msgs/msg/String")
-    message = STORE.decode(b"\0\1\0\0\x05\0\0\0", "std_msgs/msg/Int32")
-    message.data = 1 << 40
-    with pytest.raises(PayloadError, match="does not encode"):
-        STORE.encode(message, "std_msgs/msg/Int32")
 
 
 def test_decoded_arrays_are_numpy_views():
