@@ -176,8 +176,8 @@ class _Search:
             so="there is nothing to minimise",
         )
 
-    def _fails(self, kept: tuple[int, ...], prior: float, doing: str, *, least: int = 1) -> bool:
-        return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing, least=least)[0] > 0.5
+    def _fails(self, kept: tuple[int, ...], prior: float, doing: str) -> bool:
+        return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing)[0] > 0.5
 
     def _minimal(self, kept: tuple[int, ...]) -> tuple[int, ...]:
         """Search, and check the result; a refuted result is repaired and checked again.

@@ -118,7 +118,6 @@ def relevant_fields(
     *,
     seed: int,
     straight: int = STRAIGHT,
-    passing_straight: int = PASSING_STRAIGHT,
     noise: Noise | None = None,
     budget: int = BUDGET,
     parallelism: int = 1,
@@ -127,8 +126,9 @@ def relevant_fields(
     """Find the fields that decide about the failure, with a certificate for each.
 
     Three stages: between the failing and the nominal values of the injected fields; random draws around the failing
-    assignment until `straight` in a row still fail; the same around a passing one until some in a row still pass
-    (it finds the partner of a field whose exceptional value hides it, such as y in x * y > limit with x = INT_MAX).
+    assignment until `straight` in a row still fail; the same around a passing one until `PASSING_STRAIGHT` in a row
+    still pass (it finds the partner of a field whose exceptional value hides it, such as y in x * y > limit with
+    x = INT_MAX).
 
     Args:
         fields: All fields of the minimal log, with distinct names.
@@ -136,7 +136,6 @@ def relevant_fields(
             signature.
         seed: Seed of all random draws.
         straight: Draws in a row without effect that end the search.
-        passing_straight: The same around a passing assignment; 0 skips that stage.
         noise: Knowledge about the failure rates.
         budget: Maximum number of trials; once they are spent, the fields found so far are the result.
         parallelism: Questions worth asking in one batch.
@@ -158,7 +157,7 @@ def relevant_fields(
         search.heal()
         search.resample(straight, failing=True)
         if search.found:
-            search.resample(passing_straight, failing=False)
+            search.resample(PASSING_STRAIGHT, failing=False)
         while search.drop_unconfirmed() or (straight and search.unsettled):
             search.resample(straight, failing=True)
     except BudgetSpentError:

@@ -83,16 +83,11 @@ class AdminView:
             return None
 
 
-def admin_views(session: zenoh.Session, *, timeout: float = _ANSWER_S) -> dict[str, AdminView]:
-    """Return the views of all sessions that can be reached and whose admin space is enabled, by id.
-
-    Args:
-        session: A segment's own session.
-        timeout: Seconds that an answer may take.
-    """
+def admin_views(session: zenoh.Session) -> dict[str, AdminView]:
+    """Return the views of all sessions that a segment's own session reaches and whose admin space is enabled, by id."""
     zenoh = library_of(session)
     replies = session.get(
-        "@/*/*", timeout=timeout, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
+        "@/*/*", timeout=_ANSWER_S, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
     )
     views = {}
     for reply in replies:

@@ -41,7 +41,6 @@ class GraphWatch:
             its configuration says `timestamping/enabled`; each stamp holds its id.
         registry: Registry that names keys and understands tokens.
         period: Polling period in seconds.
-        processes: Whether to look for the components' processes on this host.
     """
 
     def __init__(
@@ -52,13 +51,12 @@ class GraphWatch:
         senders: Callable[[], Mapping[tuple[str, str], Collection[str]]] = dict,
         registry: TypeRegistry | None = None,
         period: float = 1.0,
-        processes: bool = True,
     ) -> None:
         self._callback = callback
         self._period = period
         self._wake = threading.Event()
         self._observer = Observer(
-            bus, self._wake.set, senders=senders, registry=registry or TypeRegistry(), processes=processes
+            bus, self._wake.set, senders=senders, registry=registry or TypeRegistry(), processes=True
         )
         self._graph, self._looked = Graph(), -math.inf
         self._new = threading.Condition()

@@ -39,19 +39,18 @@ class Gap(NamedTuple):
         return bool(self.a or self.b)
 
 
-def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twins], list[Gap]]:
+def anchored(a: Keys, b: Keys, gap: Gap) -> tuple[list[Twins], list[Gap]]:
     """Return the matches within a gap, and the gaps that are left, in their order.
 
     Keys that occur once in both are used if those in the same order make up half of the shorter sequence: if only a
-    few are equal, this may be by chance.
+    few are equal, this may be by chance. Equal keys at the ends of a gap match even if they occur more than once.
 
     Args:
         a: Keys of one sequence.
         b: Keys of the other one.
         gap: Ranges of both that are compared.
-        ends: Whether equal keys at the ends of a gap match, even if they occur more than once.
     """
-    head, middle, tail = _trimmed(a, b, gap) if ends else ([], gap, [])
+    head, middle, tail = _trimmed(a, b, gap)
     places = _common(a, b, middle)
     if not places or len(places) < _SHARE * min(len(middle.a), len(middle.b)):
         return head + tail, [middle] if middle else []
@@ -59,7 +58,7 @@ def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twi
     borders = [(middle.a.start - 1, middle.b.start - 1), *places, (middle.a.stop, middle.b.stop)]
     for (a0, b0), (a1, b1) in pairwise(borders):
         between = Gap(range(a0 + 1, a1), range(b0 + 1, b1))
-        first, rest, last = _trimmed(a, b, between) if ends else ([], between, [])
+        first, rest, last = _trimmed(a, b, between)
         blocks += first + last
         gaps += [rest] if rest else []
         if a1 < middle.a.stop:
