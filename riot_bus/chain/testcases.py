@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.layout import Role
     from riot_bus.pipeline.event import Change
-    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["CaseTemplate", "injection_of", "load_case_template"]
 
@@ -60,13 +59,12 @@ class CaseTemplate:
         return replace(self, injections=tuple(dict.fromkeys(wide)))
 
 
-def load_case_template(path: Path, *, registry: TypeRegistry | None = None) -> CaseTemplate:
+def load_case_template(path: Path) -> CaseTemplate:
     """Read a test case.
 
     Args:
         path: An injection plan (`.toml`), the folder of a finding, its `fields.json` (the values that its certificates
             found to fail, for all messages), or a log whose provenance tells what was changed.
-        registry: Registry that names the topics of a log; None if they are called like its keys.
 
     Raises:
         ConfigError: It is none of these, or injects nothing.
@@ -77,7 +75,7 @@ def load_case_template(path: Path, *, registry: TypeRegistry | None = None) -> C
         found = replace(_of_finding(path.parent), injections=_certificates(FieldsRecord.load(path.parent)))
     elif path.suffix == ".mcap":
         near = _of_finding(path.parent) if FindingRecord.exists(path.parent) else CaseTemplate(())
-        found = _of_log(path, near, registry)
+        found = _of_log(path, near)
     elif path.is_dir():
         found = _of_finding(open_finding(path)[0])
     else:
@@ -146,17 +144,18 @@ def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _of_log(path: Path, near: CaseTemplate, registry: TypeRegistry | None) -> CaseTemplate:
+def _of_log(path: Path, near: CaseTemplate) -> CaseTemplate:
     """Return the fields set according to a log's provenance, message by message; other changes are left out."""
     with LogReader(path) as reader:
         changed: dict[tuple[str, int], tuple[Change, ...]] = {}
         for entry in reader.provenance():
             changed.setdefault((entry.key, entry.sequence), entry.changes)
+        names = {each.key: each.name for each in reader.recorded_topics()}
         numbers: Counter[str] = Counter()
         found: list[Injection] = []
         named = ((each.key, each.sequence) for role in _ROLES for each in reader.messages(role=role))
         for key, sequence in dict.fromkeys(sorted(named, key=lambda each: each[1])):
-            topic = key if registry is None else registry.topic(key)
+            topic = names.get(key, key)
             number = numbers[topic]
             numbers[topic] += 1
             found += [

@@ -11,7 +11,8 @@ from riot_bus.chain.testcases import load_case_template
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
-from riot_bus.types.registry import TypeRegistry
+from riot_bus.pipeline.event import Change
+from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message
@@ -83,13 +84,22 @@ def test_a_log_that_tells_what_was_changed(tmp_path: Path) -> None:
                 original, made = changes[message.sequence]
                 writer.write(original, role="original", changes=made)
             writer.write(message)
-    found = load_case_template(tmp_path / "failure.mcap", registry=registry)
+    found = load_case_template(tmp_path / "failure.mcap")
     assert found.signature == "crash:x"
     again, _ = inject_log(log, found.injections, registry=registry)
     assert [each.payload for each in again] == [each.payload for each in delivered]
     folder = finding(tmp_path, INJECTIONS[0])
-    near = load_case_template(folder / "failure.mcap", registry=registry)
+    near = load_case_template(folder / "failure.mcap")
     assert (near.unit, near.injections) == ("unit", found.injections)
+
+
+def test_topics_of_a_log_have_the_names_that_it_records(tmp_path: Path) -> None:
+    key = f"0/odom/my_pkg::msg::dds_::Odd_/RIHS01_{'0' * 64}"
+    original, changed = (Message(10**18, key, b'{"v": %d}' % value, sequence=1) for value in (5, -1))
+    with LogWriter(tmp_path / "run.mcap", registry=TypeRegistry(load_adapters(["ros2"]))) as writer:
+        writer.write(original, role="original", changes=(Change("injector", "set", "v", 5, -1),))
+        writer.write(changed)
+    assert load_case_template(tmp_path / "run.mcap").injections == (Injection("/odom", "v", -1, first=0, last=0),)
 
 
 def test_what_is_no_test_case(tmp_path: Path) -> None:
