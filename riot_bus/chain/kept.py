@@ -12,8 +12,7 @@ from riot_bus.chain.robustness import keep_evidence, put_aside
 from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.report.formats import write_file
-from riot_bus.report.regression import write_regression_test
-from riot_bus.report.reproduce import write_reproduce
+from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.sut.nominal import needs_baseline
 from riot_bus.vocabulary.trial import TestCase, Violation

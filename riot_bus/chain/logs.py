@@ -15,6 +15,7 @@ from riot_bus.generalize.oracle import same_scalar
 from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
+from riot_bus.new_file import whole_file
 from riot_bus.types.elements import read_elements
 from riot_bus.types.model import Leaf, MessageType
 from riot_bus.vocabulary.elements import Elements, Setting
@@ -134,14 +135,15 @@ class FailingLog:
         changes: Mapping[int, Sequence[Change]] | None = None,
     ) -> None:
         """Write the log with its originals and provenance, in one step, so that a reader never sees half of it."""
-        partial = path.with_suffix(".partial")
-        with LogWriter(partial, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
+        with (
+            whole_file(path) as temporary,
+            LogWriter(temporary, registry=context.registry, profile=context.profile, metadata=metadata) as writer,
+        ):
             for message in self.messages:
                 original = self.originals.get(message.sequence)
                 if original is not None:
                     writer.write(original, role="original", changes=(changes or {}).get(message.sequence, ()))
                 writer.write(message)
-        partial.replace(path)
 
     @classmethod
     def load(cls, path: Path, *, registry: TypeRegistry) -> FailingLog:

@@ -17,8 +17,7 @@ from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import Artefact, FindingRecord
 from riot_bus.log.reader import LogReader
-from riot_bus.report.regression import write_regression_test
-from riot_bus.report.reproduce import write_reproduce
+from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.nominal import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.config.endpoints import ENCRYPTED, Endpoint, parse_endpoint
+from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_files import TLS, USERS
 from riot_bus.zenoh.config_keys import leaves
@@ -155,11 +155,8 @@ def write_session_file(path: Path, settings: SessionConfig) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600), "w") as out:
-            out.write(session_file(settings))
-        part.replace(path)
+        write_whole(path, session_file(settings), mode=0o600, sync=False)
     except OSError as error:
         raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(path)) from error
 

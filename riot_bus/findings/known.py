@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.findings.records import FindingRecord
+from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["KnownFinding", "KnownFindings", "fingerprint_of", "title_of"]
@@ -151,10 +152,8 @@ class KnownFindings:
             ConfigError: It cannot be written.
         """
         rows = [one.model_dump() for one in sorted(self.entries.values(), key=_place)]
-        partial = self.path.with_name(f"{self.path.name}.partial")
         try:
-            partial.write_text(json.dumps({"version": 1, "findings": rows}, indent=1) + "\n", encoding="ascii")
-            os.replace(partial, self.path)
+            write_whole(self.path, json.dumps({"version": 1, "findings": rows}, indent=1) + "\n")
         except OSError as error:
             raise ConfigError(f"cannot write the baseline: {error.strerror}", where=str(self.path)) from None
         return self.path

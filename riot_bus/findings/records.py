@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.new_file import write_whole
 from riot_bus.statistics.rates import Proportion
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
@@ -88,9 +89,7 @@ class Artefact(_Model):
     def save(self, directory: Path) -> Path:
         """Write the file in one step, so that a reader never sees half of it."""
         path = directory / self.FILE
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(self.model_dump(mode="python"), indent=1, default=str) + "\n", encoding="utf-8")
-        os.replace(partial, path)
+        write_whole(path, json.dumps(self.model_dump(mode="python"), indent=1, default=str) + "\n")
         return path
 
     @classmethod

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.log.loss import Loss
-from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
+from riot_bus.new_file import new_file
 from riot_bus.types.capabilities import ConvertsFiles
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean

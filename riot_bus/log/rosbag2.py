@@ -8,13 +8,13 @@ Source: rosbag2_storage's metadata_io and its MCAP plug-in.
 from __future__ import annotations
 
 import json
-import os
 import re
 import textwrap
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -183,10 +183,8 @@ def bag_epilogue(writer: LogWriter) -> tuple[str, dict[str, str]]:
 
 
 def write_metadata(folder: Path, files: Sequence[BagFile]) -> None:
-    """Write `metadata.yaml` atomically; raises OSError."""
-    part = folder / ".metadata.yaml.part"
-    part.write_text(bag_text(files), encoding="utf-8")
-    os.replace(part, folder / "metadata.yaml")
+    """Write `metadata.yaml` atomically, without waiting for the disk, since a recording goes on; raises OSError."""
+    write_whole(folder / "metadata.yaml", bag_text(files), sync=False)
 
 
 def _merged(files: Iterable[BagFile]) -> list[BagTopic]:

@@ -14,6 +14,7 @@ from typing import Protocol, runtime_checkable
 
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
+from riot_bus.new_file import whole_file
 from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
@@ -160,13 +161,11 @@ def write_file(content: Content, path: Path) -> Path:
         if isinstance(content, Mapping):
             path.mkdir(parents=True, exist_ok=True)
         for name, each in content.items() if isinstance(content, Mapping) else [("", content)]:
-            whole = path / name
-            partial = whole.with_name(f"{whole.name}.partial")
-            if isinstance(each, Path):
-                shutil.copyfile(each, partial)
-            else:
-                partial.write_bytes(each.encode() if isinstance(each, str) else each)
-            os.replace(partial, whole)
+            with whole_file(path / name, sync=False) as temporary:
+                if isinstance(each, Path):
+                    shutil.copyfile(each, temporary)
+                else:
+                    temporary.write_bytes(each.encode() if isinstance(each, str) else each)
     except OSError as error:
         raise ConfigError(f"cannot write the report: {error.strerror}", where=str(path)) from error
     return path

@@ -1,4 +1,7 @@
-"""The pytest file of a finding: it fails as long as the unit does, and passes once the unit is fixed."""
+"""The files of a finding that run it again: a shell script, and a test for pytest.
+
+The test fails as long as the unit does, and passes once the unit is fixed.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,19 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.new_file import write_whole
 from riot_bus.report.format import clean
 from riot_bus.report.formats import write_file
 
 if TYPE_CHECKING:
     from riot_bus.findings.records import FindingRecord
 
-__all__ = ["file_stem", "regression_name", "write_regression_test"]
+__all__ = ["file_stem", "regression_name", "write_regression_test", "write_reproduce"]
+
+_SCRIPT = """\
+#!/bin/sh
+exec riot reproduce "$(cd -- "$(dirname -- "$0")" && pwd)" "$@"
+"""
 
 _TEXT = '''\
 """{component} {what}.
@@ -47,6 +56,13 @@ def test_{function}():
         f"{{found.failed}} of {{found.trials}} trials of {{found.log}} fail: {{SIGNATURE}}: {{found.detail}}"
     )
 '''
+
+
+def write_reproduce(directory: Path) -> Path:
+    """Write `reproduce.sh`, which runs `riot reproduce` on the directory that it lies in, wherever that was moved."""
+    path = directory / "reproduce.sh"
+    write_whole(path, _SCRIPT, mode=0o755)
+    return path
 
 
 def regression_name(finding: FindingRecord) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 import re
 from contextlib import suppress
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter, ValidationError
 
+from riot_bus.new_file import write_whole
 from riot_bus.sut.baseline import probe_of
 from riot_bus.sut.hangs import KnownHangs
 from riot_bus.sut.wire import pack_baseline, read_baseline
@@ -108,6 +108,4 @@ class KeptBaselines:
 
 def _write(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(data)
-    os.replace(partial, path)
+    write_whole(path, data)

@@ -17,17 +17,16 @@ import mmap
 import os
 import shutil
 import sys
-import tempfile
 import threading
 from contextlib import suppress
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
+from riot_bus.new_file import whole_file, write_whole
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from types import ModuleType
 
     import zenoh
@@ -36,6 +35,7 @@ __all__ = ["borrow", "give_back", "library_of", "moved"]
 
 _NAME = "zenoh.zenoh"
 _CHUNK = 1 << 26  # more than the library has, 33 MB, so that one call copies it
+_MODE = 0o500  # of a copy: nobody writes to it
 _lock = threading.Lock()
 _copies: list[ModuleType] = []
 _idle: list[ModuleType] = []
@@ -106,7 +106,8 @@ def _kept(original: Path, number: int) -> int:
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     file = _opened(path, digest)
     if file is None:  # there is none, or not as it should be, such as after a loss of power
-        _copy(original, path)
+        with whole_file(path, mode=_MODE) as temporary:
+            shutil.copyfile(original, temporary)
         file = _opened(path, digest)
     if file is None:
         raise OSError(f"{path} is not what was installed")
@@ -142,7 +143,7 @@ def _opened(path: Path, digest: str) -> int | None:
             return file
         if _hashed(file) == digest:
             with suppress(OSError):  # such as a folder that is read-only
-                _put(note, lambda sink: sink.write(right.encode()))
+                write_whole(note, right, mode=_MODE)
             return file
     except BaseException:
         os.close(file)
@@ -165,27 +166,6 @@ def _hashed(file: int) -> str:
         return ""
     with mmap.mmap(file, 0, prot=mmap.PROT_READ) as data:
         return base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode().rstrip("=")
-
-
-def _copy(original: Path, path: Path) -> None:
-    with original.open("rb") as source:
-        _put(path, lambda sink: shutil.copyfileobj(source, sink))
-
-
-def _put(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file atomically, even in case of a power failure."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as sink:
-            write(sink)
-            sink.flush()
-            os.fsync(sink.fileno())
-        Path(temporary).chmod(0o500)
-        Path(temporary).replace(path)
-    except BaseException:
-        with suppress(OSError):
-            Path(temporary).unlink()
-        raise
 
 
 def _build(original: Path) -> str:

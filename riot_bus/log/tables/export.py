@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.log.loss import Loss
-from riot_bus.log.new_file import new_file
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
+from riot_bus.new_file import new_file
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
 from riot_bus.types.payloads import Gathered
@@ -95,7 +95,7 @@ def export_table(
         kinds = _kinds(reader, selectors, registry)
         parts = column_parts(reader, selectors, start=start, end=end, memory=memory, registry=registry)
         try:
-            return _write_all(reader, parts, kinds, temporary, make)
+            return _write_all(reader, parts, kinds, str(temporary), make)
         except OSError as error:
             raise EnvironmentFaultError(f"cannot write: {error.strerror or error}", where=str(out)) from error
 

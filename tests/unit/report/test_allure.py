@@ -134,4 +134,4 @@ def test_files_of_others_in_the_folder_stay(tmp_path: Path) -> None:
     (results / "1-result.json").write_text("{}")
     write_file(AllureReport().render_campaign(campaign_at("nothing found", out)), results)
     assert (results / "1-result.json").read_text() == "{}"
-    assert not list(results.glob("*.partial"))
+    assert not list(results.glob("*.part"))

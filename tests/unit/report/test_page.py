@@ -383,7 +383,7 @@ def test_many_points_make_a_small_page(finding: Path) -> None:
 def test_deterministic(finding: Path) -> None:
     first = write_report(finding).read_bytes()
     assert write_report(finding).read_bytes() == first
-    assert not list(finding.glob("*.partial"))
+    assert not list(finding.glob("*.part"))
 
 
 def test_missing_jinja2(finding: Path, monkeypatch: pytest.MonkeyPatch) -> None:

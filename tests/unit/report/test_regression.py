@@ -1,10 +1,14 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
 from pathlib import Path
 
+import pytest
+
 from riot_bus.findings.records import FindingRecord
-from riot_bus.report.regression import regression_name, write_regression_test
+from riot_bus.report.regression import regression_name, write_regression_test, write_reproduce
 
 
 def finding(**more: object) -> FindingRecord:
@@ -50,3 +54,38 @@ def test_names_of_others_stay_text(tmp_path: Path) -> None:
 
 def test_a_name_of_nothing_but_signs() -> None:
     assert regression_name(finding(id="../..")) == "riot_test_finding.py"
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> dict[str, str]:
+    """Put a `riot` on the path that tells its arguments, one per line."""
+    room = tmp_path / "bin"
+    room.mkdir()
+    riot = room / "riot"
+    riot.write_text("#!/bin/sh\nprintf '<%s>' \"$@\"\nexit 1\n")
+    riot.chmod(0o755)
+    return os.environ | {"PATH": f"{room}{os.pathsep}{os.environ['PATH']}"}
+
+
+@pytest.mark.parametrize("name", ["plain", "with space", "quote's $(touch x) `y`", "-dash", "a;b&c"])
+def test_runs_where_it_lies(tmp_path: Path, recorder: dict[str, str], name: str) -> None:
+    directory = tmp_path / name
+    directory.mkdir()
+    script = write_reproduce(directory)
+    for cwd, command in ((tmp_path, script), (directory, "./reproduce.sh")):
+        done = subprocess.run(
+            [command, "--format", "json"], cwd=cwd, env=recorder, capture_output=True, text=True, check=False
+        )
+        assert done.stdout == f"<reproduce><{directory}><--format><json>"
+        assert done.returncode == 1
+
+
+def test_the_script_is_written_whole(tmp_path: Path) -> None:
+    script = write_reproduce(tmp_path)
+    assert script == tmp_path / "reproduce.sh"
+    assert os.access(script, os.X_OK)
+    lines = script.read_text().splitlines()
+    assert len(lines) == 2
+    assert lines[0] == "#!/bin/sh"
+    assert write_reproduce(tmp_path).read_text().splitlines() == lines
+    assert [path.name for path in tmp_path.iterdir()] == ["reproduce.sh"]

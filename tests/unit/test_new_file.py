@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.log.new_file import new_file, new_file_mode
+from riot_bus.new_file import new_file, new_file_mode, whole_file, write_whole
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 
@@ -20,7 +20,7 @@ def test_files_have_the_mode_of_any_new_file(tmp_path: Path) -> None:
 def test_it_is_what_the_umask_leaves(status: str) -> None:
     code = f"""
 import os, pathlib
-from riot_bus.log import new_file
+from riot_bus import new_file
 new_file._STATUS = pathlib.Path({status!r})
 os.umask(0o027)
 print(oct(new_file.new_file_mode()), oct(os.umask(0)))
@@ -45,3 +45,14 @@ def test_a_file_has_its_name_when_it_is_complete(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), new_file(path, source=source, force=True):
         raise KeyboardInterrupt
     assert (path.read_text(), sorted(each.name for each in tmp_path.iterdir())) == ("out", ["in", "out"])
+
+
+def test_a_file_is_replaced_in_one_step_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    write_whole(path, "é")
+    write_whole(path, b"two", mode=0o600, sync=False)
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"two", 0o600)
+    with pytest.raises(TypeError), whole_file(path) as temporary:
+        temporary.write_text(3)  # type: ignore[arg-type]  # the mistake
+    assert temporary.parent == tmp_path
+    assert (path.read_bytes(), [each.name for each in tmp_path.iterdir()]) == (b"two", ["out"])
