@@ -75,9 +75,6 @@ def explained(
     if isinstance(cause, MistakeError):
         message, hint = cause.message, cause.hint
         place += cause.place
-    elif problem["type"] == "value_error":
-        dotted, message, hint = (str(problem["msg"]).removeprefix("Value error, ") + "||").split("|")[:3]
-        place = dotted.split(".")
     elif problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         message = f"unknown key {place[-1]!r}"
         hint = did_you_mean(place[-1], known_keys(place[:-1]))

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 
@@ -111,6 +111,7 @@ def decider(
         strict: Whether a predicate raises PayloadError if its fields cannot be read; if not, it does not hold then.
     """
     where = None if conditions.where is None else parse_predicate(conditions.where)
+    meets = where if where is None or strict else where.holds
     probability = conditions.probability
     start = conditions.start if conditions.start > 0 else -math.inf  # times are negative when a clock was set back
     end = math.inf if conditions.end is None else conditions.end
@@ -125,9 +126,9 @@ def decider(
             return False
         if numbered and not first <= event.index <= last:
             return False
-        if where is not None and not (where(event.read) if strict else _holds(where, event)):
+        if meets is not None and not meets(event.read):
             return False
-        if choices and not any(_holds(each, event) for each in choices):
+        if choices and not any(each.holds(event.read) for each in choices):
             return False
         return probability >= 1.0 or event.draw("chosen", source=source) < probability
 
@@ -146,14 +147,6 @@ def window_problem(start: float, end: float | None, first: int, last: int | None
 def always(event: Event) -> bool:
     """Return True: the decision when there are no conditions."""
     return True
-
-
-def _holds(predicate: Predicate, event: Event) -> bool:
-    """Return whether a message meets a predicate; one that lacks its fields does not."""
-    try:
-        return predicate(event.read)
-    except (PayloadError, TypeError):  # such as bytes, which cannot be ordered with text
-        return False
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,7 +82,7 @@ class Trigger:
             for text, predicate in mine:
                 try:
                     holds = kind is not None and predicate(lambda path: kind.read(payload, path))
-                except (PayloadError, TypeError):
+                except PayloadError:
                     holds = False
                     self.unread += 1
                 if holds and not self._held.get((text, key)):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.elements import read_elements, read_field
 from riot_bus.vocabulary.elements import quantity_of
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import Selector, parse_selector
 
@@ -263,11 +263,4 @@ def _condition(selector: Selector) -> Callable[[Captured], bool]:
     if selector.where is None:
         return lambda one: True
     predicate = parse_predicate(selector.where)
-
-    def holds(one: Captured) -> bool:
-        try:
-            return predicate(one.read)
-        except PayloadError:
-            return False
-
-    return holds
+    return lambda one: predicate.holds(one.read)

@@ -90,7 +90,17 @@ class Predicate:
 
     def __call__(self, read: Callable[[str], Scalar]) -> bool:
         """Return whether the message meets the predicate; raise PayloadError if a field cannot be compared."""
-        return self._root(read)
+        try:
+            return self._root(read)
+        except TypeError as error:  # such as bytes, which have no order with text
+            raise PayloadError(str(error)) from error
+
+    def holds(self, read: Callable[[str], Scalar]) -> bool:
+        """Return whether the message meets the predicate; one that lacks its fields does not."""
+        try:
+            return self._root(read)
+        except (PayloadError, TypeError):
+            return False
 
     def candidates(self) -> dict[str, list[Scalar]]:
         """Return values of each field, some of which meet the predicate: compared values, and ones near or between."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.log.naming import parse_time
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.predicate import Predicate, parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 
@@ -67,12 +67,7 @@ class Condition:
             return False
         if number < self.first or (self.last is not None and number >= self.last):
             return False
-        if self.where is None or read is None:
-            return True
-        try:
-            return self.where(read)
-        except TypeError as error:  # such as bytes, that have no order with text
-            raise PayloadError(str(error)) from error
+        return self.where is None or read is None or self.where(read)
 
 
 _ALWAYS = Condition()

@@ -263,13 +263,7 @@ def chosen_rows(kind: MessageType, payloads: Payloads, where: Predicate) -> NDAr
     """Return which payloads meet a predicate; those that lack its fields do not."""
     gathered = {path: gather(kind, payloads, path) for path in where.fields}
     columns = {path: (found.values.tolist(), found.valid.tolist()) for path, found in gathered.items()}
-    chosen = np.zeros(len(payloads), np.bool_)
-    for row in range(len(payloads)):
-        try:
-            chosen[row] = where(partial(_read, columns, row))
-        except (PayloadError, TypeError):  # such as bytes, which cannot be ordered with text
-            continue
-    return chosen
+    return np.array([where.holds(partial(_read, columns, row)) for row in range(len(payloads))], np.bool_)
 
 
 def _read(columns: dict[str, tuple[list[Scalar], list[bool]]], row: int, path: str) -> Scalar:

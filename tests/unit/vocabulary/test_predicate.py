@@ -83,3 +83,17 @@ def test_some_candidates_meet_the_predicate(text):
     choices = predicate.candidates()
     assert set(choices) == set(predicate.fields)
     assert any(predicate(dict(zip(choices, values, strict=True)).__getitem__) for values in product(*choices.values()))
+
+
+def test_a_message_without_the_fields_or_of_other_types_does_not_meet_it() -> None:
+    def missing(path: str) -> float:
+        raise PayloadError("no such field", where=path)
+
+    assert parse_predicate("mode == 2").holds(FIELDS.__getitem__)
+    assert not parse_predicate("mode == 3").holds(FIELDS.__getitem__)
+    assert not parse_predicate("mode == 2").holds(missing)
+    assert not parse_predicate("mode < 'x'").holds(FIELDS.__getitem__)
+    unordered = parse_predicate("data < 'x'")
+    with pytest.raises(PayloadError):
+        unordered({"data": b"x"}.__getitem__)
+    assert not unordered.holds({"data": b"x"}.__getitem__)
