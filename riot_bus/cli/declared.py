@@ -62,9 +62,15 @@ def annotation_of(kind: type, name: str) -> Any:
     return next(_parameter(*each).annotation for each in flags_of(kind) if each[0].name == name)
 
 
-def options_of(kind: type[OptionsT], given: dict[str, Any]) -> OptionsT:
-    """Return the options of a dataclass that are among `given`, and remove them there; the others are left."""
-    return kind(**{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
+def options_of(kind: type[OptionsT], given: dict[str, Any], **more: Any) -> OptionsT:
+    """Return the options of a dataclass that are among `given`, and remove them there; the others are left.
+
+    Args:
+        kind: The dataclass.
+        given: Values of the options of several dataclasses.
+        more: Values of further fields.
+    """
+    return kind(**more, **{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
 
 
 def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:

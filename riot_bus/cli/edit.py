@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["edit"]
 
 
-@declared(EditOptions, before="interceptor")
+@declared(EditOptions, before="inject")
 def edit(
     inputs: Annotated[
         list[Path], typer.Argument(metavar="IN...", help="MCAP files or ROS 2 bag folders; several are merged by time.")
@@ -32,13 +32,6 @@ def edit(
         Path, typer.Argument(metavar="OUT", help="A file that ends in .mcap, or the folder of a ROS 2 bag.")
     ],
     *,
-    interceptor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="'NAME key=value ...'|FILE.py[:NAME]",
-            help="A shipped interceptor, or your own class; repeatable, carried out in this order.",
-        ),
-    ] = None,
     inject: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Injections, after the interceptors.")
     ] = None,
@@ -58,12 +51,11 @@ def edit(
     from riot_bus.interceptors.parsing import build_all
     from riot_bus.log.editing.edit import edit as edit_logs
 
-    interceptors = build_all(interceptor or (), seed=given["seed"])
+    interceptors = build_all(given.get("interceptors", ()), seed=given["seed"])
     plan = None if inject is None else InjectionPlan.read(inject, seed=given["seed"])
     options = EditOptions(
         inputs=inputs,
         output=output,
-        interceptors=interceptor or (),
         plan=plan.text if plan is not None else None,
         types=parse_types(type_ or ()),
         **given,

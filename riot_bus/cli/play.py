@@ -9,11 +9,11 @@ import typer
 from typer.core import TyperCommand
 
 from riot_bus.cli.ctl import Cfg, Endpoint
-from riot_bus.cli.declared import declared
+from riot_bus.cli.declared import declared, options_of
 from riot_bus.cli.diff import end_with, print_difference
 from riot_bus.cli.options import Format, OutputFormat, Tolerance, ToleranceFile
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
-from riot_bus.play.options import PlayOptions
+from riot_bus.play.options import Expectation, PlayOptions
 
 __all__ = ["register"]
 
@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
 
 
 @declared(PlayOptions, before="expect")
+@declared(Expectation, before="tolerance")
 def play(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="MCAP files, or folders of them; merged by time.")
@@ -46,19 +47,6 @@ def play(
     *,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,
-    expect: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="Record the system's answers, and compare them with this log.")
-    ] = None,
-    expect_topics: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TOPIC", help="Compare these. [default: all of the --expect log that are not played]"),
-    ] = None,
-    expect_wait: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0, help="Wait at most this long for answers when all is played.")
-    ] = 10.0,
-    answers: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="With --expect: keep the answers in this file.")
-    ] = None,
     tolerance: Tolerance = None,
     tolerances: ToleranceFile = None,
     html: Annotated[
@@ -78,12 +66,11 @@ def play(
     from riot_bus.play.running import run_play
     from riot_bus.vocabulary.errors import ConfigError
 
-    options = PlayOptions(logs=logs, endpoint=endpoint, config=client_cfg(cfg or ()), **given)
+    options = options_of(PlayOptions, given, logs=logs, endpoint=endpoint, config=client_cfg(cfg or ()))
     foreground = foreground_of(form, keys=True)
-    if expect is None:
-        more: dict[str, object] = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
-        more |= {"--tolerance": tolerance, "--tolerances": tolerances}
-        unfit = [option for option, value in more.items() if value]
+    if "expect" not in given:
+        more = given | {"html": html, "tolerance": tolerance, "tolerances": tolerances}
+        unfit = [f"--{name.replace('_', '-')}" for name, value in more.items() if value and name != "expect_wait"]
         if unfit:
             raise ConfigError(
                 f"{', '.join(unfit)} cannot be used without --expect", hint="name the log to compare with"
@@ -93,11 +80,10 @@ def play(
         return
     from riot_bus.log.comparison.compare import Wishes
     from riot_bus.log.comparison.tolerances import tolerances_of
-    from riot_bus.sut.expectation import Expectation, play_expecting
+    from riot_bus.sut.expectation import play_expecting
 
     wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()))
-    wanted = Expectation(log=expect, topics=expect_topics or (), wishes=wishes, wait=expect_wait, answers=answers)
-    found = play_expecting(options, wanted, foreground)
+    found = play_expecting(options, Expectation(**given), foreground, wishes=wishes)
     if found is None:
         raise typer.Exit(INTERRUPTED)
     print_difference(found, html, form, event="compared")

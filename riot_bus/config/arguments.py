@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
     from dataclasses import Field
 
-__all__ = ["DEFAULT_ENDPOINT", "Flag", "flags_of", "parse_seconds", "parse_size", "parse_types", "size_text"]
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "Definitions",
+    "Flag",
+    "Interceptors",
+    "Salvage",
+    "Seed",
+    "Types",
+    "flags_of",
+    "parse_seconds",
+    "parse_size",
+    "parse_types",
+    "size_text",
+]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a router of this machine listens: Zenoh's own port, segment `system` of `riot router`."""
@@ -48,6 +63,22 @@ class Flag:
     text: str | None = None
     least: float | None = None
     remote: bool | tuple[float, float] = False
+
+
+Types = Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)]
+Definitions = Annotated[
+    Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
+]
+Interceptors = Annotated[
+    Sequence[str],
+    Flag(
+        "A shipped interceptor (riot interceptors), or your own class; repeatable, carried out in this order.",
+        "--interceptor",
+        "'NAME key=value ...'|FILE.py[:NAME]",
+    ),
+]
+Seed = Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED", remote=True)]
+Salvage = Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")]
 
 
 def flags_of(kind: type) -> list[tuple[Field[Any], Flag, list[str]]]:

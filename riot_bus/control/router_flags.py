@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from riot_bus.config.arguments import Flag
+from riot_bus.config.arguments import Definitions, Flag, Interceptors, Seed, Types
 
 __all__ = ["RouterOptions"]
 
@@ -53,25 +53,16 @@ class RouterOptions:
             "RIOT_INTERCEPT_SERVICES",
         ),
     ] = ()
-    interceptors: Annotated[
-        Sequence[str],
-        Flag(
-            "A shipped interceptor (riot interceptors), or your own class; repeatable, carried out in this order.",
-            "--interceptor",
-            "'NAME key=value ...'|FILE.py[:NAME]",
-        ),
-    ] = ()
+    interceptors: Interceptors = ()
     inject: Annotated[
         Path | None, Flag("Injections; their topics are intercepted.", "", "PLAN.toml", "RIOT_INJECT")
     ] = None
     record: Annotated[
         Path | None, Flag("Record all that passes, intercepted or not.", "", "OUT.mcap", "RIOT_RECORD")
     ] = None
-    types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE")] = ()
-    definitions: Annotated[
-        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
-    ] = ()
-    seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED")] = 0
+    types: Types = ()
+    definitions: Definitions = ()
+    seed: Seed = 0
     budget: Annotated[
         float | None, Flag("How long an interceptor may block. [default: 1]", "", "SECONDS", "RIOT_BUDGET")
     ] = None

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, flags_of
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, Definitions, Flag, Interceptors, Salvage, Seed, Types, flags_of
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.log.limits import LogLimits
 
-__all__ = ["PlayOptions", "parse_latched"]
+__all__ = ["Expectation", "PlayOptions", "parse_latched"]
 
 _LONGEST_S = 1e9  # 32 years, which fit into 64 bits as nanoseconds, too
 
@@ -78,15 +78,8 @@ class PlayOptions:
     inject: Annotated[Path | None, Flag("Injections into what is played.", metavar="PLAN.toml", env="RIOT_INJECT")] = (
         None
     )
-    interceptors: Annotated[
-        Sequence[str],
-        Flag(
-            "A shipped interceptor, or your own class; repeatable, carried out in this order.",
-            "--interceptor",
-            "'NAME key=value ...'|FILE.py[:NAME]",
-        ),
-    ] = ()
-    seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED", remote=True)] = 0
+    interceptors: Interceptors = ()
+    seed: Seed = 0
     domain: Annotated[
         int | None,
         Flag("ROS domain to publish in. [default: as recorded; for bags ROS_DOMAIN_ID, else 0]", remote=(0, 232)),
@@ -95,11 +88,9 @@ class PlayOptions:
         Sequence[str],
         Flag("Keep the last messages for late joiners, whatever was recorded.", metavar="TOPIC[=DEPTH]", remote=True),
     ] = ()
-    salvage: Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")] = False
-    types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)] = ()
-    definitions: Annotated[
-        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
-    ] = ()
+    salvage: Salvage = False
+    types: Types = ()
+    definitions: Definitions = ()
     name: Annotated[str, Flag("Name for riot ctl play.", env="RIOT_PLAYER")] = "player"
     control: Annotated[bool, Flag("Obey riot ctl play.")] = True
 
@@ -122,6 +113,21 @@ class PlayOptions:
         if self.ack is not None and self.lockstep:
             raise ConfigError("--ack and --lockstep both say when to go on", hint="choose one")
         check_own_name(self.name, "play")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """What is expected of the answers to a playback: the options of `riot play --expect`, declared here alone."""
+
+    expect: Annotated[Path, Flag("Record the system's answers, and compare them with this log.", metavar="LOG")]
+    expect_topics: Annotated[
+        Sequence[str],
+        Flag("Compare these. [default: all of the --expect log that are not played]", metavar="TOPIC"),
+    ] = ()
+    expect_wait: Annotated[
+        float, Flag("Wait at most this long for answers when all is played.", metavar="SECONDS", least=0)
+    ] = 10.0
+    answers: Annotated[Path | None, Flag("With --expect: keep the answers in this file.", metavar="FILE")] = None
 
 
 def parse_latched(texts: Sequence[str]) -> dict[str, int]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, flags_of, parse_seconds, parse_size
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, Definitions, Flag, Types, flags_of, parse_seconds, parse_size
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -129,10 +129,8 @@ class CaptureOptions:
         str | None, Flag("MCAP profile. [default: ros2 if there are ROS nodes]", metavar="ros2|none")
     ] = None
     robot: Annotated[str, Flag("The robot's name, for the log.", env="RIOT_ROBOT")] = ""
-    types: Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)] = ()
-    definitions: Annotated[
-        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
-    ] = ()
+    types: Types = ()
+    definitions: Definitions = ()
     seed: Annotated[int, Flag("Seed of the run, for the log.", env="RIOT_SEED", remote=True)] = 0
     name: Annotated[str, Flag("Name for riot ctl record.", env="RIOT_RECORDER")] = "recorder"
     control: Annotated[bool, Flag("Obey riot ctl record.")] = True

@@ -8,9 +8,8 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,9 +25,9 @@ from riot_bus.vocabulary.errors import ConfigError, DataLossError
 if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.log.comparison.result import LogDifference
-    from riot_bus.play.options import PlayOptions
+    from riot_bus.play.options import Expectation, PlayOptions
 
-__all__ = ["Expectation", "play_expecting"]
+__all__ = ["play_expecting"]
 
 _TICK_S = 0.05
 _MORE_S, _QUIET_S = 0.25, 2.0
@@ -36,32 +35,16 @@ _MORE_S, _QUIET_S = 0.25, 2.0
 _MOST_KEYS = 100  # each is a subscription, of which a recording accepts 200; `**` takes the place of more
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Expectation:
-    """Expected answers of a network.
-
-    Attributes:
-        log: Path of a log with the expected answers.
-        topics: Names or key expressions of the answers; empty for all topics of the log that are not played.
-        wishes: Settings of the comparison.
-        wait: Longest time to wait for answers after the playback, in seconds.
-        answers: Path of the log in which to keep the answers; None to drop them.
-    """
-
-    log: Path
-    topics: Sequence[str] = ()
-    wishes: Wishes
-    wait: float = 10.0
-    answers: Path | None = None
-
-
-def play_expecting(options: PlayOptions, expectation: Expectation, foreground: Foreground) -> LogDifference | None:
+def play_expecting(
+    options: PlayOptions, expectation: Expectation, foreground: Foreground, *, wishes: Wishes
+) -> LogDifference | None:
     """Play logs, record the answers, and compare them with the expected ones.
 
     Args:
         options: Logs and settings of the playback.
         expectation: Expected answers.
         foreground: Frame that prints the result of the playback and takes keys.
+        wishes: Settings of the comparison.
 
     Returns:
         How the answers differ from the expected ones; None if the playback was interrupted.
@@ -71,9 +54,9 @@ def play_expecting(options: PlayOptions, expectation: Expectation, foreground: F
         DataLossError: Messages could not be played, or answers not be recorded.
         EnvironmentFaultError: No router answers.
     """
-    extract = Extract(topics=expectation.topics, types=options.types, definitions=options.definitions)
+    extract = Extract(topics=expectation.expect_topics, types=options.types, definitions=options.definitions)
     with ExitStack() as stack:
-        (expected,) = stack.enter_context(opened([expectation.log], extract))
+        (expected,) = stack.enter_context(opened([expectation.expect], extract))
         played = _played(options)
         tracks = [
             track
@@ -84,7 +67,7 @@ def play_expecting(options: PlayOptions, expectation: Expectation, foreground: F
             hint = "choose what is played by --topics, or name a log that has answers as well"
             raise ConfigError(
                 "none of the compared topics can hold answers: each is played, or is a service's",
-                where=str(expectation.log),
+                where=str(expectation.expect),
                 hint=hint,
             )
         names = sorted({track.topic for track in tracks})
@@ -110,16 +93,16 @@ def play_expecting(options: PlayOptions, expectation: Expectation, foreground: F
         with CaptureService(capture, warn=foreground.warn) as service:
             finished = run_play(options, foreground)
             if finished:
-                _await(service, counts, expectation.wait)
+                _await(service, counts, expectation.expect_wait)
         if not finished:
             return None
         problems = service.result().problems
         if problems:
             raise DataLossError("; ".join(problems), where="the answers")
         only = Extract(topics=names, types=options.types, definitions=options.definitions)
-        with opened([expectation.log, path], only) as (expected, came):
+        with opened([expectation.expect, path], only) as (expected, came):
             came.name = str(expectation.answers or "the answers")
-            return compare(expected, came, expectation.wishes)
+            return compare(expected, came, wishes)
 
 
 def _played(options: PlayOptions) -> set[str]:

@@ -15,8 +15,8 @@ import pytest
 from riot_bus.control.terminal import Foreground
 from riot_bus.log.comparison.compare import Wishes
 from riot_bus.log.reader import read_log
-from riot_bus.play.options import PlayOptions
-from riot_bus.sut.expectation import Expectation, play_expecting
+from riot_bus.play.options import Expectation, PlayOptions
+from riot_bus.sut.expectation import play_expecting
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
 from tests.integration.play_tools import BEGIN, MS, numbered, write
@@ -128,13 +128,13 @@ def test_nobody_answers(router: str, log: Path) -> None:
 def test_what_is_expected_has_to_be_something_else_than_what_is_played(router: str, log: Path, tmp_path: Path) -> None:
     options = PlayOptions(logs=[log], endpoint=router, wait=0.0, control=False)
     for expectation, problem in (
-        (Expectation(log=log, wishes=Wishes()), "none of the compared topics can hold answers"),
-        (Expectation(log=log, wishes=Wishes(), topics=["question"]), "none of the compared topics can hold answers"),
-        (Expectation(log=log, wishes=Wishes(), topics=["none"]), "no log has a topic"),
-        (Expectation(log=tmp_path / "none.mcap", wishes=Wishes()), "cannot read"),
+        (Expectation(expect=log), "none of the compared topics can hold answers"),
+        (Expectation(expect=log, expect_topics=["question"]), "none of the compared topics can hold answers"),
+        (Expectation(expect=log, expect_topics=["none"]), "no log has a topic"),
+        (Expectation(expect=tmp_path / "none.mcap"), "cannot read"),
     ):
         with pytest.raises(ConfigError, match=problem):
-            play_expecting(options, expectation, Foreground(print, print))
+            play_expecting(options, expectation, Foreground(print, print), wishes=Wishes())
     code, _, err = riot("play", str(log), "-e", router, "--answers=x.mcap")
     assert (code, "--answers cannot be used without --expect" in err) == (2, True)
 
@@ -142,4 +142,4 @@ def test_what_is_expected_has_to_be_something_else_than_what_is_played(router: s
 def test_without_a_router(log: Path) -> None:
     options = PlayOptions(logs=[log], endpoint="tcp/127.0.0.1:1", topics=["question"])
     with pytest.raises(EnvironmentFaultError):
-        play_expecting(options, Expectation(log=log, wishes=Wishes()), Foreground(print, print))
+        play_expecting(options, Expectation(expect=log), Foreground(print, print), wishes=Wishes())

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from riot_bus.config.arguments import Flag, parse_seconds, parse_size
+from riot_bus.config.arguments import Definitions, Flag, Interceptors, Salvage, Seed, parse_seconds, parse_size
 from riot_bus.log.editing.assignment import Assignment, parse_assignment
 from riot_bus.log.editing.selection import Selection, parse_selection
 from riot_bus.log.engine.packing import check_compression
@@ -52,14 +52,12 @@ class EditOptions:
     Attributes:
         inputs: MCAP files, or folders of ROS 2 bags; merged by time.
         output: An MCAP file, or, if its name does not end in `.mcap`, the folder of a ROS 2 bag.
-        interceptors: Names of the interceptors, for the record that the output holds.
-        plan: Text of the injection plan, for the same record.
+        plan: Text of the injection plan, for the record that the output holds.
         types: Type names by topic or key expression.
     """
 
     inputs: Sequence[Path]
     output: Path
-    interceptors: Sequence[str] = ()
     plan: str | None = None
     types: Mapping[str, str] = field(default_factory=dict)
     start: Annotated[
@@ -97,7 +95,7 @@ class EditOptions:
     originals: Annotated[bool, Flag("Also keep messages as they were before interceptors; never in a ROS 2 bag.")] = (
         True
     )
-    salvage: Annotated[bool, Flag("Also read messages of damaged chunks, as far as an index confirms them.")] = False
+    salvage: Salvage = False
     sort: Annotated[bool, Flag("Write by time, even if the input is in another order.")] = False
     compression: Annotated[
         str | None, Flag("Compression of the output. [default: as the input]", metavar="zstd|lz4|none")
@@ -113,12 +111,11 @@ class EditOptions:
         Flag("Begin another file after this much of the log's time.", "--split-duration", "TIME", read=parse_seconds),
     ] = None
     split_topics: Annotated[bool, Flag("Write a file for each topic.")] = False
-    definitions: Annotated[
-        Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
-    ] = ()
-    seed: Annotated[int, Flag("Seed of everything that is random.", env="RIOT_SEED")] = 0
+    definitions: Definitions = ()
+    seed: Seed = 0
     force: Annotated[bool, Flag("Replace the output if it exists.", "--force -f")] = False
     dry_run: Annotated[bool, Flag("Write nothing; say what would be kept.", "--dry-run -n")] = False
+    interceptors: Interceptors = ()
 
     @property
     def folder(self) -> bool:
