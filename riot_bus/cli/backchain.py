@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from riot_bus.cli.options import FindingsSystem, Seed
+from riot_bus.cli.declared import declared
+from riot_bus.cli.options import FindingsSystem, RunOptions
 from riot_bus.cli.printing import print_json, print_lines
 
 __all__ = ["backchain"]
@@ -20,6 +21,7 @@ class _Form(StrEnum):
     DOT = "dot"
 
 
+@declared(RunOptions, "seed")
 def backchain(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Nominal logs (.mcap), or folders of bags.")],
     *,
@@ -37,10 +39,10 @@ def backchain(
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="FILE", help="Picture to draw: .svg, .png or .pdf.")
     ] = None,
-    seed: Seed = 0,
     form: Annotated[
         _Form, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")
     ] = _Form.TEXT,
+    **given: Any,
 ) -> None:
     """Find which external fields an internal field follows, and along which paths, from nominal logs alone.
 
@@ -61,8 +63,8 @@ def backchain(
             system=system,
             externals=external or (),
             horizon=delay,
-            seed=seed,
             progress=progress,
+            seed=given["seed"],
         )
     if picture is not None:
         draw_picture(record, picture)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,30 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from riot_bus.cli.options import (
-    EventFormat,
-    Executor,
-    Finding,
-    Jobs,
-    Out,
-    Reports,
-    Seed,
-    StreamFormat,
-    System,
-    UnitName,
-)
+from riot_bus.cli.declared import declared
+from riot_bus.cli.options import DEFAULT_OUT, DEFAULT_SYSTEM, Finding, RunOptions, StreamFormat, System, UnitName
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.findings.known import KnownFindings
 
 __all__ = ["open_workspace", "register", "show"]
 
-DEFAULT_SYSTEM = Path("riot.toml")
-DEFAULT_OUT = Path("riot-out")
 FAULTS, INCONCLUSIVE = 1, 5  # exit codes, listed in docs/chain.md
 _TRIALS = 100  # a guess: about a minute at the demo's 0.5 s per trial on two cores
 
@@ -53,6 +42,9 @@ Seconds = Annotated[
     float | None, typer.Option("--seconds", "-t", min=0.1, help="Time for trials of the unit, in seconds.")
 ]
 Covered = Annotated[bool, typer.Option("--covered", help="End once each value and fault has been tried.")]
+
+_OF_FINDING = ("jobs", "executor", "form")
+"""Options of commands that go on with a finding; its folder and its record say the others."""
 
 
 class _StepGroup(TyperGroup):
@@ -85,20 +77,15 @@ def register(app: typer.Typer) -> None:
 @contextmanager
 def open_workspace(
     system: Path,
-    out: Path,
-    jobs: int,
-    seed: int,
-    form: StreamFormat,
+    options: RunOptions,
     *,
-    executor: str | None,
     fresh: bool = False,
-    reports: Sequence[str] = (),
     known: KnownFindings | None = None,
     lenient: bool = False,
 ) -> Iterator[Workspace]:
     """Open a workspace whose events are shown on stderr and in reports, and which ends on signals.
 
-    Arguments are those of `Workspace` and `ReportFollower`; `form` says what stdout is for.
+    Arguments are those of `Workspace` and `ReportFollower`; the form in `options` says what stdout is for.
     """
     from rich.console import Console
 
@@ -109,7 +96,8 @@ def open_workspace(
     from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 
     console = Console(stderr=True)
-    asked = [asked_report(each, out=out) for each in reports]
+    out, form = options.out, options.form
+    asked = [asked_report(each, out=out) for each in options.reports]
     say = partial(typer.echo, nl=False, err=form is not StreamFormat.TEXT)
     with (
         ended_by_signals(_interrupt, deadline=END_S + TORN_DOWN_WITHIN_S),
@@ -120,11 +108,11 @@ def open_workspace(
             with Workspace(
                 system,
                 out,
-                jobs=jobs,
-                seed=seed,
+                jobs=options.jobs,
+                seed=options.seed,
                 listeners=[narrator, follower, *([write_line] if form is StreamFormat.NDJSON else [])],
                 fresh=fresh,
-                executor=executor,
+                executor=options.executor,
             ) as workspace:
                 yield workspace
         except KeyboardInterrupt:
@@ -138,20 +126,13 @@ def _interrupt() -> None:
 
 @contextmanager
 def _of_finding(
-    finding: Path,
-    jobs: int,
-    form: StreamFormat,
-    system: Path | None = None,
-    *,
-    executor: str | None,
-    fresh: bool = False,
+    finding: Path, options: RunOptions, system: Path | None = None, *, fresh: bool = False
 ) -> Iterator[tuple[Workspace, Path]]:
     from riot_bus.chain.workspace import open_finding, system_of
 
     folder, record = open_finding(finding)
-    out = folder.parent.parent
-    used = system_of(record, named=system)
-    with open_workspace(used, out, jobs, record.seed, form, executor=executor, fresh=fresh) as workspace:
+    options = replace(options, out=folder.parent.parent, seed=record.seed)
+    with open_workspace(system_of(record, named=system), options, fresh=fresh) as workspace:
         yield workspace, folder
 
 
@@ -168,11 +149,12 @@ def show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
 def _command(step: ChainStep) -> Callable[..., None]:
     """Return the command of a step: `riot NAME [FINDING]` with the step's options."""
 
-    def command(finding: Path, *, jobs: int, executor: str | None, form: StreamFormat, **options: Any) -> None:
-        with _of_finding(finding, jobs, form, executor=executor) as (workspace, folder):
-            given = {name: () if value is None else value for name, value in options.items()}
-            record = workspace.carry_out(step, folder, **given)
-        show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
+    def command(finding: Path, **given: Any) -> None:
+        run = RunOptions(**{name: given.pop(name) for name in _OF_FINDING if name in given})
+        with _of_finding(finding, run) as (workspace, folder):
+            options = {name: () if value is None else value for name, value in given.items()}
+            record = workspace.carry_out(step, folder, **options)
+        show(record.model_dump(mode="json"), run.form, [str(folder / record.FILE)])
 
     named = inspect.Parameter.KEYWORD_ONLY
     parameters = [
@@ -189,27 +171,20 @@ def _command(step: ChainStep) -> Callable[..., None]:
             )
             for one in step.options
         ),
-        inspect.Parameter("jobs", named, default=0, annotation=Jobs),
-        inspect.Parameter("executor", named, default=None, annotation=Executor),
-        inspect.Parameter("form", named, default=StreamFormat.TEXT, annotation=EventFormat),
     ]
     command.__doc__ = step.help
-    command.__annotations__ = {one.name: one.annotation for one in parameters}
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    return command
+    return declared(RunOptions, *_OF_FINDING)(command)
 
 
+@declared(RunOptions, "out", "seed", *_OF_FINDING)
 def demo(
     *,
-    out: Out = DEFAULT_OUT,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
     budget: Annotated[int, typer.Option("--budget", min=1, help="Maximum number of injected trials.")] = 60,
-    form: EventFormat = StreamFormat.TEXT,
     system: Annotated[
         Path | None, typer.Option("--system", "-s", help="System file to use instead of the rover's.")
     ] = None,
+    **given: Any,
 ) -> None:
     """Run all steps on the example rover, from a nominal recording to the inputs that make the system fail."""
     from riot_bus.chain.demo import demo as run_demo
@@ -217,56 +192,54 @@ def demo(
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.text import summary
 
-    with open_workspace(system or find_example("rover"), out, jobs, seed, form, executor=executor) as workspace:
+    run = RunOptions(**given)
+    with open_workspace(system or find_example("rover"), run) as workspace:
         figures = run_demo(workspace, trials=budget)
     finding = figures.get("finding")
-    doubts = [] if figures["findings"] else CampaignRecord.load(out).doubts
+    doubts = [] if figures["findings"] else CampaignRecord.load(run.out).doubts
     lines = [f"inconclusive: {doubt}" for doubt in doubts] or ["no finding"]
-    show(figures, form, [summary(Path(finding)), f"report: {figures['report']}"] if finding else lines)
+    show(figures, run.form, [summary(Path(finding)), f"report: {figures['report']}"] if finding else lines)
     if doubts:
         raise typer.Exit(INCONCLUSIVE)
 
 
+@declared(RunOptions)
 def run_tests(
     *,
     system: System = DEFAULT_SYSTEM,
     unit: UnitName = None,
-    out: Out = DEFAULT_OUT,
     trials: Trials = None,
     seconds: Seconds = None,
     covered: Covered = False,
     whole_system: Annotated[
         bool, typer.Option("--whole-system", help="Run the whole system and inject into what comes from outside.")
     ] = False,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    form: EventFormat = StreamFormat.TEXT,
-    report: Reports = None,
+    **given: Any,
 ) -> None:
     """Test one unit, or the whole system, with exceptional values, and group failures into findings."""
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
-    with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
+    run = RunOptions(**given)
+    with open_workspace(system, run) as workspace:
         name = workspace.context.file.choose_unit(unit)
         if trials is None and seconds is None and not covered:
             trials = _TRIALS
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
-    record = CampaignRecord.load(out)
+    record = CampaignRecord.load(run.out)
     lines = folders or [f"inconclusive: {doubt}" for doubt in record.doubts] or ["no finding"]
     unjudged = [each.model_dump(mode="json") for each in record.unjudged]
-    show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, form, lines)
+    show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, run.form, lines)
     if folders or record.doubts:
         raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
 
+@declared(RunOptions)
 def analyze(
     *,
     system: System = DEFAULT_SYSTEM,
     unit: UnitName = None,
-    out: Out = DEFAULT_OUT,
     trials: Trials = None,
     seconds: Seconds = None,
     within: Annotated[
@@ -281,11 +254,7 @@ def analyze(
     prune: Annotated[
         bool, typer.Option("--prune/--no-prune", help="Leave out external topics with no path to the relevant fields.")
     ] = True,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    form: EventFormat = StreamFormat.TEXT,
-    report: Reports = None,
+    **given: Any,
 ) -> None:
     """Run all steps on a system, from test to report; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze_all
@@ -297,19 +266,20 @@ def analyze(
     from riot_bus.report.text import summary
     from riot_bus.vocabulary.errors import ConfigError
 
-    given = parse_seconds(within, "--for") if within is not None else None
-    if given is not None and given <= 0:
+    most_s = parse_seconds(within, "--for") if within is not None else None
+    if most_s is not None and most_s <= 0:
         raise ConfigError("there is no time", where="--for", hint="write it like 90, 90s, 15min or 1h")
-    if given is not None and seconds is not None:
+    if most_s is not None and seconds is not None:
         raise ConfigError("--for and --seconds exclude each other", hint="--for is the time for all steps together")
     options = {"permeability": {"prune": prune}}
     others = [find_step(name) for name in further or ()]
-    with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
+    run = RunOptions(**given)
+    with open_workspace(system, run) as workspace:
         name = workspace.context.file.choose_unit(unit)
         if workspace.context.file.external.topics:
             workspace.context.file.check_outside_apart()  # else the chain would fail with this after its longest steps
-        if given is not None:
-            done = analyze_within(workspace, name, given, further=others, options=options)
+        if most_s is not None:
+            done = analyze_within(workspace, name, most_s, further=others, options=options)
             folders = [one.folder for one in done]
         else:
             most = _TRIALS if trials is None and seconds is None else trials
@@ -323,13 +293,14 @@ def analyze(
         {"finding": str(one.folder), "rule": rule.text if rule else None, "report": str(one.report)}
         for one, rule in zip(done, rules, strict=True)
     ]
-    doubts = [] if folders else CampaignRecord.load(out).doubts
+    doubts = [] if folders else CampaignRecord.load(run.out).doubts
     lines = [*(summary(one.folder) for one in done), *(f"inconclusive: {doubt}" for doubt in doubts)] or ["no finding"]
-    show({"findings": result}, form, lines)
+    show({"findings": result}, run.form, lines)
     if folders or doubts:
         raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
 
+@declared(RunOptions, *_OF_FINDING)
 def reproduce(
     finding: Finding = DEFAULT_OUT,
     *,
@@ -348,9 +319,7 @@ def reproduce(
     system: Annotated[
         Path | None, typer.Option("--system", "-s", help="System file to use instead of the recorded one.")
     ] = None,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    form: EventFormat = StreamFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Check whether a finding still fails. Exit 0: fixed, 1: still failing, 4: cannot be run, 5: not decided."""
     from dataclasses import asdict
@@ -358,11 +327,12 @@ def reproduce(
     from riot_bus.chain.reproduce import reproduce as run_again
     from riot_bus.vocabulary.counting import counted
 
-    with _of_finding(finding, jobs, form, system, executor=executor, fresh=True) as (workspace, folder):
+    run = RunOptions(**given)
+    with _of_finding(finding, run, system, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
     line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
     sure = f"the probability of this would be {result.missed:.1%} if the failure came as often as before"
     told = f" ({result.detail or sure})" if result.detail or not result.failed else ""
-    show(asdict(result), form, [line + told])
+    show(asdict(result), run.form, [line + told])
     if result.failed:
         raise typer.Exit(FAULTS)

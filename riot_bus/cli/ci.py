@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,19 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from riot_bus.cli.declared import declared
 from riot_bus.cli.fastpath import warn
-from riot_bus.cli.options import (
-    DEFAULT_OUT,
-    DEFAULT_SYSTEM,
-    EventFormat,
-    Executor,
-    Jobs,
-    Out,
-    Reports,
-    Seed,
-    StreamFormat,
-    System,
-)
+from riot_bus.cli.options import DEFAULT_SYSTEM, RunOptions, StreamFormat, System
 from riot_bus.cli.printing import print_lines
 
 if TYPE_CHECKING:
@@ -80,6 +71,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="ci", help="Test a repository: each change, each night, and which findings are fixed.")
 
 
+@declared(RunOptions)
 def change(
     *,
     system: System = DEFAULT_SYSTEM,
@@ -93,12 +85,7 @@ def change(
         bool, typer.Option("--stop-early/--no-stop-early", help="End the test of a unit at its first new finding.")
     ] = True,
     strict: Strict = False,
-    out: Out = DEFAULT_OUT,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    report: Reports = None,
-    form: EventFormat = StreamFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Test a change for a few minutes.
 
@@ -107,12 +94,13 @@ def change(
     from riot_bus.chain.ci import CiPlan, run_ci
     from riot_bus.findings.known import KnownFindings
 
-    known = KnownFindings.load(baseline)
-    units, opened = _opened(system, unit, out, seed, jobs, executor, form, report, known=known, lenient=not strict)
+    known, run = KnownFindings.load(baseline), RunOptions(**given)
+    units, opened = _opened(system, unit, run, known=known, lenient=not strict)
     plan = CiPlan(minutes, stop_early=stop_early, explain=False, trials=trials)
-    _tell(run_ci(units, opened, out=out, known=known, plan=plan), known, form, strict=strict)
+    _tell(run_ci(units, opened, out=run.out, known=known, plan=plan), known, run.form, strict=strict)
 
 
+@declared(RunOptions)
 def batch(
     *,
     system: System = DEFAULT_SYSTEM,
@@ -125,12 +113,7 @@ def batch(
     update: Annotated[bool, typer.Option("--update", help="Add new findings to the baseline.")] = False,
     keep: Keep = None,
     strict: Strict = False,
-    out: Out = DEFAULT_OUT,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    report: Reports = None,
-    form: EventFormat = StreamFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Test for long, and explain what is found.
 
@@ -141,19 +124,20 @@ def batch(
     from riot_bus.chain.ci_baseline import check_keep, moment
     from riot_bus.findings.known import KnownFindings
 
-    known = KnownFindings.load(baseline)
+    known, run = KnownFindings.load(baseline), RunOptions(**given)
     check_keep(known, keep)
-    units, opened = _opened(system, unit, out, seed, jobs, executor, form, report, known=known, lenient=not strict)
+    units, opened = _opened(system, unit, run, known=known, lenient=not strict)
     plan = CiPlan(minutes, stop_early=False, explain=True, trials=trials)
-    result = run_ci(units, opened, out=out, known=known, plan=plan)
+    result = run_ci(units, opened, out=run.out, known=known, plan=plan)
     more = list[str]()
     if update:
         folders = [one.directory for each in result.units for one in each.view.current]
         newer, more = accepted(known, folders, since=moment(system.parent), keep=keep, reopen=False)
         more += [f"written: {newer.save()}"] if more else []
-    _tell(result, known, form, strict=strict, more=more)
+    _tell(result, known, run.form, strict=strict, more=more)
 
 
+@declared(RunOptions, "out", "seed", "jobs", "executor", "form")
 def prune(
     *,
     system: System = DEFAULT_SYSTEM,
@@ -161,11 +145,7 @@ def prune(
     baseline: Baseline = DEFAULT_BASELINE,
     update: Annotated[bool, typer.Option("--update", help="Mark what is fixed in the baseline.")] = False,
     strict: Strict = False,
-    out: Out = DEFAULT_OUT,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
-    executor: Executor = None,
-    form: EventFormat = StreamFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Say which known findings are fixed. Exit 1 only if one that was marked as fixed fails again."""
     from riot_bus.chain.ci_baseline import moment
@@ -173,11 +153,11 @@ def prune(
     from riot_bus.cli.chain import show
     from riot_bus.findings.known import KnownFindings
 
-    known = KnownFindings.load(baseline)
-    units, opened = _opened(system, unit, out, seed, jobs, executor, form, None, fresh=True)
-    result = pruned(units, opened, out=out, known=known, when=moment(system.parent))
+    known, run = KnownFindings.load(baseline), RunOptions(**given)
+    units, opened = _opened(system, unit, run, fresh=True)
+    result = pruned(units, opened, out=run.out, known=known, when=moment(system.parent))
     more = [f"written: {result.known.save()}"] if update and result.known.entries != known.entries else []
-    show({"findings": result.to_json()}, form, [*_missing(known), *result.lines(), *more])
+    show({"findings": result.to_json()}, run.form, [*_missing(known), *result.lines(), *more])
     if code := result.exit_code(strict=strict):
         raise typer.Exit(code)
 
@@ -222,12 +202,7 @@ _COMMANDS: tuple[Callable[..., None], ...] = (change, batch, prune, accept, init
 def _opened(
     system: Path,
     names: Sequence[str] | None,
-    out: Path,
-    seed: int,
-    jobs: int,
-    executor: str | None,
-    form: StreamFormat,
-    reports: Sequence[str] | None,
+    options: RunOptions,
     *,
     known: KnownFindings | None = None,
     lenient: bool = False,
@@ -239,9 +214,9 @@ def _opened(
     from riot_bus.report.follow import reports_of
 
     units = units_of(system, names or ())
-    asked = reports_of(reports or (), {unit: unit_folder(out, unit) for unit in units})
-    working = partial(open_workspace, executor=executor, fresh=fresh, known=known, lenient=lenient)
-    return units, lambda unit, folder: working(system, folder, jobs, seed, form, reports=asked[unit])
+    asked = reports_of(options.reports, {unit: unit_folder(options.out, unit) for unit in units})
+    working = partial(open_workspace, system, fresh=fresh, known=known, lenient=lenient)
+    return units, lambda unit, folder: working(replace(options, out=folder, reports=asked[unit]))
 
 
 def _tell(

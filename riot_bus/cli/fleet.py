@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from riot_bus.cli import fleet_robots
-from riot_bus.cli.options import CatalogueFile, Format, Jobs, Out, OutputFormat, Seed, UnitName
+from riot_bus.cli.declared import declared
+from riot_bus.cli.options import CatalogueFile, FindingsSystem, Format, OutputFormat, RunOptions, UnitName
 
 if TYPE_CHECKING:
     from riot_bus.fleet.catalogue import Catalogue
@@ -119,6 +120,7 @@ def show(
     typer.echo(json.dumps(entry_json(found), indent=1) if form is OutputFormat.JSON else "\n".join(show_lines(found)))
 
 
+@declared(RunOptions, "out", "seed", "jobs")
 def run(
     testcase: Annotated[
         Path, typer.Argument(help="An injection plan, the folder of a finding, its fields.json, or its failing log.")
@@ -126,12 +128,8 @@ def run(
     *,
     over: Annotated[str, typer.Option(metavar="QUERY", help="Which logs, as for riot fleet list; '' for all.")],
     catalogue: CatalogueFile = None,
-    system: Annotated[
-        Path | None,
-        typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
-    ] = None,
+    system: FindingsSystem = None,
     unit: UnitName = None,
-    out: Out = Path("riot-out"),
     times: Annotated[int, typer.Option(min=1, help="Fresh trials of each log.")] = 1,
     start_offset: Annotated[
         float, typer.Option(metavar="SECONDS", min=0, help="Leave out this much at the beginning of each log.")
@@ -146,9 +144,8 @@ def run(
         ),
     ] = False,
     again: Annotated[bool, typer.Option("--again", help="Try all logs again, also those with an answer.")] = False,
-    seed: Seed = 0,
-    jobs: Jobs = 0,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Replay a test case against the current software, with each matching log as its nominal input.
 
@@ -172,10 +169,10 @@ def run(
         logs = known.find(parse_query(over))
     if not logs:
         raise ConfigError("no log matches", where="--over", hint=f"try: riot fleet list {over}")
-    file = system or Path(template.system or "riot.toml")
+    file, how = system or Path(template.system or "riot.toml"), RunOptions(**given)
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
-        Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator], fresh=True) as workspace,
+        Workspace(file, how.out, jobs=how.jobs, seed=how.seed, listeners=[narrator], fresh=True) as workspace,
     ):
         name = workspace.context.file.choose_unit(unit or template.unit)
         options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)

@@ -1,29 +1,27 @@
 """Options that several commands share, declared once."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from riot_bus.config.arguments import Flag
+from riot_bus.config.arguments import Seed as SeedFlag
+
 __all__ = [
     "DEFAULT_OUT",
     "DEFAULT_SYSTEM",
     "CatalogueFile",
     "Definitions",
-    "EventFormat",
-    "Executor",
     "Finding",
     "FindingsSystem",
     "Format",
-    "Jobs",
-    "Out",
     "OutputFormat",
-    "Reports",
+    "RunOptions",
     "Salvage",
-    "Seed",
     "StreamFormat",
     "System",
     "Tolerance",
@@ -51,43 +49,47 @@ class StreamFormat(StrEnum):
     NDJSON = "ndjson"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """Options that say how the steps of the chain run: where they write, and on what; declared here alone."""
+
+    out: Annotated[Path, Flag("Folder for everything that is written.", "--out -o", env="RIOT_OUT")] = DEFAULT_OUT
+    seed: SeedFlag = 0
+    jobs: Annotated[
+        int,
+        Flag(
+            "Trials at once; 0: one per processor, more if the unit mostly waits.",
+            "--jobs -j",
+            env="RIOT_JOBS",
+            least=0,
+        ),
+    ] = 0
+    executor: Annotated[
+        str | None, Flag("Cluster whose workers execute trials: dask://HOST:PORT.", env="RIOT_EXECUTOR")
+    ] = None
+    reports: Annotated[
+        Sequence[str],
+        Flag(
+            "Keep a report up to date: junit, sarif, allure, markdown, github, or one of another package; repeatable.",
+            "--report",
+            "NAME[=FILE]",
+        ),
+    ] = ()
+    form: Annotated[
+        StreamFormat,
+        Flag("Form of the result on stdout; ndjson: events as they happen.", "--format", env="RIOT_FORMAT"),
+    ] = StreamFormat.TEXT
+
+
 System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
 FindingsSystem = Annotated[
     Path | None,
     typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folder for everything that is written.")]
-Jobs = Annotated[
-    int,
-    typer.Option(
-        "--jobs",
-        "-j",
-        envvar="RIOT_JOBS",
-        min=0,
-        help="Trials at once; 0: one per processor, more if the unit mostly waits.",
-    ),
-]
-Executor = Annotated[
-    str | None,
-    typer.Option("--executor", envvar="RIOT_EXECUTOR", help="Cluster whose workers execute trials: dask://HOST:PORT."),
-]
-Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[
     str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test, if there are several.")
 ]
 Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")]
-EventFormat = Annotated[
-    StreamFormat,
-    typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout; ndjson: events as they happen."),
-]
-Reports = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--report",
-        metavar="NAME[=FILE]",
-        help="Keep a report up to date: junit, sarif, allure, markdown, github, or one of another package; repeatable.",
-    ),
-]
 Types = Annotated[
     list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
 ]
