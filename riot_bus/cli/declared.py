@@ -81,7 +81,7 @@ def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Param
         kind, default = str | None, flag.text
     elif get_origin(kind) is Literal:
         kind = str
-    option = typer.Option(*names, metavar=flag.metavar, envvar=flag.env, help=flag.help, min=flag.least)
+    option = typer.Option(*names, metavar=flag.metavar, envvar=flag.env, help=flag.help, min=flag.least, max=flag.most)
     return inspect.Parameter(
         field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
     )

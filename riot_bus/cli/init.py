@@ -8,14 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
+from riot_bus.cli.declared import declared
 from riot_bus.cli.fastpath import warn
-from riot_bus.cli.options import DEFAULT_SYSTEM, Format, OutputFormat
+from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.printing import print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus.sut.init_options import InitOptions
 
 __all__ = ["init"]
 
 
+@declared(InitOptions, before="cfg")
 def init(
     *,
     ros2: Annotated[
@@ -37,49 +40,22 @@ def init(
     ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     router: RouterName = None,
-    seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look, in seconds.")] = 3.0,
-    record: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.mcap", help="Record what is seen, as the nominal log. Plain Zenoh only."),
-    ] = None,
-    start: Annotated[
-        bool,
-        typer.Option(
-            "--start",
-            help="Then start each component once more, separately from those that run, to see what each reads and "
-            "writes. Plain Zenoh only.",
-        ),
-    ] = False,
-    unit: Annotated[
-        str | None,
-        typer.Option(
-            "--unit",
-            "-u",
-            metavar="NAME",
-            help="Component or node to test, else all that have inputs; for MAVLink, the id of the system.",
-        ),
-    ] = None,
-    external: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Component or node that plays the outside world, else all that only publish; repeatable.",
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_SYSTEM,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Write a first riot.toml: the components, inputs, outputs and types that are seen, and what is left to fill in.
 
     Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """
+    from riot_bus.control.component import client_cfg
+    from riot_bus.sut.init import init_links, init_plain, init_plain_log, init_ros2
     from riot_bus.vocabulary.errors import ConfigError
 
+    options = InitOptions(endpoint=endpoint, router=router, config=client_cfg(cfg or ()), **given)
     heard = [*(f"mavlink={url}" for url in mavlink or ()), *(link or ())]
     chosen = [name for name, given in (("--ros2", ros2), ("--mavlink or --link", heard), ("--log", log)) if given]
-    plain = [name for name, given in (("--record", record), ("--start", start)) if given]
+    plain = [name for name, given in (("--record", options.record), ("--start", options.start)) if given]
     if len(chosen) > 1 or (chosen and plain):
         raise ConfigError(f"{' and '.join([*chosen, *plain])} do not go together", where="riot init", hint="choose one")
     if heard:
@@ -88,32 +64,14 @@ def init(
         if len(adapters) > 1 or not all(links):
             hint = "write ADAPTER=URL, such as mavlink=udpin:0.0.0.0:14550, with one adapter for all links"
             raise ConfigError(f"cannot listen to {', '.join(heard)}", where="riot init --link", hint=hint)
-        _init_links(adapters.pop(), links, out, seconds=seconds, unit=unit, force=force, form=form)
-        return
-    what: dict[str, Any] = {"unit": unit, "external": external or (), "force": force}
-    live: dict[str, Any] = {"seconds": seconds, "cfg": cfg or (), **what}
-    if ros2:
-        from riot_bus.sut.init import init_ros2
-
-        found, lines = init_ros2(out, endpoint, **live), _lines
+        system, file = init_links(options, adapters.pop(), links, warn=warn), str(options.out)
+        print_result(form, {"file": file, **system.facts}, [*system.lines, _written(file)])
+    elif ros2:
+        found = init_ros2(options)
+        print_result(form, found, _lines(found))
     else:
-        from riot_bus.sut.init import init_plain, init_plain_log
-
-        lines = _plain_lines
-        if log is not None:
-            found = init_plain_log(out, log, **what)
-        else:
-            found = init_plain(out, endpoint, record=record, start=start, router=router, **live)
-    print_result(form, found, lines(found))
-
-
-def _init_links(
-    adapter: str, links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
-) -> None:
-    from riot_bus.sut.init import init_links
-
-    found = init_links(out, adapter, links, seconds=seconds, unit=unit, force=force, warn=warn)
-    print_result(form, {"file": str(out), **found.facts}, [*found.lines, _written(str(out))])
+        found = init_plain(options) if log is None else init_plain_log(options, log)
+        print_result(form, found, _plain_lines(found))
 
 
 def _written(file: str) -> str:

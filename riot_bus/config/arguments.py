@@ -52,6 +52,7 @@ class Flag:
             name, for errors.
         text: The default as a user would write it, for `read`.
         least: Smallest number.
+        most: Greatest number.
         remote: Whether it may be requested of a robot; for numbers, optionally the least and the greatest.
     """
 
@@ -62,6 +63,7 @@ class Flag:
     read: Callable[[Any, str], Any] | None = None
     text: str | None = None
     least: float | None = None
+    most: float | None = None
     remote: bool | tuple[float, float] = False
 
 

@@ -20,32 +20,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.sut.command_draft import CommandDraft
+    from riot_bus.sut.init_options import InitOptions
     from riot_bus.sut.plain_draft import PlainDraft, PlainFacts
     from riot_bus.types.capabilities import HeardSystem
 
 __all__ = ["check_path", "init_links", "init_plain", "init_plain_log", "init_ros2", "write_system"]
 
 
-def init_ros2(
-    path: Path,
-    endpoint: str,
-    *,
-    seconds: float,
-    unit: str | None = None,
-    external: Sequence[str] = (),
-    cfg: Sequence[str] = (),
-    force: bool = False,
-) -> dict[str, Any]:
+def init_ros2(options: InitOptions) -> dict[str, Any]:
     """Look at the ROS 2 nodes on a router and write a system file.
-
-    Args:
-        path: Path of the system file.
-        endpoint: Endpoint of the router.
-        seconds: Time to look, in seconds.
-        unit: Name of the node to test.
-        external: Nodes that play the outside world.
-        cfg: Further Zenoh settings, each `KEY=VALUE`.
-        force: Whether to replace an existing file.
 
     Returns:
         What was seen and written, as JSON values.
@@ -54,50 +37,38 @@ def init_ros2(
         ConfigError: The file exists already, or a named node was not seen.
         EnvironmentFaultError: No router answers, or no nodes were seen.
     """
-    from riot_bus.control.component import client_cfg
     from riot_bus.graph.survey import survey
     from riot_bus.sut.process_facts import bridged_domain, nodes_of_domain
     from riot_bus.sut.scaffold import sketch_json, sketch_toml
     from riot_bus.sut.system_draft import sketch
 
-    check_path(path, force=force)
+    check_path(options.out, force=options.force)
     registry = TypeRegistry(load_adapters(["ros2"]))
-    seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))
-    shown = redacted(endpoint)
+    seen = survey(options.endpoint, registry, seconds=options.seconds, config=options.config)
+    shown = redacted(options.endpoint)
     domains = {zid: bridged_domain(each) for zid, each in seen.started.items()}
     found = sketch(
         seen.announcements,
         offered=seen.offered,
         known=lambda name: registry.type_named(name) is not None,
-        unit=unit,
-        external=external,
+        unit=options.unit,
+        external=options.external,
         started=seen.started,
         behind={zid: nodes_of_domain(domain) for zid, domain in domains.items() if domain is not None},
         where=shown,
     )
-    write_system(path, sketch_toml(found, origin=f"what {shown} announced within {seconds:g} s"), force=force)
-    return {"file": str(path), "endpoint": shown, "skipped": seen.skipped, **sketch_json(found)}
+    text = sketch_toml(found, origin=f"what {shown} announced within {options.seconds:g} s")
+    write_system(options.out, text, force=options.force)
+    return {"file": str(options.out), "endpoint": shown, "skipped": seen.skipped, **sketch_json(found)}
 
 
-def init_links(
-    path: Path,
-    adapter: str,
-    links: Sequence[str],
-    *,
-    seconds: float,
-    unit: str | None = None,
-    force: bool = False,
-    warn: Callable[[str], None],
-) -> HeardSystem:
+def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn: Callable[[str], None]) -> HeardSystem:
     """Listen to links that an adapter knows and write a system file.
 
     Args:
-        path: Path of the system file.
+        options: Options of the command; the unit is named as the adapter names it.
         adapter: Name of the adapter.
         links: Links in the notation of the adapter.
-        seconds: Time to listen, in seconds.
-        unit: Name of the unit to test, as the adapter names it.
-        force: Whether to replace an existing file.
         warn: Function called with a line about what does not work.
 
     Returns:
@@ -111,9 +82,9 @@ def init_links(
     if not isinstance(loaded, ListensToLinks):
         hint = "it needs `listen` of riot_bus.types.capabilities.ListensToLinks"
         raise ConfigError(f"adapter {adapter!r} hears no systems on links", where="riot init", hint=hint)
-    check_path(path, force=force)
-    found = loaded.listen(links, seconds=seconds, unit=unit, warn=warn)
-    write_system(path, found.toml, force=force)
+    check_path(options.out, force=options.force)
+    found = loaded.listen(links, seconds=options.seconds, unit=options.unit, warn=warn)
+    write_system(options.out, found.toml, force=options.force)
     return found
 
 
@@ -148,32 +119,8 @@ def _there(path: Path) -> ConfigError:
     return ConfigError("there is a system file already", where=str(path), hint="name another with -o, or use --force")
 
 
-def init_plain(
-    path: Path,
-    endpoint: str,
-    *,
-    seconds: float,
-    record: Path | None = None,
-    start: bool = False,
-    unit: str | None = None,
-    external: Sequence[str] = (),
-    router: str | None = None,
-    cfg: Sequence[str] = (),
-    force: bool = False,
-) -> dict[str, Any]:
+def init_plain(options: InitOptions) -> dict[str, Any]:
     """Look at the components on a router and write a system file.
-
-    Args:
-        path: Path of the system file.
-        endpoint: Endpoint of the router.
-        seconds: Time to look, in seconds.
-        record: Path at which the messages are recorded as the nominal log; None for no recording.
-        start: Whether to start the components once, apart from those that run, to see what each reads and writes.
-        unit: Name of the component to test.
-        external: Components that play the outside world.
-        router: Name of the router, if there are several.
-        cfg: Further Zenoh settings, each `KEY=VALUE`.
-        force: Whether to replace existing files.
 
     Returns:
         What was seen and written, as JSON values.
@@ -182,41 +129,46 @@ def init_plain(
         ConfigError: A file exists already, or a named component was not seen.
         EnvironmentFaultError: No router answers, or nothing was seen.
     """
-    from riot_bus.control.component import client_cfg
     from riot_bus.sut.plain_look import look_at_network
 
+    path, record, force = options.out, options.record, options.force
     check_path(path, force=force)
     if record is not None and record.exists() and not force:
         raise ConfigError("there is a recording already", where=str(record), hint="name another, or use --force")
-    config = client_cfg(cfg)
-    facts = look_at_network(endpoint, seconds=seconds, record=record, config=config, router=router, force=force)
+    facts = look_at_network(
+        options.endpoint,
+        seconds=options.seconds,
+        record=record,
+        config=options.config,
+        router=options.router,
+        force=force,
+    )
     try:
         inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}
         facts = replace(facts, commands=inside)
-        found = plain_draft(facts, unit=unit, external=external)
+        found = plain_draft(facts, unit=options.unit, external=options.external)
         _write_files(path.resolve().parent, facts.commands.values(), force=force)
-        origin = f"what {redacted(endpoint)} showed within {seconds:g} s"
+        origin = f"what {redacted(options.endpoint)} showed within {options.seconds:g} s"
         _write(path, found, origin, record, force=force)
     except RiotError:
         if record is not None:  # else a second attempt would be refused because of it
             record.unlink(missing_ok=True)
         raise
-    if start:
-        found = _started(path, facts, found, seconds, unit=unit, external=external)
+    if options.start:
+        found = _started(options, facts, found)
         _write(path, found, f"{origin}, and what its components did when riot started them", record, force=True)
-    return {"file": str(path), "endpoint": redacted(endpoint), "started": start, **draft_json(found)}
+    shown = redacted(options.endpoint)
+    return {"file": str(path), "endpoint": shown, "started": options.start, **draft_json(found)}
 
 
-def init_plain_log(
-    path: Path, log: Path, *, unit: str | None = None, external: Sequence[str] = (), force: bool = False
-) -> dict[str, Any]:
-    """Write a system file from a recording; arguments, result and errors as of `init_plain`."""
-    check_path(path, force=force)
+def init_plain_log(options: InitOptions, log: Path) -> dict[str, Any]:
+    """Write a system file from a recording; result and errors as of `init_plain`."""
+    check_path(options.out, force=options.force)
     from riot_bus.sut.plain_look import look_at_log
 
-    found = plain_draft(look_at_log(log), unit=unit, external=external)
-    _write(path, found, f"what {log.name} shows", log, force=force)
-    return {"file": str(path), "log": str(log), "started": False, **draft_json(found)}
+    found = plain_draft(look_at_log(log), unit=options.unit, external=options.external)
+    _write(options.out, found, f"what {log.name} shows", log, force=options.force)
+    return {"file": str(options.out), "log": str(log), "started": False, **draft_json(found)}
 
 
 def _write(path: Path, found: PlainDraft, origin: str, nominal: Path | None, *, force: bool) -> None:
@@ -244,9 +196,7 @@ def _relative(place: Path, path: Path) -> str:
     return os.path.relpath(place, root) if place.is_relative_to(root) else str(place)
 
 
-def _started(
-    path: Path, facts: PlainFacts, found: PlainDraft, seconds: float, *, unit: str | None, external: Sequence[str]
-) -> PlainDraft:
+def _started(options: InitOptions, facts: PlainFacts, found: PlainDraft) -> PlainDraft:
     """Return the draft with what components do when they are started."""
     from riot_bus.sut.context import open_system
     from riot_bus.sut.first_run import first_run, with_run
@@ -255,8 +205,9 @@ def _started(
     if not names:
         raise ConfigError(
             "no component can be started, since no command is known completely",
-            where=str(path),
+            where=str(options.out),
             hint="fill in the commands, with {endpoint} in each",
         )
-    run = first_run(open_system(path), names, keys=facts.topics, seconds=seconds)
-    return plain_draft(with_run(facts, run, found.sessions), unit=unit, external=external, names=found.sessions)
+    run = first_run(open_system(options.out), names, keys=facts.topics, seconds=options.seconds)
+    facts = with_run(facts, run, found.sessions)
+    return plain_draft(facts, unit=options.unit, external=options.external, names=found.sessions)
