@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from riot_bus.cli.options import Definitions, Format, OutputFormat, Salvage, Tolerance, ToleranceFile, Types
+from riot_bus.cli.declared import declared
+from riot_bus.cli.options import Format, OutputFormat, Tolerance, ToleranceFile
 from riot_bus.cli.printing import print_json, print_lines, print_result
+from riot_bus.log.comparison.options import Extract
 
 if TYPE_CHECKING:
-    from riot_bus.log.comparison.opening import Extract
     from riot_bus.log.comparison.result import LogDifference
 
 __all__ = ["diff", "end_with", "print_difference"]
 
 
+@declared(Extract, before="timing")
 def diff(
     logs: Annotated[
         list[Path], typer.Argument(metavar="A B", help="Two logs: MCAP files, or folders of a recording's files.")
@@ -31,17 +33,6 @@ def diff(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --propose: file to write. [default: stdout]"),
     ] = None,
-    topics: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="Compare these: names or key expressions; repeatable.")
-    ] = None,
-    exclude: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out: likewise; repeatable.")
-    ] = None,
-    start: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Begin there: seconds from each log's beginning, or a date and time."),
-    ] = None,
-    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
     timing: Annotated[
         float | None,
         typer.Option(
@@ -52,31 +43,21 @@ def diff(
         bool, typer.Option("--order", help="Also compare the order of messages of different topics.")
     ] = False,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the result as an HTML page.")] = None,
-    salvage: Salvage = False,
-    type_: Types = None,
-    msg: Definitions = None,
     form: Format = OutputFormat.TEXT,
+    **given: Any,
 ) -> None:
     """Say whether a system has answered the same in two logs: count, order and values, apart from timing.
 
     Exit code 1: they differ. 3: they do not, but a log is damaged or incomplete. 5: nothing could be compared.
     """
     from riot_bus.log.comparison.compare import Wishes
-    from riot_bus.log.comparison.opening import Extract, compare_logs
+    from riot_bus.log.comparison.opening import compare_logs
     from riot_bus.log.comparison.tolerances import tolerances_of
     from riot_bus.vocabulary.errors import ConfigError
 
-    extract = Extract(
-        topics=topics or (),
-        exclude=exclude or (),
-        start=start,
-        end=end,
-        types=type_ or (),
-        definitions=msg or (),
-        salvage=salvage,
-    )
-    given = {"--tolerance": tolerance, "--tolerances": tolerances, "--timing": timing is not None, "--order": order}
-    unfit = [name for name, value in ({**given, "--html": html} if propose else {"--out": out}).items() if value]
+    extract = Extract(**given)
+    judging = {"--tolerance": tolerance, "--tolerances": tolerances, "--timing": timing is not None, "--order": order}
+    unfit = [name for name, value in ({**judging, "--html": html} if propose else {"--out": out}).items() if value]
     if unfit:
         raise ConfigError(f"{', '.join(unfit)} cannot be used {'with' if propose else 'without'} --propose")
     if propose:

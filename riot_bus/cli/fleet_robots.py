@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot, as riot fleet robots lists it.")]
 FleetEndpoint = Annotated[
@@ -182,6 +181,7 @@ def _drive(
     robot: str, kind: str, own: dict[str, Any], given: dict[str, Any], form: OutputFormat, *, policy: str
 ) -> None:
     from riot_bus.agent.controller import drive
+    from riot_bus.vocabulary.errors import INTERRUPTED
 
     options = options_of(ControllerOptions, given)
     finished = drive(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.cli.fastpath import quick_start, warn
 from riot_bus.findings.steps import STEPS
-from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
+from riot_bus.vocabulary.errors import INTERRUPTED, EnvironmentFaultError, RiotError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "add_commands", "make_app", "run"]
 
-INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 _END_S, _STDERR = 30.0, 2  # generous, not measured: what still runs then is taken to hang; a file descriptor
 
 COMMANDS = {

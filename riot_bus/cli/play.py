@@ -17,7 +17,6 @@ from riot_bus.play.options import Expectation, PlayOptions
 
 __all__ = ["register"]
 
-INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 _CLOCK_HZ = "40"
 
 
@@ -64,7 +63,7 @@ def play(
     from riot_bus.cli.terminal import foreground_of
     from riot_bus.control.component import client_cfg
     from riot_bus.play.running import run_play
-    from riot_bus.vocabulary.errors import ConfigError
+    from riot_bus.vocabulary.errors import INTERRUPTED, ConfigError
 
     options = options_of(PlayOptions, given, logs=logs, endpoint=endpoint, config=client_cfg(cfg or ()))
     foreground = foreground_of(form, keys=True)

@@ -67,7 +67,7 @@ class Flag:
     remote: bool | tuple[float, float] = False
 
 
-Types = Annotated[Sequence[str], Flag("Type of a topic's messages.", "--type", "TOPIC=TYPE", remote=True)]
+Types = Annotated[Sequence[str], Flag("Type of a topic's messages; repeatable.", "--type", "TOPIC=TYPE", remote=True)]
 Definitions = Annotated[
     Sequence[Path], Flag("File that defines message types: .msg, .desc, ...; repeatable.", "--msg", "FILE")
 ]

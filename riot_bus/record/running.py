@@ -11,7 +11,7 @@ from riot_bus.control.heap import roomy_heap
 from riot_bus.control.signals import ended_by_signals
 from riot_bus.record.service import CaptureService
 from riot_bus.record.text import progress_line, result_lines
-from riot_bus.vocabulary.errors import DataLossError
+from riot_bus.vocabulary.errors import INTERRUPTED, DataLossError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["run_capture"]
 
-_INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 _WRITE_S = 300.0
 """Longest time to write what waits in memory: 256 MiB (--queue-size) at 1 MB/s, a slow SD card."""
 
@@ -85,4 +84,4 @@ def _leave() -> None:
     """End the process, but not by an exception, which would wait for a disk or link that hangs."""
     sys.stderr.write("riot: ended at once; the file is readable up to its last chunk\n")
     sys.stderr.flush()
-    os._exit(_INTERRUPTED)
+    os._exit(INTERRUPTED)

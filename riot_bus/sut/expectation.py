@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.log.comparison.compare import Wishes, compare
-from riot_bus.log.comparison.opening import Extract, opened
+from riot_bus.log.comparison.opening import opened
+from riot_bus.log.comparison.options import Extract
 from riot_bus.play.playback_plan import PlaybackPlan
 from riot_bus.play.running import run_play
 from riot_bus.record.options import CaptureOptions

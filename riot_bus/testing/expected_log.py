@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.log.comparison.compare import Wishes
-from riot_bus.log.comparison.opening import Extract, compare_logs, opened
+from riot_bus.log.comparison.opening import compare_logs, opened
+from riot_bus.log.comparison.options import Extract
 from riot_bus.log.comparison.tolerances import tolerances_of
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.serve import part_of

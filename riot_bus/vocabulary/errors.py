@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 __all__ = [
+    "INTERRUPTED",
     "ConfigError",
     "DataLossError",
     "EnvironmentFaultError",
@@ -27,6 +28,8 @@ __all__ = [
     "needs_extra",
     "require_package",
 ]
+
+INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 
 
 class RiotError(Exception):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from heapq import merge
 from itertools import combinations
 from operator import attrgetter
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 from riot_bus.config.arguments import parse_types
 from riot_bus.log.account import LOST, account_of
 from riot_bus.log.comparison.compare import Wishes, compare
+from riot_bus.log.comparison.options import Extract
 from riot_bus.log.comparison.proposal import Proposal, propose
 from riot_bus.log.comparison.recording import Recording
 from riot_bus.log.naming import parse_time
@@ -30,30 +30,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Extract", "compare_logs", "opened", "propose_tolerances"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extract:
-    """The part of the logs that is compared.
-
-    Attributes:
-        topics: Names or key expressions; empty for all.
-        exclude: Names or key expressions of topics that are left out.
-        start: Beginning of the part: seconds from the beginning of each log, or a point in time.
-        end: End of the part, in the same form; exclusive.
-        types: Types of topics, as `TOPIC=TYPE`.
-        definitions: Files that define message types.
-        salvage: Whether to take messages of damaged chunks that an index confirms.
-    """
-
-    topics: Sequence[str] = ()
-    exclude: Sequence[str] = ()
-    start: str | None = None
-    end: str | None = None
-    types: Sequence[str] = ()
-    definitions: Sequence[Path] = ()
-    salvage: bool = False
+__all__ = ["compare_logs", "opened", "propose_tolerances"]
 
 
 def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Extract | None = None) -> LogDifference:

@@ -6,7 +6,8 @@ import pytest
 
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.comparison.compare import Wishes
-from riot_bus.log.comparison.opening import Extract, compare_logs, opened, propose_tolerances
+from riot_bus.log.comparison.opening import compare_logs, opened, propose_tolerances
+from riot_bus.log.comparison.options import Extract
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
