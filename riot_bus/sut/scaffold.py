@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.sut.plain_topics import size_of
 from riot_bus.sut.system_draft import INSIDE, OUTSIDE
 from riot_bus.vocabulary.redaction import escape_control_chars as comment
+from riot_bus.vocabulary.text_table import table_lines
 from riot_bus.vocabulary.toml_text import toml_string, toml_value
 
 if TYPE_CHECKING:
@@ -161,12 +162,15 @@ def draft_lines(found: Mapping[str, Any]) -> list[str]:
         found: As `draft_json` returns it, and whether components were `started`.
     """
     parts = found["components"]
-    widths = [max(len(part[key]) for part in parts) for key in ("name", "segment")]
-    lines = [
-        f"{part['name']:{widths[0]}}  {part['segment']:{widths[1]}}  {len(part['inputs'])} in, "
-        f"{len(part['outputs'])} out  {shlex.join(part['command'])}"
+    rows = [
+        (
+            part["name"],
+            part["segment"],
+            f"{len(part['inputs'])} in, {len(part['outputs'])} out  {shlex.join(part['command'])}",
+        )
         for part in parts
     ]
+    lines = table_lines(rows, left=range(3))
     lines.append(f"external topics: {', '.join(found['external']) or 'none known'}")
     lines += [f"{topic}: type unknown" for topic, each in found["topics"].items() if not each["type"]]
     if found["unknown_publisher"]:

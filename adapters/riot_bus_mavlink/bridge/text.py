@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.vocabulary.text_table import table_lines
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
 __all__ = ["ready_line", "summary_lines"]
 
@@ -61,14 +63,4 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
         words = ("lost_to_bus", "inserted", "broken", "refused", "unrouted")
         extra = [f"{segment[word]} {word}" for word in words if segment.get(word)]
         notes.append(f"{text} ({', '.join(extra)})" if extra else text)
-    return [*notes, *_table(rows)]
-
-
-def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(
-            [f"{row[0]:<{widths[0]}}", *(f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))]
-        ).rstrip()
-        for row in rows
-    ]
+    return [*notes, *table_lines(rows)]

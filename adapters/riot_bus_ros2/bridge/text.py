@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.vocabulary.text_table import table_lines
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -25,12 +27,5 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
     return [
         *(f"{name}: {count} messages of the domain were lost" for name, count in status["lost"].items()),
         *(f"{name}: {count} messages too short to be valid were left out" for name, count in refused.items()),
-        *_table(rows),
-    ]
-
-
-def _table(rows: list[tuple[str, str, str]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return [
-        f"{name:<{widths[0]}}  {first:>{widths[1]}}  {second:>{widths[2]}}".rstrip() for name, first, second in rows
+        *table_lines(rows),
     ]
