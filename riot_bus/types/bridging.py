@@ -1,4 +1,4 @@
-"""Interfaces of bridges, which connect other middleware to a segment, and of their host, `riot bridge NAME`.
+"""Base of bridges, which connect other middleware to a segment, and the interface of their host, `riot bridge NAME`.
 
 A bridge is part of an adapter package. Its command is a function for typer, found by the entry points
 `riot_bus.bridges`; the attribute `obj` of its `typer.Context` is a `BridgeHost`. Parameters called `system`, `cfg` and
@@ -7,6 +7,10 @@ A bridge is part of an adapter package. Its command is a function for typer, fou
 
 from __future__ import annotations
 
+import logging
+import threading
+from abc import ABC, abstractmethod
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
@@ -18,6 +22,9 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.errors import RiotError
 
 __all__ = ["Bridge", "BridgeHost", "BridgedLink", "LinkedBridge", "OwnRouter"]
+
+_LOG = logging.getLogger(__name__)
+_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make a bridge print and keep for its status
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,34 +46,68 @@ class BridgedLink:
     subscribes: str = ""
 
 
-class Bridge(Protocol):
-    """A bridge of an adapter: a context manager that starts and ends it."""
+class Bridge(ABC):
+    """A bridge of an adapter: a context manager that starts and ends it, once.
 
-    @property
-    def failure(self) -> RiotError | None:
-        """Error that ended the bridge by itself."""
+    Args:
+        warn: Function that prints a line about a problem; called on any thread.
 
-    def wait(self, timeout: float) -> bool:
-        """Wait until the bridge has to end; return whether it has to."""
+    Attributes:
+        failure: Error that ended the bridge by itself.
+        ended: Event that is set as soon as the bridge has to end.
+        problems: Lines about problems, each of them once, the oldest first.
+    """
 
-    def stop(self) -> None:
-        """End the bridge soon."""
+    def __init__(self, *, warn: Callable[[str], None] = _LOG.warning) -> None:
+        self.failure: RiotError | None = None
+        self.ended = threading.Event()
+        self.problems: dict[str, None] = {}
+        self._warn = warn
+        self._stack = ExitStack()
 
+    @abstractmethod
+    def open(self, stack: ExitStack) -> None:
+        """Start the bridge; register what ends it in `stack`, which is also closed if the start fails."""
+
+    @abstractmethod
     def status(self) -> dict[str, Any]:
         """Return the current state, as JSON values."""
 
+    @abstractmethod
     def ready(self) -> str:
         """Return a line that says what is bridged."""
 
+    @abstractmethod
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed the bridge."""
 
     def words(self) -> Mapping[str, str]:
         """Return the values of `{WORD}` in the command of a program behind the bridge, by word."""
+        return {}
 
-    def __enter__(self) -> Self: ...
+    def wait(self, timeout: float) -> bool:
+        """Wait until the bridge has to end; return whether it has to."""
+        return self.ended.wait(timeout)
 
-    def __exit__(self, *error: object) -> None: ...
+    def stop(self) -> None:
+        """End the bridge soon; also usable in signal handlers."""
+        self.ended.set()
+
+    def report_problem(self, line: str) -> None:
+        """Warn of a problem, unless it has been reported before."""
+        if line not in self.problems and len(self.problems) < _MOST_PROBLEMS:
+            self.problems[line] = None
+            with suppress(OSError):  # the reader of the warnings is gone; bridging continues
+                self._warn(f"warning: {line}")
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self.open(stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +137,10 @@ class OwnRouter:
     carried: Sequence[str] = ()
 
 
-class LinkedBridge(Bridge, Protocol):
+class LinkedBridge(Bridge):
     """A bridge that lists its links, so that it can run in one process with a router."""
 
+    @abstractmethod
     def links(self) -> Collection[BridgedLink]:
         """Return the current links; called on any thread."""
 

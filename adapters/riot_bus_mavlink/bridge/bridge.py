@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections import Counter
-from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.bridging import BridgedLink
+from riot_bus.types.bridging import BridgedLink, LinkedBridge
 from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror
 from riot_bus_mavlink.bridge.routing import Duplicates, Routes
@@ -24,9 +22,9 @@ from riot_bus_mavlink.links.opening import open_link
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
+    from contextlib import ExitStack
 
     from riot_bus.types.port import BridgePort
-    from riot_bus.vocabulary.errors import RiotError
     from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End
@@ -38,11 +36,10 @@ JSON_LINK = "json"
 """Name that replaces the link in the keys of frames received as JSON."""
 
 _LOG = logging.getLogger(__name__)
-_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make the bridge print and keep for its status
 _MEET_S = 5.0  # a guess: segments that no router joins delay the start by this much
 
 
-class MavlinkBridge:
+class MavlinkBridge(LinkedBridge):
     """Context manager that carries frames between links and segments while it is open.
 
     One thread waits for the links and carries what comes over them; Zenoh's threads carry what comes from the bus.
@@ -53,7 +50,6 @@ class MavlinkBridge:
         warn: Called from other threads with one line for each problem.
 
     Attributes:
-        failure: Reason why the bridge ended by itself, if it did.
         loop: Thread that waits for the links.
         crc_extra: Returns a message's CRC extra byte.
 
@@ -69,13 +65,9 @@ class MavlinkBridge:
         *,
         warn: Callable[[str], None] = _LOG.warning,
     ) -> None:
-        self.failure: RiotError | None = None
+        super().__init__(warn=warn)
         self._patient = options.patient
         self._plan = options.plan(list(ports))
-        self._warn = warn
-        self._ended = threading.Event()
-        self._problems: dict[str, None] = {}
-        self._stack = ExitStack()
         dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
         self._sides = {
             name: Side(
@@ -109,50 +101,37 @@ class MavlinkBridge:
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.callback(self.loop.close)
-            sides = list(self._sides.values())
-            mirrors = [side.mirror for side in sides if side.mirror is not None]
-            parts: list[Side | Mirror] = [*sides, *mirrors]
-            for part in parts:
-                stack.callback(part.close)
-            stack.callback(self._close_links)
-            for side in sides:
-                stack.callback(side.stop_listening)
-            for spec in self._plan.links:
-                self._links.append(open_link(spec, self))
-            for part in mirrors if self._patient else parts:
-                part.open()
-            if not self._patient:
-                self._await_each_other()
-            stack.callback(self.loop.stop)
-            self.loop.start()
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
+    def open(self, stack: ExitStack) -> None:
+        """Open the links, join the segments, and start to carry frames."""
+        stack.callback(self.loop.close)
+        sides = list(self._sides.values())
+        mirrors = [side.mirror for side in sides if side.mirror is not None]
+        parts: list[Side | Mirror] = [*sides, *mirrors]
+        for part in parts:
+            stack.callback(part.close)
+        stack.callback(self._close_links)
+        for side in sides:
+            stack.callback(side.stop_listening)
+        for spec in self._plan.links:
+            self._links.append(open_link(spec, self))
+        for part in mirrors if self._patient else parts:
+            part.open()
+        if not self._patient:
+            self._await_each_other()
+        stack.callback(self.loop.stop)
+        self.loop.start()
 
     def _await_each_other(self) -> None:
         """Wait until frames can reach the other segments, before any are taken from links."""
         deadline = time.monotonic() + _MEET_S
         for name, side in self._sides.items() if len(self._sides) > 1 else ():
             if not side.await_subscriber(deadline - time.monotonic()):
-                self._problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
+                self.report_problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
 
     def _close_links(self) -> None:
         for link in self._links:
             self._tallies[link.spec.name].end(link)
             link.close()
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until the bridge is to end; return whether it is."""
-        return self._ended.wait(timeout)
-
-    def stop(self) -> None:
-        """Make the bridge end soon; also usable in signal handlers."""
-        self._ended.set()
 
     # -- what is going on ---------------------------------------------------------------------------------------------
 
@@ -166,7 +145,7 @@ class MavlinkBridge:
                 for name, side in self._sides.items()
             },
             "links": {link.spec.name: self._tallies[link.spec.name].status(link) for link in self._links},
-            "problems": list(self._problems),
+            "problems": list(self.problems),
         }
 
     def links(self) -> Collection[BridgedLink]:
@@ -221,13 +200,7 @@ class MavlinkBridge:
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Report a problem once."""
-        self._problem(f"{spec.name} ({spec.where}): {text}")
-
-    def _problem(self, line: str) -> None:
-        if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
-            self._problems[line] = None
-            with suppress(OSError):  # the reader of the warnings is gone; bridging continues
-                self._warn(f"warning: {line}")
+        self.report_problem(f"{spec.name} ({spec.where}): {text}")
 
     def _counts(self, segment: str) -> Counter[str]:
         side = self._sides[segment]

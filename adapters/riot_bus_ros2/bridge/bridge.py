@@ -8,9 +8,9 @@ import secrets
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
+from riot_bus.types.bridging import Bridge
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_ros2.bridge.announcer import Announcer
 from riot_bus_ros2.bridge.graph import DomainGraph
@@ -25,9 +25,9 @@ from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from contextlib import ExitStack
 
     from riot_bus.types.port import SegmentAccess
-    from riot_bus.vocabulary.errors import RiotError
     from riot_bus_ros2.bridge.options import Ros2BridgeOptions
     from riot_bus_ros2.bridge.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
@@ -43,7 +43,6 @@ _RESTART_S = 10.0
 """Time for which a route stays whose last endpoint has gone: a node that is started again is back in 1 to 5 s, and Fast
 DDS may never tell a participant that it just meets of a reader that goes at that moment (1 of 60 starts, without any
 bridge); a reliable publisher then waits for that reader."""
-_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make the bridge print and keep for its status
 _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
 _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
 _MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
@@ -52,7 +51,7 @@ _GID = 16  # an attachment ends with a gid, a hash of 128 bits (gid.py)
 _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
-class Ros2Bridge:
+class Ros2Bridge(Bridge):
     """Context manager that bridges a ROS domain and a segment while it is open.
 
     One thread decides what is bridged, from the endpoints on both sides. Messages are carried on the threads that
@@ -63,9 +62,6 @@ class Ros2Bridge:
         options: Options of the bridge.
         warn: Called from other threads with one line for each problem.
 
-    Attributes:
-        failure: Reason why the bridge ended by itself, if it did.
-
     Raises:
         ConfigError: An option is not usable.
     """
@@ -73,9 +69,9 @@ class Ros2Bridge:
     def __init__(
         self, port: SegmentAccess, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
+        super().__init__(warn=warn)
         options.check()
-        self.failure: RiotError | None = None
-        self._port, self._options, self._warn = port, options, warn
+        self._port, self._options = port, options
         self._names = Names(options)
         self.name = f"{NODE_PREFIX}{time.time_ns():016x}{secrets.token_hex(4)}"  # an older bridge has a smaller name
         self._node = NodeProcess(self.name, options, self._receive)
@@ -96,56 +92,41 @@ class Ros2Bridge:
         self._carried: dict[str, Counter[str]] = {"to_segment": Counter(), "to_domain": Counter(), "calls": Counter()}
         self._lost: dict[int, tuple[str, int]] = {}
         self._refused: Counter[str] = Counter()
-        self._problems: dict[str, None] = {}
-        self._stack = ExitStack()
         self._changed = threading.Condition()
         self._dirty = False
-        self._settled, self._ended = threading.Event(), threading.Event()
+        self._settled = threading.Event()
         self._thread = threading.Thread(target=self._run, name="riot-bridge", daemon=True)
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.callback(self._node.close)
-            options = self._options
-            for watched, report in (
-                (f"@ros2_lv/{options.zenoh_domain}/**", self._see_token),
-                (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
-            ):
-                stack.callback(self._port.watch(watched, report).close)
-            # Before the node starts, which takes time: bridges with a later name must see this token in time.
-            mine = OtherBridge(options.domain, self._port.zid, self.name)
-            stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
-            self._node_says = self._node.start()
-            stack.callback(self._close_routes)
-            stack.callback(self._announcer.close)
-            self._began = time.monotonic()
-            self._thread.start()
-            stack.callback(self._finish)
-            stack.callback(self._join)
-            self._await_first_look()
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
+    def open(self, stack: ExitStack) -> None:
+        """Start the node, and wait until what it sees of its domain is bridged."""
+        stack.callback(self._node.close)
+        options = self._options
+        for watched, report in (
+            (f"@ros2_lv/{options.zenoh_domain}/**", self._see_token),
+            (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
+        ):
+            stack.callback(self._port.watch(watched, report).close)
+        # Before the node starts, which takes time: bridges with a later name must see this token in time.
+        mine = OtherBridge(options.domain, self._port.zid, self.name)
+        stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
+        self._node_says = self._node.start()
+        stack.callback(self._close_routes)
+        stack.callback(self._announcer.close)
+        self._began = time.monotonic()
+        self._thread.start()
+        stack.callback(self._finish)
+        stack.callback(self._join)
+        self._await_first_look()
 
     def _await_first_look(self) -> None:
         deadline = time.monotonic() + _START_S
-        while not self._settled.wait(_LOOK_S) and not self._ended.is_set():
+        while not self._settled.wait(_LOOK_S) and not self.ended.is_set():
             if time.monotonic() > deadline:
                 raise EnvironmentFaultError("the node does not see its ROS domain", where="bridge")
         if self.failure is not None:
             raise self.failure
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until the bridge is to end; return whether it is."""
-        return self._ended.wait(timeout)
-
-    def stop(self) -> None:
-        """Make the bridge end soon; also usable in signal handlers."""
-        self._ended.set()
 
     # -- what is going on ---------------------------------------------------------------------------------------------
 
@@ -168,17 +149,13 @@ class Ros2Bridge:
             "services": dict(sorted(carried["calls"].items())),
             "lost": dict(sorted(self._losses().items())),
             "refused": dict(sorted(self._refused.copy().items())),
-            "problems": list(self._problems),
+            "problems": list(self.problems),
         }
 
     def ready(self) -> str:
         """Return a line that says what is bridged."""
         options, rmw = self._options, self._node_says.get("rmw", "")
         return f"ready: ROS domain {options.domain} ({rmw}) and {self._port.endpoint}, there {options.zenoh_domain}/..."
-
-    def words(self) -> dict[str, str]:
-        """Return no values: a program behind this bridge needs to know nothing about it."""
-        return {}
 
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
@@ -189,7 +166,7 @@ class Ros2Bridge:
     def _receive(self, frame: BridgeFrame | None) -> None:
         """Carry what the node sends."""
         if frame is None:
-            if not self._ended.is_set():
+            if not self.ended.is_set():
                 self._fail("the ROS node of the bridge has ended", "what ROS says about it stands above")
         elif frame.kind == BridgeFrameKind.DOCUMENT:
             self._on_event(frame.document())
@@ -243,16 +220,16 @@ class Ros2Bridge:
     # -- what is bridged ----------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while not self._ended.is_set():
+        while not self.ended.is_set():
             with self._changed:
-                self._changed.wait_for(lambda: self._dirty or self._ended.is_set(), _LOOK_S)
+                self._changed.wait_for(lambda: self._dirty or self.ended.is_set(), _LOOK_S)
                 self._dirty = False
                 graph, segment, bridges = self._graph, list(self._segment.values()), list(self._bridges.values())
             if graph is None:
                 continue
             try:
                 self._fail_if_joined(graph, bridges)
-                if self._ended.is_set() or self._may_meet_older(graph, bridges):
+                if self.ended.is_set() or self._may_meet_older(graph, bridges):
                     continue
                 zids = {each.zid for each in bridges}
                 self._reconcile(plan_of(graph, segment, self._names, self._options, bridges=zids), graph)
@@ -374,10 +351,7 @@ class Ros2Bridge:
     # -- what goes wrong ----------------------------------------------------------------------------------------------
 
     def _problem(self, topic: str, text: str) -> None:
-        line = f"{topic}: {text}" if topic else text
-        if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
-            self._problems[line] = None
-            self._warn(f"warning: {line}")
+        self.report_problem(f"{topic}: {text}" if topic else text)
 
     def _losses(self) -> Counter[str]:
         found: Counter[str] = Counter()
@@ -393,4 +367,4 @@ class Ros2Bridge:
     def _fail(self, text: str, hint: str | None) -> None:
         if self.failure is None:
             self.failure = EnvironmentFaultError(text, where="bridge", hint=hint)
-        self._ended.set()
+        self.ended.set()

@@ -21,18 +21,17 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.types.bridging import Bridge
 
-class ToyBridge:
-    failure = None
 
+class ToyBridge(Bridge):
     def __init__(self, speed):
+        super().__init__()
         self.speed = speed
 
-    def wait(self, timeout):
-        return True
-
-    def stop(self):
-        pass
+    def open(self, stack):
+        stack.callback(print, "toys are put away")
+        self.stop()
 
     def status(self):
         return {"speed": self.speed}
@@ -45,12 +44,6 @@ class ToyBridge:
 
     def words(self):
         return {"speed": str(self.speed)}
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        pass
 
 
 def toy(
@@ -77,8 +70,8 @@ def test_a_bridge_of_others_is_a_command(plugin_package: Callable[..., str]) -> 
     assert "toy      Join toys to a segment." in riot("--help").output
     listed = riot("toy", "--help").output
     assert all(text in listed for text in ("Of toys.", "--system FILE", "--cfg KEY=VALUE", "--format <text|json>"))
-    assert riot("toy").output == "ready: toys\nno toy crossed\n"
-    lines = riot("toy", "--speed=3", "--format=json").output.splitlines()
+    assert riot("toy").output == "ready: toys\ntoys are put away\nno toy crossed\n"
+    lines = riot("toy", "--speed=3", "--format=json").output.replace("toys are put away\n", "").splitlines()
     assert [json.loads(line) for line in lines] == [{"event": "ready", "speed": 3}, {"event": "ended", "speed": 3}]
     assert isinstance(riot("toy", "--cfg=nonsense").exception, ConfigError)
 
