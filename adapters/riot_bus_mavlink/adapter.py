@@ -22,9 +22,8 @@ from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.types.port import SegmentAccess
+    from riot_bus.types.capabilities import ParameterRequest
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import MessageTable
 
 __all__ = ["MavlinkAdapter"]
@@ -142,19 +141,9 @@ class MavlinkAdapter:
             and self.dialect.message("PARAM_SET") is not None
         )
 
-    def set_parameters(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> Mapping[str, str]:
+    def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:
         """Set parameters of a component by PARAM_SET; see `riot_bus_mavlink.parameters`."""
-        return set_parameters(
-            node, values, ports, timeout=timeout, alive=alive, dialect=self.dialect, keys=self.template
-        )
+        return set_parameters(request, dialect=self.dialect, keys=self.template)
 
     def listen(
         self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]

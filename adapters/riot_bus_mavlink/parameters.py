@@ -16,9 +16,10 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, Paylo
 from riot_bus_mavlink.frame import pack_frame, parse_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
-    from riot_bus.types.port import PortPublisher, SegmentAccess
+    from riot_bus.types.capabilities import ParameterRequest
+    from riot_bus.types.port import PortPublisher
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.frame import Frame
@@ -103,58 +104,35 @@ def unpacked(data: bytes, kind: ParameterKind) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def set_parameters(
-    node: str,
-    values: Mapping[str, Scalar],
-    ports: Sequence[SegmentAccess],
-    *,
-    timeout: float,
-    alive: Callable[[], bool],
-    dialect: Dialect,
-    keys: KeyTemplate,
-) -> dict[str, str]:
+def set_parameters(request: ParameterRequest, *, dialect: Dialect, keys: KeyTemplate) -> dict[str, str]:
     """Set parameters of a component one after the other, as `riot_bus.types.capabilities.SetsParameters` says.
 
     Args:
-        node: Ids of the system and of the component, such as `1/1`.
-        values: Values by name.
-        ports: The segments on one of which the component is.
-        timeout: Seconds within which it has to answer.
-        alive: Function that returns whether the system still runs.
+        request: The component, by the ids of its system and its own such as `1/1`, and the values.
         dialect: The messages that are known.
         keys: Template of the keys of frames.
     """
-    for name in values:
+    for name in request.values:
         if not 0 < len(name.encode()) <= _NAME:
             raise ConfigError(f"{name!r} is not the name of a parameter", hint=f"it has up to {_NAME} characters")
     with ExitStack() as stack:
-        exchange = _Exchange(dialect, keys, node, ports, stack, timeout=timeout, alive=alive)
-        told = {name: exchange.set(name, value) for name, value in values.items()}
+        exchange = _Exchange(request, dialect, keys, stack)
+        told = {name: exchange.set(name, value) for name, value in request.values.items()}
     return {name: why for name, why in told.items() if why}
 
 
 class _Exchange:
     """Frames to and from one component, over all ports."""
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        keys: KeyTemplate,
-        node: str,
-        ports: Sequence[SegmentAccess],
-        stack: ExitStack,
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> None:
-        self._dialect, self._node = dialect, node
-        self._target = system, component = tuple(map(int, node.split("/")))
-        self._timeout, self._deadline, self._alive = timeout, time.monotonic() + timeout, alive
+    def __init__(self, request: ParameterRequest, dialect: Dialect, keys: KeyTemplate, stack: ExitStack) -> None:
+        self._request, self._dialect = request, dialect
+        self._target = system, component = tuple(map(int, request.node.split("/")))
+        self._deadline = time.monotonic() + request.timeout
         self._count = 0
         self._heard: SimpleQueue[bytes] = SimpleQueue()
         self._autopilot: int | None = None
         self._outlets: dict[str, list[PortPublisher]] = {"PARAM_REQUEST_READ": [], "PARAM_SET": []}
-        for port in ports:
+        for port in request.ports:
             for name in ("PARAM_VALUE", "PARAM_ERROR", "HEARTBEAT"):
                 key = keys.expression("*", str(system), str(component), name)
                 stack.enter_context(closing(port.subscribe(key, lambda payload, attachment: self._heard.put(payload))))
@@ -195,15 +173,15 @@ class _Exchange:
 
     def _ended(self, what: str, *, hint: str | None = None) -> str:
         """Raise the error of a component that runs and has not answered; else return nothing."""
-        if self._alive():
-            told = f"component {self._node} has not said within {self._timeout:g} s {what}"
+        if self._request.alive():
+            told = f"component {self._request.node} has not said within {self._request.timeout:g} s {what}"
             raise EnvironmentFaultError(told, hint=hint)
         return ""
 
     def _ask(self, name: str, payload: bytes, accept: Callable[[Frame], ItemT | None]) -> ItemT | None:
         """Send a message again and again until a frame is accepted; None if the time is over or the system ended."""
         sent = 0.0
-        while (now := time.monotonic()) < self._deadline and self._alive():
+        while (now := time.monotonic()) < self._deadline and self._request.alive():
             if name and now - sent >= _AGAIN_S:
                 listening = [each for each in self._outlets[name] if each.matched()]
                 for outlet in listening:
@@ -238,7 +216,7 @@ class _Exchange:
     def _kind_of(self, frame: Frame, name: bytes) -> int | None:
         """Return the type of a parameter, None if the frame does not say it; raises ConfigError if there is none."""
         if why := self._error_of(frame, name):
-            raise ConfigError(f"component {self._node} does not tell parameter {name.decode()}: {why}")
+            raise ConfigError(f"component {self._request.node} does not tell parameter {name.decode()}: {why}")
         found = self._value_of(frame, name)
         return None if found is None else found[1]
 

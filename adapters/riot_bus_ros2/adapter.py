@@ -32,11 +32,17 @@ from riot_bus_ros2.store import TypeStore
 from riot_bus_ros2.tokens import TOKENS, details_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from riot_bus.types.capabilities import Announcement, Ask, Offer, RecordedTopic, SimClock, Stamp
-    from riot_bus.types.port import SegmentAccess
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.types.capabilities import (
+        Announcement,
+        Ask,
+        Offer,
+        ParameterRequest,
+        RecordedTopic,
+        SimClock,
+        Stamp,
+    )
 
 __all__ = ["Ros2Adapter"]
 
@@ -166,22 +172,10 @@ class Ros2Adapter:
         """Return whether a text is the full name of a node, such as `/planner`."""
         return is_topic(node)
 
-    def set_parameters(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> Mapping[str, str]:
+    def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:
         """Set parameters of a node by its service; see `riot_bus_ros2.parameters`."""
         return set_parameters(
-            node,
-            values,
-            ports,
-            timeout=timeout,
-            alive=alive,
+            request,
             store=self.store,
             tokens=self.tokens,
             announcement=self.announcement,

@@ -16,7 +16,7 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, Paylo
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.types.capabilities import Announcement
+    from riot_bus.types.capabilities import Announcement, ParameterRequest
     from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
@@ -74,12 +74,8 @@ def refused_by(reply: bytes, names: Sequence[str], store: TypeStore) -> dict[str
 
 
 def set_parameters(
-    node: str,
-    values: Mapping[str, Scalar],
-    ports: Sequence[SegmentAccess],
+    request: ParameterRequest,
     *,
-    timeout: float,
-    alive: Callable[[], bool],
     store: TypeStore,
     tokens: str,
     announcement: Callable[[str], Announcement | None],
@@ -88,17 +84,14 @@ def set_parameters(
     """Set parameters of a node, as `riot_bus.types.capabilities.SetsParameters` says.
 
     Args:
-        node: Full name of the node.
-        values: Values by name.
-        ports: The segments on one of which the node is.
-        timeout: Seconds within which it has to answer.
-        alive: Function that returns whether the system still runs.
+        request: The node, by its full name, and the values.
         store: Store that knows the service's types.
         tokens: Key expression of the tokens that announce services.
         announcement: Function that returns what a token announces.
         attachment: Function that returns the attachment of a request.
     """
-    request, deadline = request_of(values, store), time.monotonic() + timeout
+    node, timeout, alive = request.node, request.timeout, request.alive
+    payload, deadline = request_of(request.values, store), time.monotonic() + timeout
     found: SimpleQueue[tuple[SegmentAccess, str]] = SimpleQueue()
     others: set[str] = set()
 
@@ -110,7 +103,7 @@ def set_parameters(
                 found.put((port, one.key))
 
     with ExitStack() as stack:
-        for port in ports:
+        for port in request.ports:
             stack.enter_context(closing(port.watch(tokens, partial(hear, port))))
         service = _next(found, deadline, alive)
     if service is None and alive():
@@ -118,11 +111,11 @@ def set_parameters(
         raise EnvironmentFaultError(told, hint=did_you_mean(node, others))
     while service is not None and time.monotonic() < deadline and alive():
         replies: SimpleQueue[bytes | None] = SimpleQueue()
-        with closing(service[0].ask(service[1], request, attachment(), replies.put, complete=False)):
+        with closing(service[0].ask(service[1], payload, attachment(), replies.put, complete=False)):
             reply = _next(replies, deadline, alive)
         if reply is not None:
             try:
-                return refused_by(reply, list(values), store)
+                return refused_by(reply, list(request.values), store)
             except PayloadError as error:
                 raise EnvironmentFaultError(f"the answer of node {node!r} cannot be read: {error}") from None
         _next(replies, min(deadline, time.monotonic() + _LOOK_S), alive)  # it is announced before it can be asked

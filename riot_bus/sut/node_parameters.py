@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from riot_bus.bridge.port import open_port
+from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def set_in_nodes(
         assert adapter is not None, "`open_system` has checked this"
         called = {described[key].name or key: key for key in values}
         typed = {name: _typed(values[key], described[key]) for name, key in called.items()}
-        why = adapter.set_parameters(node, typed, ports, timeout=timeout, alive=alive)
+        why = adapter.set_parameters(ParameterRequest(node, typed, ports, timeout, alive))
         return {called[name]: reason for name, reason in why.items()}
 
     refused: dict[str, str] = {}

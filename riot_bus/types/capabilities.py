@@ -43,6 +43,7 @@ __all__ = [
     "MessagePart",
     "Offer",
     "OmitsFields",
+    "ParameterRequest",
     "ParsesTokens",
     "PublishesAs",
     "ReadsMetadata",
@@ -203,6 +204,25 @@ class AnnouncesServers(Protocol):
         """
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterRequest:
+    """Values for parameters of a running participant.
+
+    Attributes:
+        node: Name of the participant.
+        values: Values by name; a float stays a float, though it is a whole number.
+        ports: The segments on one of which it is.
+        timeout: Seconds within which it has to answer.
+        alive: Function that returns whether the system still runs; if not, waiting ends.
+    """
+
+    node: str
+    values: Mapping[str, Scalar]
+    ports: Sequence[SegmentAccess]
+    timeout: float
+    alive: Callable[[], bool]
+
+
 @runtime_checkable
 class SetsParameters(Protocol):
     """Sets parameters of running participants, such as nodes of ROS 2."""
@@ -210,23 +230,11 @@ class SetsParameters(Protocol):
     def has_parameters(self, node: str) -> bool:
         """Return whether a text names a participant of this kind, such as `/planner`."""
 
-    def set_parameters(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> Mapping[str, str]:
+    def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:
         """Set parameters of a participant, and wait until it says what it has done.
 
         Args:
-            node: Name of the participant.
-            values: Values by name; a float stays a float, though it is a whole number.
-            ports: The segments on one of which it is.
-            timeout: Seconds within which it has to answer.
-            alive: Function that returns whether the system still runs; if not, waiting ends.
+            request: The participant and its new values.
 
         Returns:
             The parameters that it has refused, each with the reason; empty if the system has ended.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import pytest
 
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.node_parameters import set_in_nodes
-from riot_bus.types.port import SegmentAccess
+from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Scalar
@@ -38,18 +38,11 @@ class Nodes(Ros2Adapter):
         super().__init__()
         self.asked: list[tuple[str, dict[str, Scalar]]] = []
 
-    def set_parameters(
-        self,
-        node: str,
-        values: Mapping[str, Scalar],
-        ports: Sequence[SegmentAccess],
-        *,
-        timeout: float,
-        alive: Callable[[], bool],
-    ) -> Mapping[str, str]:
-        self.asked.append((node, dict(values)))
+    def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:
+        values = request.values
+        self.asked.append((request.node, dict(values)))
         if 77 in values.values():
-            raise EnvironmentFaultError(f"{node} has not answered")
+            raise EnvironmentFaultError(f"{request.node} has not answered")
         return {name: "at most 10" for name, value in values.items() if isinstance(value, int | float) and value > 10}
 
 
