@@ -9,10 +9,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.bridging import BridgedLink, LinkedBridge
-from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror
 from riot_bus_mavlink.bridge.routing import Duplicates, Routes
-from riot_bus_mavlink.bridge.side import Side
+from riot_bus_mavlink.bridge.side import Side, new_mark
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines

@@ -13,13 +13,13 @@ routing table changes, and further frames of the kind are carried together, with
 
 from __future__ import annotations
 
+import secrets
 import threading
 import time
 from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_mavlink.bridge.marks import INSERTED, is_mark
 from riot_bus_mavlink.frame import ENCODING, KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.links.end import Flow
 from riot_bus_mavlink.signing import Renewer
@@ -36,8 +36,12 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.links.end import End
     from riot_bus_mavlink.signing import Signer
 
-__all__ = ["Side"]
+__all__ = ["INSERTED", "Side", "is_mark", "new_mark"]
 
+_MAGIC = b"mavlink-link-1 "
+INSERTED = _MAGIC + b"inserted"
+"""Attachment of frames that a bridge put on the bus for another sender; they are numbered already."""
+_ID_BYTES = 8  # a chance of 3e-8 that two of a million bridges have the same
 _MOST_FLOWS = 4096  # senders choose their ids: bounds memory; beyond it all routes are found anew
 _MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 
@@ -326,3 +330,13 @@ class Side:
                 key = self._keys.key(link, system, component, self._name_of(message_id))
                 outlet = self._outlets[place] = self.port.publisher(key, reliable=True, encoding=ENCODING)
             return outlet
+
+
+def new_mark() -> bytes:
+    """Return a new attachment for the frames of one bridge that came over its links."""
+    return _MAGIC + secrets.token_bytes(_ID_BYTES)
+
+
+def is_mark(attachment: bytes | None) -> bool:
+    """Return whether a frame came over a link: of this bridge or another, or of an earlier one if played from a log."""
+    return attachment is not None and attachment.startswith(_MAGIC)

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from riot_bus.bridge.port import put_one_by_one
-from riot_bus_mavlink.bridge.marks import INSERTED, is_mark, new_mark
 from riot_bus_mavlink.bridge.routing import Routes
-from riot_bus_mavlink.bridge.side import Side
+from riot_bus_mavlink.bridge.side import INSERTED, Side, is_mark, new_mark
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.url import parse_link
 from riot_bus_mavlink.frame import ENCODING, Framer, StreamCounts, parse_frame
