@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from riot_bus.agent.names import check_robot, default_robot
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag, parse_size
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, parse_size
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.flags import Flag
 
 __all__ = ["PERMISSIONS", "AgentOptions", "ControllerOptions"]
 

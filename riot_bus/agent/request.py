@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
-from riot_bus.config.arguments import flags_of
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.flags import flags_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

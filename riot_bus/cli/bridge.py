@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -12,11 +11,11 @@ import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
-from riot_bus.cli.declared import annotation_of
+from riot_bus.cli.declared import annotation_of, with_options
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import BRIDGES
-from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -74,9 +73,7 @@ def _command(name: str) -> Any:
         anything = {"ignore_unknown_options": True, "allow_extra_args": True}
         app.command(name, help=f"Cannot be loaded: {error.message}", context_settings=anything)(fail)
     else:
-        hints = inspect.get_annotations(function, eval_str=True)
-        function.__annotations__ = hints | {each: kind for each, kind in _OURS.items() if each in hints}
-        app.command(name)(function)
+        app.command(name)(with_options(function, _OURS))
     return typer.main.get_command(app)
 
 
@@ -84,18 +81,23 @@ class BusHost:
     """What riot offers to bridges: `riot_bus.types.bridging.BridgeHost`."""
 
     def ports(
-        self, segments: Mapping[str, str | None], *, system: Path | None = None, cfg: Sequence[str] = ()
+        self,
+        segments: Sequence[str],
+        endpoint: str | None = None,
+        *,
+        system: Path | None = None,
+        cfg: Sequence[str] = (),
     ) -> dict[str, AbstractContextManager[Any]]:
         """Return segments that connect when they are entered."""
         from riot_bus.control.component import client_cfg, segment_access
 
         own = client_cfg(cfg)
         found: dict[str, AbstractContextManager[Any]] = {}
-        for name, endpoint in segments.items():
-            if endpoint is None:
+        for name, place in _places(segments, endpoint).items():
+            if place is None:
                 endpoints, config, _ = segment_access(name, RouterOptions(system=system), own)
             else:
-                endpoints, config = [endpoint], own
+                endpoints, config = [place], own
             found[name] = _port(endpoints, config)
         return found
 
@@ -126,6 +128,20 @@ class BusHost:
         options = RouterOptions(**asdict(asked))
         start = partial(_start, program) if program else None
         return _ended(run_own_router(options, bridge_of, _foreground(as_json=as_json), program=start))
+
+
+def _places(texts: Sequence[str], endpoint: str | None) -> dict[str, str | None]:
+    """Return the endpoints of segments by name, None for those given by name only."""
+    if bool(texts) == (endpoint is not None):
+        hint = "give --segment NAME or --endpoint ENDPOINT, not both"
+        raise ConfigError("which segment?", where="riot bridge", hint=hint)
+    places: dict[str, str | None] = {}
+    for text in texts or [f"={endpoint}"]:
+        name, equals, place = text.partition("=")
+        if name in places:
+            raise ConfigError(f"segment {name!r} is named twice", where="--segment")
+        places[name] = place if equals else None
+    return places
 
 
 @contextmanager

@@ -1,24 +1,24 @@
-"""Options of commands from their declarations, the fields of dataclasses: see `riot_bus.config.arguments.Flag`."""
+"""Options of commands from their declarations, the fields of dataclasses: see `riot_bus.vocabulary.flags.Flag`."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING
-from functools import wraps
+from dataclasses import MISSING, is_dataclass
+from functools import update_wrapper
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 
-from riot_bus.config.arguments import flags_of
+from riot_bus.vocabulary.flags import flags_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from dataclasses import Field
 
-    from riot_bus.config.arguments import Flag
+    from riot_bus.vocabulary.flags import Flag
 
-__all__ = ["annotation_of", "declared", "options_of"]
+__all__ = ["annotation_of", "declared", "options_of", "with_options"]
 
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
 OptionsT = TypeVar("OptionsT")
@@ -39,22 +39,40 @@ def declared(kind: type, *only: str, before: str = "form", remote: bool = False)
             each for each in flags_of(kind) if (each[1].remote or not remote) and (each[0].name in only or not only)
         ]
 
-        @wraps(command)
         def run(**values: Any) -> None:
-            for field, flag, names in flags:
-                value = values.pop(field.name)
-                if value is not None:
-                    values[field.name] = flag.read(value, names[0]) if flag.read else value
-            command(**values)
+            command(**_read(flags, values))
 
         parameters = inspect.signature(command, eval_str=True).parameters.values()
         own = [each for each in parameters if each.kind is not inspect.Parameter.VAR_KEYWORD]
         place = next((place for place, each in enumerate(own) if each.name == before), len(own))
         own[place:place] = [_parameter(*each) for each in flags]
-        vars(run).update(__signature__=inspect.Signature(own), __annotations__={})
-        return run  # type: ignore[return-value]  # for typer, it has other parameters
+        return _shown_as(command, run, own)
 
     return decorate
+
+
+def with_options(command: CommandT, known: Mapping[str, Any]) -> CommandT:
+    """Give a command the options of each dataclass that is the type of one of its parameters.
+
+    Args:
+        command: The command.
+        known: Annotations that replace the command's own, by the name of the parameter.
+    """
+    parameters: list[inspect.Parameter] = []
+    kinds: dict[str, type] = {}
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        if is_dataclass(each.annotation):
+            kinds[each.name] = each.annotation  # type: ignore[assignment]  # no instance
+            parameters += [_parameter(*flag) for flag in flags_of(kinds[each.name])]
+        else:
+            parameters.append(each.replace(annotation=known.get(each.name, each.annotation)))
+
+    def run(**values: Any) -> None:
+        for name, kind in kinds.items():
+            values[name] = options_of(kind, _read(flags_of(kind), values))
+        command(**values)
+
+    return _shown_as(command, run, parameters)
 
 
 def annotation_of(kind: type, name: str) -> Any:
@@ -73,10 +91,27 @@ def options_of(kind: type[OptionsT], given: dict[str, Any], **more: Any) -> Opti
     return kind(**more, **{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
 
 
+def _read(flags: Sequence[tuple[Field[Any], Flag, list[str]]], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a command line; of these options, only those with a value, read from the user's text."""
+    for field, flag, names in flags:
+        value = values.pop(field.name)
+        if value is not None:
+            values[field.name] = flag.read(value, names[0]) if flag.read else value
+    return values
+
+
+def _shown_as(command: CommandT, run: Callable[..., None], parameters: Sequence[inspect.Parameter]) -> CommandT:
+    """Return `run` as a command with the name and help of another one."""
+    update_wrapper(run, command)
+    vars(run).update(__signature__=inspect.Signature(parameters), __annotations__={})
+    return run  # type: ignore[return-value]  # for typer, it has other parameters
+
+
 def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:
     kind, default = get_args(field.type)[0], None if field.default is MISSING else field.default
-    if get_origin(kind) in (Sequence, Mapping):  # repeatable; a table is read from its rows
-        kind, default = list[get_args(kind)[0]] | None, None  # type: ignore[misc]  # known at run time
+    many = next((each for each in (kind, *get_args(kind)) if get_origin(each) in (Sequence, Mapping)), None)
+    if many is not None:  # repeatable; a table is read from its rows
+        kind, default = list[get_args(many)[0]] | None, None  # type: ignore[misc]  # known at run time
     elif flag.read:
         kind, default = str | None, flag.text
     elif get_origin(kind) is Literal:

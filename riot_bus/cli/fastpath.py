@@ -55,8 +55,8 @@ def _as_json(text: str) -> bool | None:
 @cache
 def fast_options() -> dict[str, FastOption]:
     """Return the options of `riot router` as written on its command line."""
-    from riot_bus.config.arguments import flags_of
     from riot_bus.control.router_flags import RouterOptions
+    from riot_bus.vocabulary.flags import flags_of
 
     readers: dict[Any, Callable[[str], Any]] = {str: str, Path: Path, int: _number, float: _seconds}
     found = {"--format": FastOption("as_json", _as_json, variable="RIOT_FORMAT")}

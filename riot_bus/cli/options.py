@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from riot_bus.config.arguments import Flag
-from riot_bus.config.arguments import Seed as SeedFlag
+from riot_bus.vocabulary.flags import Flag
+from riot_bus.vocabulary.flags import Seed as SeedFlag
 
 __all__ = [
     "DEFAULT_OUT",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from riot_bus.config.arguments import Definitions, Flag, Interceptors, Seed, Types
+from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Seed, Types
 
 __all__ = ["RouterOptions"]
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Definitions, Flag, Interceptors, Salvage, Seed, Types, flags_of
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Salvage, Seed, Types, flags_of
 
 if TYPE_CHECKING:
     from riot_bus.log.limits import LogLimits

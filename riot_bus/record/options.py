@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Definitions, Flag, Types, flags_of, parse_seconds, parse_size
+from riot_bus.config.arguments import DEFAULT_ENDPOINT, parse_seconds, parse_size
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.flags import Definitions, Flag, Types, flags_of
 
 if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from riot_bus.config.arguments import DEFAULT_ENDPOINT, Flag
+from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus.vocabulary.flags import Flag
 
 __all__ = ["InitOptions"]
 

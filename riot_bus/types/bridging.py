@@ -2,24 +2,20 @@
 
 A bridge is part of an adapter package. Its command is a function for typer, found by the entry points
 `riot_bus.bridges`; the attribute `obj` of its `typer.Context` is a `BridgeHost`. Parameters called `system`, `cfg` and
-`form` get riot's own options.
+`form` get riot's own options; a parameter whose type is a dataclass gets the options that its `Flag`s declare.
 """
-
-from __future__ import annotations
 
 import logging
 import threading
 from abc import ABC, abstractmethod
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from pathlib import Path
+from typing import Annotated, Any, Protocol, Self
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.flags import Flag
 
 __all__ = ["Bridge", "BridgeHost", "BridgedLink", "LinkedBridge", "OwnRouter"]
 
@@ -116,22 +112,37 @@ class OwnRouter:
 
     Attributes:
         system: Path of riot.toml; None for the one in the working folder, if there is one.
-        segments: Segments as `NAME=ENDPOINT[,...]`; empty for those of riot.toml or of `riot router`.
-        intercept: Key expressions of messages that pass through interceptors.
-        interceptors: Interceptors as in `riot router`.
-        inject: Path of an injection plan.
-        record: Path of a log of all messages.
         definitions: Files that define message types.
         adapters: Adapters that replace those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
         carried: Key expressions that are also intercepted, since the bridge carries them.
     """
 
     system: Path | None = None
-    segments: Sequence[str] = ()
-    intercept: Sequence[str] = ()
-    interceptors: Sequence[str] = ()
-    inject: Path | None = None
-    record: Path | None = None
+    segments: Annotated[
+        Sequence[str],
+        Flag(
+            "Own router (without --segment and --endpoint): a segment and where it listens; repeatable. "
+            "[default: as of riot router]",
+            "--listen",
+            "NAME=ENDPOINT[,...]",
+        ),
+    ] = ()
+    intercept: Annotated[
+        Sequence[str],
+        Flag("Own router: what goes through interceptors, such as COMMAND_LONG.", metavar="KEYEXPR"),
+    ] = ()
+    interceptors: Annotated[
+        Sequence[str],
+        Flag(
+            "Own router: interceptor of what --intercept names, as for riot router; repeatable.",
+            "--interceptor",
+            "'NAME key=value ...'|FILE.py[:NAME]",
+        ),
+    ] = ()
+    inject: Annotated[Path | None, Flag("Own router: injections; their topics are intercepted.", "", "PLAN.toml")] = (
+        None
+    )
+    record: Annotated[Path | None, Flag("Own router: record all that passes.", "", "OUT.mcap")] = None
     definitions: Sequence[Path] = ()
     adapters: Sequence[str] = ()
     carried: Sequence[str] = ()
@@ -149,17 +160,23 @@ class BridgeHost(Protocol):
     """Services of riot for the command of a bridge, which does not know Zenoh."""
 
     def ports(
-        self, segments: Mapping[str, str | None], *, system: Path | None = None, cfg: Sequence[str] = ()
+        self,
+        segments: Sequence[str],
+        endpoint: str | None = None,
+        *,
+        system: Path | None = None,
+        cfg: Sequence[str] = (),
     ) -> Mapping[str, AbstractContextManager[Any]]:
-        """Return ports of segments, which exchange bytes and connect when they are entered.
+        """Return ports of segments by name, which exchange bytes and connect when they are entered.
 
         Args:
-            segments: Endpoint of each segment by name; None for one of riot.toml, or of a router without riot.toml.
+            segments: Segments as `NAME=ENDPOINT`; `NAME` for one of riot.toml, or of a router without riot.toml.
+            endpoint: Endpoint of the only segment, which has no name then, instead of `segments`.
             system: Path of riot.toml; None for the one in the working folder, if there is one.
             cfg: Further Zenoh settings, as `KEY=VALUE`.
 
         Raises:
-            ConfigError: There is no such segment, or a setting is wrong.
+            ConfigError: There is no such segment, both or neither are given, or a setting is wrong.
         """
 
     def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:

@@ -1,18 +1,15 @@
 """Options of `riot bridge ros2`, and the choice of bridged names."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated
 
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.flags import Flag
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus_ros2.keys import action_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 __all__ = ["Names", "Ros2BridgeOptions"]
 
@@ -37,31 +34,45 @@ _OF_ALL_NODES = frozenset({"/parameter_events", "/rosout"})
 
 @dataclass(frozen=True, slots=True)
 class Ros2BridgeOptions:
-    """What to bridge.
+    """What to bridge: options of `riot bridge ros2`, declared here alone.
 
-    Attributes:
-        domain: `ROS_DOMAIN_ID` of the nodes.
-        zenoh_domain: First chunk of the keys on the segment; the same for bridges that should reach each other.
-        topics: Topics to bridge, as names with `*` (one chunk) and `**` (any); None for the default choice.
-        services: Services to bridge, in the same form.
-        parameters: Nodes whose parameters can be set from the other side, in the same form.
-        exclude: Topics and services that are not bridged.
-        depth: Number of messages that the bridge's endpoints keep for slow peers. DDS does not tell what others keep.
-        latched: Number of messages that are kept for late joiners of latched topics.
-        python: Interpreter that has rclpy; None to look for it.
-        setup: Shell script that prepares ROS's environment; None if that is done.
+    Names of topics, services and nodes may contain `*` (one chunk) and `**` (any).
     """
 
-    domain: int = 0
-    zenoh_domain: int = 0
-    topics: Sequence[str] | None = None
-    services: Sequence[str] | None = None
-    parameters: Sequence[str] = ()
-    exclude: Sequence[str] = ()
-    depth: int = 1000
-    latched: int = 100
-    python: str | None = None
-    setup: Path | None = None
+    domain: Annotated[int, Flag("ROS_DOMAIN_ID of the nodes.", "-d", env="ROS_DOMAIN_ID")] = 0
+    topics: Annotated[
+        Sequence[str] | None,
+        Flag(
+            "Bridge only these topics or actions, such as '/camera/**'; repeatable. [default: all not hidden]",
+            metavar="NAME",
+        ),
+    ] = None
+    services: Annotated[
+        Sequence[str] | None,
+        Flag(
+            "Bridge only these services or actions; repeatable. [default: all but those that every node has]",
+            metavar="NAME",
+        ),
+    ] = None
+    parameters: Annotated[
+        Sequence[str],
+        Flag("Let parameters of these nodes be set from the other side, too; repeatable.", metavar="NODE"),
+    ] = ()
+    exclude: Annotated[
+        Sequence[str], Flag("Leave out these topics, services and actions; repeatable.", metavar="NAME")
+    ] = ()
+    zenoh_domain: Annotated[
+        int, Flag("ROS_DOMAIN_ID in the keys on the segment; the same for bridges that are to meet.")
+    ] = 0
+    # DDS does not tell how many messages others keep
+    depth: Annotated[int, Flag("Messages of each topic that the bridge keeps for slow peers.")] = 1000
+    latched: Annotated[int, Flag("Messages of each latched topic that the bridge keeps for late joiners.")] = 100
+    python: Annotated[
+        str | None, Flag("Python that has rclpy. [default: the first on PATH]", "", "PYTHON", "RIOT_ROS_PYTHON")
+    ] = None
+    setup: Annotated[
+        Path | None, Flag("File to source first, such as /opt/ros/jazzy/setup.bash.", "", "FILE", "RIOT_ROS_SETUP")
+    ] = None
 
     def check(self) -> None:
         """Raise ConfigError if an option is not usable."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from riot_bus.config.arguments import Definitions, Flag, Salvage, Types
+from riot_bus.vocabulary.flags import Definitions, Flag, Salvage, Types
 
 __all__ = ["Extract"]
 

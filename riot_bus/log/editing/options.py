@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from riot_bus.config.arguments import Definitions, Flag, Interceptors, Salvage, Seed, parse_seconds, parse_size
+from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.log.editing.assignment import Assignment, parse_assignment
 from riot_bus.log.editing.selection import Selection, parse_selection
 from riot_bus.log.engine.packing import check_compression
 from riot_bus.log.naming import parse_remaps
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Salvage, Seed
 
 __all__ = ["Design", "EditOptions", "Shift"]
 

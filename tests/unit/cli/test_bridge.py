@@ -16,12 +16,19 @@ from riot_bus.types.bridging import OwnRouter
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 
 TOY = '''
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from riot_bus.types.bridging import Bridge
+from riot_bus.vocabulary.flags import Flag
+
+
+@dataclass
+class ToyOptions:
+    speed: Annotated[int, Flag("Of toys.", "-s")] = 1
 
 
 class ToyBridge(Bridge):
@@ -50,14 +57,15 @@ def toy(
     context: typer.Context,
     program: Annotated[list[str] | None, typer.Argument()] = None,
     *,
-    speed: Annotated[int, typer.Option(help="Of toys.")] = 1,
+    segment: str = "unit",
+    options: ToyOptions,
     system: Path | None = None,
     cfg: list[str] | None = None,
     form: str = "text",
 ) -> None:
     """Join toys to a segment."""
-    context.obj.ports({}, system=system, cfg=cfg or ())
-    context.obj.run(ToyBridge(speed), program=program or (), as_json=form == "json")
+    context.obj.ports([segment], system=system, cfg=cfg or ())
+    context.obj.run(ToyBridge(options.speed), program=program or (), as_json=form == "json")
 '''
 
 
@@ -110,11 +118,11 @@ sys.exit(", ".join(sorted(heavy & set(sys.modules))) or None)
 
 
 def test_segments_are_known_by_name_or_place() -> None:
-    assert sorted(BusHost().ports({"system": None, "": "tcp/127.0.0.1:1"})) == ["", "system"]
+    assert list(BusHost().ports(["system", "x=tcp/127.0.0.1:1"])) == ["system", "x"]
     assert BusHost().segments(OwnRouter(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"])) == ["a", "b"]
     with pytest.raises(ConfigError, match="nosuch"):
-        BusHost().ports({"nosuch": None})
-    (port,) = BusHost().ports({"": "tcp/127.0.0.1:1"}).values()
+        BusHost().ports(["nosuch"])
+    (port,) = BusHost().ports([], "tcp/127.0.0.1:1").values()
     with pytest.raises(EnvironmentFaultError), port:
         pytest.fail("nobody listens there")
 

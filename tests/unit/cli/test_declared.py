@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -13,11 +14,12 @@ from typer.testing import CliRunner
 
 from riot_bus.agent import request
 from riot_bus.cli import fleet_robots, play, record
-from riot_bus.cli.declared import declared
-from riot_bus.config.arguments import Flag, flags_of, parse_seconds, parse_size
+from riot_bus.cli.declared import declared, with_options
+from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.flags import Flag, flags_of
 
 OPERATION = {"operation": "0123456789abcdef", "on_lost_controller": "continue"}
 
@@ -35,6 +37,7 @@ class Options:
     size: Annotated[int, Flag("How much.", "--room", "SIZE", read=parse_size, text="1KiB")] = 1024
     after: Annotated[float, Flag("When.", read=parse_seconds)] = 0.0
     topics: Annotated[Sequence[str], Flag("Which topics.", remote=True)] = ()
+    services: Annotated[Sequence[str] | None, Flag("Which services.")] = None
     pack: Annotated[Literal["a", "b"], Flag("How it is packed.", remote=True)] = "a"
     keep: Annotated[bool, Flag("Keep it.")] = True
     loop: Annotated[bool, Flag("Again.", "-l")] = False
@@ -67,10 +70,26 @@ def test_a_new_option_of_play_is_declared_in_one_place() -> None:
 
 def test_values_are_those_of_the_fields() -> None:
     assert json.loads(run(Options, "").output) == {"count": 3, "keep": True, "loop": False, "pack": "a", "size": 1024}
-    words = "--count 0 --room 2k --after 1min --topics a --topics b --no-keep -l --pack b"
+    words = "--count 0 --room 2k --after 1min --topics a --topics b --services c --no-keep -l --pack b"
     assert json.loads(run(Options, words).output) == {
         "count": 0, "size": 2000, "after": 60.0, "topics": ["a", "b"], "keep": False, "loop": True, "pack": "b",
+        "services": ["c"],
     }  # fmt: skip
+
+
+def test_a_parameter_of_a_dataclass_is_its_options() -> None:
+    app, found = typer.Typer(rich_markup_mode=None), []
+
+    @app.command()
+    @partial(with_options, known={"form": Annotated[str, typer.Option("--as")]})
+    def command(*, first: int = 0, options: Options, form: str = "text") -> None:
+        found.append((first, options, form))
+
+    CliRunner().invoke(app, ["--room", "2k", "--services", "c", "--as", "json", "--first", "1"], catch_exceptions=False)
+    assert found == [(1, Options(size=2000, services=["c"]), "json")]
+    shown = CliRunner().invoke(app, "--help").output
+    places = [shown.index(name) for name in ("--first", "--count", "--loop", "--as")]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize(("words", "remote"), [("--hidden 1", False), ("--count -1", False), ("--room 2k", True)])

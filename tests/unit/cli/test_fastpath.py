@@ -13,8 +13,8 @@ from riot_bus.cli import fastpath as quick
 from riot_bus.cli.fastpath import fast_options, parse
 from riot_bus.cli.main import make_app
 from riot_bus.cli.options import OutputFormat
-from riot_bus.config.arguments import flags_of
 from riot_bus.control.router_flags import RouterOptions
+from riot_bus.vocabulary.flags import flags_of
 
 OPTIONS = {written: each for written, each in fast_options().items() if each.value is None}
 SWITCHES = [each for each in fast_options() if each not in OPTIONS]

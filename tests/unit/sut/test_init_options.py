@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from riot_bus.cli.declared import declared
 from riot_bus.cli.init import init
-from riot_bus.config.arguments import flags_of
 from riot_bus.sut.init_options import InitOptions
+from riot_bus.vocabulary.flags import flags_of
 
 
 def run(*words: str) -> Result:

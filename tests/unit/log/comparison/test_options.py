@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 from riot_bus.cli.diff import diff
-from riot_bus.config.arguments import flags_of
 from riot_bus.log.comparison.options import Extract
+from riot_bus.vocabulary.flags import flags_of
 
 
 def test_riot_diff_has_all_of_them() -> None:
