@@ -20,7 +20,8 @@ from pymavlink.dialects.v20 import all as pymavlink
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import Framer, pack_frame
 from riot_bus_mavlink.message_type import MavlinkType
-from riot_bus_mavlink.signing import Renewer, Signer, sign_frame
+from riot_bus_mavlink.signing import Renewer, Signer
+from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,9 +10,9 @@ import hmac
 from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame, parse_frame, seal
+from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame
 
-__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "sign_frame", "time_of"]
+__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "time_of"]
 
 KEY_BYTES = 32  # SHA-256 of a passphrase (MAVLink 2, message signing)
 _HASH_BYTES = 6  # of the signature, 48 bits of SHA-256
@@ -96,26 +96,6 @@ class Renewer:
             del self._last[next(iter(self._last))]
         self._last[stream] = time
         return raw
-
-
-def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: int) -> bytes:
-    """Return an unsigned frame of MAVLink 2 with a signature.
-
-    Args:
-        raw: The frame to be signed.
-        signer: Signer with the key.
-        crc_extra: CRC extra byte of its message.
-        link: Id of the link, 0 to 255.
-        time: Timestamp, as in `Signer.sign`.
-
-    Raises:
-        PayloadError: It is not a frame of MAVLink 2, or it is already signed.
-    """
-    frame = parse_frame(raw)
-    if frame.version != 2 or frame.signed:
-        raise PayloadError("only unsigned frames of MAVLink 2 can be signed")
-    head = b"%b%c%b" % (raw[:2], SIGNED, raw[3:10])
-    return signer.sign(seal(head, frame.payload, crc_extra), link, time)
 
 
 def time_of(frame: Frame) -> int:

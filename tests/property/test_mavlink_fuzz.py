@@ -11,8 +11,9 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import KIND, Frame, Framer, checksum_fits, pack_frame
 from riot_bus_mavlink.message_type import PREFIX
-from riot_bus_mavlink.signing import Renewer, Signer, sign_frame
+from riot_bus_mavlink.signing import Renewer, Signer
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
+from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 
 FRAMES = int(os.environ.get("RIOT_FUZZ_FRAMES", "40000"))
 BLOCK = 200

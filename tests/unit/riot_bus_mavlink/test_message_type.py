@@ -21,8 +21,9 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
 from riot_bus_mavlink.message_type import MavlinkType
-from riot_bus_mavlink.signing import Signer, sign_frame
+from riot_bus_mavlink.signing import Signer
 from tests.tiers import scaled
+from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 
 ALL = load_dialect()
 KEY = bytes(32)

@@ -17,8 +17,9 @@ from riot_bus_mavlink.bridge.url import parse_link
 from riot_bus_mavlink.frame import ENCODING, Framer, StreamCounts, parse_frame
 from riot_bus_mavlink.keys import KeyTemplate
 from riot_bus_mavlink.links.end import End
-from riot_bus_mavlink.signing import Signer, sign_frame
+from riot_bus_mavlink.signing import Signer
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
+from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 
 MARK = new_mark()
 SIGNER = Signer(bytes(32))

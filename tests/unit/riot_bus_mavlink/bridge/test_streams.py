@@ -6,8 +6,9 @@ import pytest
 
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.frame import Frame, checksum_fits, parse_frame
-from riot_bus_mavlink.signing import Signer, sign_frame
+from riot_bus_mavlink.signing import Signer
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
+from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 
 SIGNER = Signer(bytes(range(32)))
 
