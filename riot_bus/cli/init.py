@@ -48,11 +48,15 @@ def init(
 
     Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """
-    from riot_bus.control.component import client_cfg
     from riot_bus.sut.init import init_links, init_plain, init_plain_log, init_ros2
     from riot_bus.vocabulary.errors import ConfigError
 
-    options = InitOptions(endpoint=endpoint, router=router, config=client_cfg(cfg or ()), **given)
+    config: dict[str, Any] = {}
+    if cfg:  # a log, or links, are looked at without the live half of riot
+        from riot_bus.control.component import client_cfg
+
+        config = client_cfg(cfg)
+    options = InitOptions(endpoint=endpoint, router=router, config=config, **given)
     heard = [*(f"mavlink={url}" for url in mavlink or ()), *(link or ())]
     chosen = [name for name, given in (("--ros2", ros2), ("--mavlink or --link", heard), ("--log", log)) if given]
     plain = [name for name, given in (("--record", options.record), ("--start", options.start)) if given]
