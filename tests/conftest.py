@@ -55,7 +55,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Measure coverage while tests of a measured room run, and only then: it makes each test take twice as long."""
+    """Measure coverage while tests of a measured room run, and only then: it makes each test take twice as long.
+
+    Long ones that reach nothing else are left out, too, by the mark `no_cover`.
+    """
     coverage = Coverage.current()
     if coverage is None or _room(item.path) in _measured(coverage):
         return (yield)

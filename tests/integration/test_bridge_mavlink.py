@@ -301,7 +301,7 @@ def test_init_writes_a_system_file_from_a_live_link(stack: ExitStack, tmp_path: 
     code, _, err = riot("init", link, cwd=tmp_path)
     assert (code, "there is a system file already" in err) == (2, True)
     code, _, err = riot("init", "--mavlink=udpin:127.0.0.1:0", "--ros2", cwd=tmp_path)
-    assert (code, "--ros2 and --mavlink or --link do not go together" in err) == (2, True)
+    assert (code, "--ros2 and --mavlink do not go together" in err) == (2, True)
 
 
 def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: ExitStack, tmp_path: Path) -> None:

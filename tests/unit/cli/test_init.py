@@ -65,7 +65,7 @@ def test_an_adapter_of_others_hears_the_system(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--ros2", "--link=toy=a"), "--ros2 and --mavlink or --link do not go together"),
+        (("--ros2", "--link=toy=a"), "--ros2 and --link do not go together"),
         (("--ros2", "--mavlink=udpin:0.0.0.0:1"), "do not go together"),
         (("--ros2", "--start"), "--ros2 and --start do not go together"),
         (("--log=a.mcap", "--record=b.mcap"), "--log and --record do not go together"),

@@ -50,7 +50,12 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', 'segment = "c"', 7, ("'c' is not described", "known: a, b")),
         ("[unit.one]", "[unit.two]", 9, ("'two' is not described", "one")),
         ('command = ["true"]', "", 5, ("no command", "container = {")),
-        ('command = ["true"]', 'attach = "tcp/127.0.0.1:7447"\ncommand = ["x"]', 5, ("runs already has no command",)),
+        (
+            'command = ["true"]',
+            'attach = "tcp/127.0.0.1:7447"\ncommand = ["x"]',
+            5,
+            ("exclude each other",),
+        ),
         ('command = ["true"]', 'attach = "7447"', 6, ("'7447'",)),
         ('command = ["true"]', 'container = { image = "x", sevice = "y" }', 5, ("unknown key 'sevice'", "'service'")),
         ('command = ["true"]', 'container = { image = "x", service = "y" }', 6, ("both the compose file and",)),

@@ -253,7 +253,7 @@ def test_values_of_another_kind(path, value):
         (b"\x0f", "begins nothing"),
         (b"\x0c", "begins nothing"),
         (b"\x0b", "group 1 does not end"),
-        (b"\x0b\x14", "end of another group"),
+        (b"\x0b\x14", "byte 1 ends the group of field 2, but the open group is that of field 1"),
         (b"\x0b" * 1000, "nested deeper"),
         (b"\xaa\x06\x03abc", "not a whole number"),
         (b"\xba\x06\x01\xff", "cut off"),
