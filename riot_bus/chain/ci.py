@@ -36,11 +36,12 @@ __all__ = ["CiPlan", "CiResult", "UnitResult", "answer_of", "log_of", "run_ci", 
 
 @dataclass(frozen=True, slots=True)
 class UnitResult:
-    """Result of a unit.
+    """Result of `riot ci change` or `riot ci batch` for one unit.
 
     Attributes:
         view: Campaign and findings of the unit, compared with the baseline.
-        undecided: Findings whose replay does not decide whether they are back.
+        undecided: Reasons why the result is inconclusive, a text each: earlier findings whose replays do not decide
+            whether they still fail, and replays or trials for which there was no time.
         untested: Reason why the unit was not tested, or not to the end; empty if it was.
     """
 

@@ -38,14 +38,17 @@ _Changed = Callable[[Collection[int]], FailingLog]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One property of a log that is not a value, and how to change it.
+    """A property of a log, other than a value, that the failure may need, and the function that changes it.
 
     Attributes:
-        kind: `key` (it is there), `missing key`, `no value` (such as null or an empty list), `order` (of neighbours),
-            or `gap` (no longer than it is).
-        name: Name of the keys, or of the first message.
-        then: Name of the message after it; empty for keys.
-        change: Function that changes it in a list of messages.
+        kind: `key`: a map in a payload (JSON, CBOR, ...) has this key; `missing key`: it lacks keys that it had before
+            the injection; `no value`: such keys are there without a value, as null or an empty list; `order`: two
+            neighbouring messages come in this order; `gap`: the time between two neighbours is no longer than it is.
+        name: Path of the key or keys, as `topic:path`; for `order` and `gap` the first message, as `topic`. It is
+            `topic[i]` instead of `topic` if the log has several messages of the topic.
+        then: Name of the second message for `order` and `gap`; otherwise empty.
+        change: Function that changes the property in a list of messages, in place: it omits the key, puts missing keys
+            or values back, swaps the two messages, or lengthens the gap.
     """
 
     kind: Literal["key", "missing key", "no value", "order", "gap"]

@@ -314,7 +314,11 @@ def reproduce(
         ),
     ] = None,
     whole_system: Annotated[
-        bool, typer.Option("--whole-system", help="Play the external messages to the whole system instead.")
+        bool,
+        typer.Option(
+            "--whole-system",
+            help="Play the external messages of riot activate to the whole system, not the finding's log to its unit.",
+        ),
     ] = False,
     system: Annotated[
         Path | None, typer.Option("--system", "-s", help="System file to use instead of the recorded one.")

@@ -21,7 +21,10 @@ __all__ = ["diff", "end_with", "print_difference"]
 @declared(Extract, before="timing")
 def diff(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="A B", help="Two logs: MCAP files, or folders of a recording's files.")
+        list[Path],
+        typer.Argument(
+            metavar="A B", help="Two logs, or more with --propose: MCAP files, or folders of a recording's files."
+        ),
     ],
     *,
     tolerance: Tolerance = None,

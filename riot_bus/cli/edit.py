@@ -33,7 +33,8 @@ def edit(
     ],
     *,
     inject: Annotated[
-        Path | None, typer.Option(metavar="PLAN.toml", help="Injections, after the interceptors.")
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="File with values and faults to inject, after the interceptors."),
     ] = None,
     type_: Types = None,
     form: Format = OutputFormat.TEXT,

@@ -58,10 +58,12 @@ def init(
         config = client_cfg(cfg)
     options = InitOptions(endpoint=endpoint, router=router, config=config, **given)
     heard = [*(f"mavlink={url}" for url in mavlink or ()), *(link or ())]
-    chosen = [name for name, given in (("--ros2", ros2), ("--mavlink or --link", heard), ("--log", log)) if given]
+    listening = "--mavlink" if mavlink else "--link"
+    chosen = [name for name, given in (("--ros2", ros2), (listening, heard), ("--log", log)) if given]
     plain = [name for name, given in (("--record", options.record), ("--start", options.start)) if given]
     if len(chosen) > 1 or (chosen and plain):
-        raise ConfigError(f"{' and '.join([*chosen, *plain])} do not go together", where="riot init", hint="choose one")
+        hint = "choose one" if len(chosen) > 1 else "only a plain Zenoh system that runs can be recorded or started"
+        raise ConfigError(f"{' and '.join([*chosen, *plain])} do not go together", where="riot init", hint=hint)
     if heard:
         adapters = {each.partition("=")[0] for each in heard}
         links = [each.partition("=")[2] for each in heard]

@@ -121,7 +121,10 @@ class Recordings:
             self._recorder.close()
 
     def watch(self) -> None:
-        """Watch announcements of publishers, which go into the log with their topics."""
+        """Start to track publishers' announcements (liveliness tokens) in all segments; wait for none.
+
+        What they tell of a topic, such as its QoS, becomes metadata of the topic's channel in the log.
+        """
         for session in self._bus().sessions.values():
             self._announcements.watch(session, wait=False)
 

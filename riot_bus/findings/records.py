@@ -598,7 +598,7 @@ with other values of all fields that are not in the rule."""
 
 
 class RuleRecord(Artefact):
-    """The unit-level rule (RIOT II-B c).
+    """Rule that says when a failure occurs (RIOT II-B c); in `region/rule.json` it is over external fields.
 
     Attributes:
         topics: Topic of each message of the log in which its fields are named.
@@ -634,15 +634,15 @@ class RuleRecord(Artefact):
     held: tuple[int, int] = (0, 0)
     unjudged: int = 0
     keeps: bool = False
-    varied_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
+    varied_mistakes: int = Field(default=0, description="number of `varied_checks` that it predicts wrongly")
     varied_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
     own_mistakes: int = Field(
-        default=0, description="of `samples`, but those with other fields, how many it gets wrong"
+        default=0, description="number of `samples` that it predicts wrongly, without those of the phase `context`"
     )
-    own_mistake: dict[str, Value] = Field(default={}, description="one of these, the first that was asked")
+    own_mistake: dict[str, Value] = Field(default={}, description="values of its fields in the first of these")
     alternatives: tuple[AlternativeRecord, ...] = ()
-    scale: dict[str, float]
-    types: dict[str, str] = {}
+    scale: dict[str, float] = Field(description="nominal spread of each field, in its unit: the unit of distances")
+    types: dict[str, str] = Field(default={}, description="type of each field, such as float64")
     stl: str = Field(default="", description="as a formula of signal temporal logic")
     stl_signals: dict[str, str] = Field(default={}, description="field of each signal of the formula")
     stl_missing: str = Field(default="", description="why there is no formula")

@@ -126,8 +126,8 @@ def minimize(
     if n < 0 or any(given is not None and len(given) != n for given in (weights, groups)):
         raise ValueError(f"weights and groups need one entry for each of the {n} messages")
     prior = [1.0] * n if weights is None else [float(weight) for weight in weights]
-    if not all(weight >= 0 for weight in prior):
-        raise ValueError("weights must not be negative")
+    if wrong := [f"{weight} (message {number})" for number, weight in enumerate(prior) if not weight >= 0]:
+        raise ValueError(f"weights must not be negative or NaN: {', '.join(wrong[:3])}")
     trials: Trials[tuple[int, ...]] = Trials(
         ask, key=lambda question: question, noise=noise, budget=budget, parallelism=parallelism, progress=progress
     )

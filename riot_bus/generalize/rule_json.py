@@ -103,15 +103,21 @@ def _decode_scalar(value: Any) -> Any:
     if isinstance(value, Mapping):
         text = value.get("bytes")
         if set(value) != {"bytes"} or not isinstance(text, str) or len(text) > 2 * LONGEST_TEXT:
-            raise ConfigError("an object as value can only be bytes in hexadecimal")
+            hint = f'write {{"bytes": "00ff"}}, at most {LONGEST_TEXT:,} bytes'
+            raise ConfigError("an object as value can only be bytes in hexadecimal", hint=hint)
         try:
             return bytes.fromhex(text)
         except ValueError as error:
             raise ConfigError(f"not hexadecimal: {text[:40]!r}") from error
     if value is None or isinstance(value, bool | float):
         return value
-    if isinstance(value, int) and abs(value) <= LARGEST_INTEGER:
+    if isinstance(value, int):
+        if abs(value) > LARGEST_INTEGER:
+            raise ConfigError(f"an integer of {value.bit_length()} bits is too large", hint="at most 2**193 is allowed")
         return value
-    if isinstance(value, str) and len(value) <= LONGEST_TEXT:
+    if isinstance(value, str):
+        if len(value) > LONGEST_TEXT:
+            raise ConfigError(f"a text of {len(value):,} characters is too long; at most {LONGEST_TEXT:,} are allowed")
         return value
-    raise ConfigError("the value is too long, too large or of the wrong type")
+    hint = 'a value is null, true, false, a number, a text or {"bytes": "<hexadecimal digits>"}'
+    raise ConfigError(f"a {type(value).__name__} is not a single value", hint=hint)

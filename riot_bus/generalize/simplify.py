@@ -46,17 +46,23 @@ def simplify(
     progress: Progress | None = None,
     better: Callable[[Levels], None] | None = None,
 ) -> Simplified:
-    """Find low rungs with which the failure still occurs.
+    """Find the simplest values with which the failure still occurs.
+
+    Each thing to simplify has a list of values, its ladder. A rung is the position of a value in that list: 0 is the
+    simplest one, and the last rung is the present value.
 
     Args:
-        sizes: Rungs of each ladder, at least two; the last ones together are known to fail.
-        ask: Each question has a rung for each ladder, and is each time a fresh trial; True = failed with the same
-            signature.
-        noise: Knowledge about the failure rates.
-        budget: Maximum number of trials; once they are spent, the lowest rungs so far are the result.
-        parallelism: Questions worth asking in one batch.
-        progress: Called after every batch.
-        better: Called with lower rungs as they are found to fail.
+        sizes: Number of rungs of each ladder, at least two; the last ones together are known to fail.
+        ask: Function that answers a batch of questions. A question is a tuple with a rung for each ladder, and is each
+            time a fresh trial; the answer is True if it failed with the same signature.
+        noise: Knowledge about the failure rates; None if there is none yet.
+        budget: Maximum number of trials; once they are spent, the lowest failing rungs so far are the result.
+        parallelism: Number of questions worth asking in one batch.
+        progress: Function called after every batch.
+        better: Function called with lower rungs, one for each ladder, as they are found to fail.
+
+    Returns:
+        The lowest failing rungs that were found; the last ones if the failure does not occur any more.
     """
     now = tuple(size - 1 for size in sizes)
     told = better or (lambda _: None)

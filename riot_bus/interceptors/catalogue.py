@@ -48,7 +48,13 @@ class Option:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Description:
-    """An interceptor that can be named."""
+    """Description of a shipped or installed interceptor, for `riot interceptors`.
+
+    Attributes:
+        name: Name by which `--interceptor` and riot.toml refer to it.
+        summary: First line of its docstring; the reason if it cannot be loaded.
+        options: Its own options, without the conditions that all interceptors have; empty if it cannot be loaded.
+    """
 
     name: str
     summary: str

@@ -133,7 +133,10 @@ class RecordingSubscriber:
         self._thread.start()
 
     def senders(self) -> dict[str, set[str]]:
-        """Return the ids in the stamps of messages, by key: of the first of each key, and of some of the others."""
+        """Return the ids in the Zenoh timestamps of messages, by key.
+
+        Only the first message of each key and of each batch is looked at.
+        """
         return {key: set(zids) for key, zids in list(self._senders.items())}
 
     def close(self) -> None:

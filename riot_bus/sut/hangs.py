@@ -1,10 +1,10 @@
 """Known hangs of a unit, by their stacks, so that the same hang is detected much sooner than by the timeout.
 
 Only time tells a unit that still works from one that never ends. So the first hang is waited for until
-`settle.timeout`. From then on, a unit hangs if it is busy, has the same stacks at several looks and publishes nothing
-for three times as long as it was ever seen busy before it continued: slow units get more time. Now and then, riot waits
-for a known hang to the timeout nevertheless, and forgets it if the unit continues. Workers share what is known with
-each other and with later commands.
+`settle.timeout`. From then on, a unit hangs if it is busy, stands in the same functions at several looks and publishes
+nothing for three times as long as it was ever seen busy before it continued: slow units get more time. Now and then,
+riot waits for a known hang to the timeout nevertheless, and forgets it if the unit continues. Workers share what is
+known with each other and with later commands.
 """
 
 from __future__ import annotations

@@ -318,7 +318,7 @@ class Component(_Table):
                 "no command", hint='write command = ["PROGRAM", "ARGUMENT", ...], or container = { ... }'
             )
         if self.attach is not None and self.command:
-            raise MistakeError("a component that runs already has no command", hint="leave out `command`, or `attach`")
+            raise MistakeError("`attach` and `command` exclude each other: riot does not start what runs already")
         if self.attach is not None and self.stop_command:
             hint = "leave out `stop`, or use `teardown`"
             raise MistakeError("a component that runs already is not ended", hint=hint)

@@ -334,7 +334,7 @@ class CampaignReportConformance(ReportConformance):
 
     @pytest.mark.parametrize("campaign", CAMPAIGNS)
     def test_every_campaign_is_reported_beside_a_baseline(self, campaign: str, tmp_path: Path) -> None:
-        """Nothing is raised, whatever a baseline says about its findings."""
+        """A report is made, without an error, of findings that riot-baseline.json has as known or as fixed."""
         self._is_reported(campaign_with_baseline(campaign, tmp_path), tmp_path)
 
     def test_notes_of_a_baseline_stay_text(self, tmp_path: Path) -> None:

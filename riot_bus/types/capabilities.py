@@ -364,14 +364,15 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """How to publish a topic.
+    """How to publish a topic of a recording again.
 
     Attributes:
         key: Zenoh key.
         depth: Number of last messages that late joiners get; None if they get none.
-        reliable: Whether lost messages are sent again on request.
-        block: Whether a slow subscriber blocks the publisher, whatever was recorded.
-        identify: Function that returns the publisher's identity, from the session's id and its number in the session.
+        reliable: Whether subscribers can detect lost messages and get them again; without effect if `depth` is None.
+        block: Whether the publisher waits for slow subscribers even where the recorded QoS would drop messages.
+        identify: Function that returns the publisher's identity, from the id of the Zenoh session and the number of the
+            publisher in this session (1, 2, ...).
     """
 
     key: str
@@ -463,7 +464,14 @@ class DescribesFields(Protocol):
         """
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers (`ranges`) of many payloads, in batches of payloads.
+        """Yield the elements of an array of numbers in many payloads, in one-dimensional arrays.
+
+        Each yielded array has the elements of one or more whole payloads, which may come in another order. Payloads
+        that cannot be decoded are left out.
+
+        Args:
+            payloads: Payloads of this type.
+            path: Path of the array without `[*]`, such as `ranges`.
 
         Raises:
             PayloadError: There is no such array.

@@ -181,7 +181,7 @@ class Routes(Generic[PeerT]):
         return self._peers
 
     def add(self, peer: PeerT) -> None:
-        """Add a peer to the segment."""
+        """Add a peer to the segment; it shares the known sources of its group, and routes found before are invalid."""
         if peer.group:
             mates = [each for each in self._peers if each.group == peer.group]
             if mates:

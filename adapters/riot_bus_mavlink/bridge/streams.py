@@ -19,10 +19,11 @@ _MOST_SOURCES = 4096  # of 65,536 possible: beyond it, inserted frames of new so
 
 
 class OwnStreams:
-    """Numbers inserted frames in separate streams, one for each system and component, that begin with 0.
+    """Assigns sequence numbers to inserted frames, counted for each system and component from 0, modulo 256.
 
-    The numbers of a source are passed on unchanged, so that receivers can detect losses by them; inserted frames must
-    not use them up. A receiver that keeps one count for each source sees a gap all the same.
+    A frame is inserted if it came over no link and was not played from a bridge's log, such as one that a program
+    publishes on the bus. Frames from links keep their numbers, by which receivers detect losses; inserted frames must
+    not use these up. A receiver that keeps only one count for each source still reports a gap at inserted frames.
 
     Args:
         crc_extra: Returns a message's CRC extra byte, None if the message is unknown.

@@ -57,22 +57,23 @@ class Batching(NamedTuple):
 
 
 class End(Peer):
-    """Peer that sends and receives frames over a link.
+    """Peer of a link: sends frames to it, and keeps counts and known routes of the frames that it sends to riot.
 
     Args:
-        spec: The link.
+        spec: Settings of the link.
         address: Address of the peer, for status.
-        framer: Finds frames in what it sends.
-        write: Sends bytes; returns whether they went out, or will.
-        batching: Sends frames that come together with one call; None to send each frame by itself.
+        framer: Finder of frames in the bytes received from the peer.
+        write: Function that sends one frame to the peer; returns whether it went out, or will.
+        batching: Sender of frames that come together, with one call; None to send each frame by itself.
 
     Attributes:
-        flows: Known flows of frames from there, by the header bytes that identify their kind; valid while `generation`
-            is that of the routes.
-        generation: Generation of the routes when the flows were found.
+        flows: Known routes of frames received from the peer, by the header bytes that identify their kind; valid while
+            `generation` is that of the routing table.
+        generation: Generation of the routing table for which `flows` was filled.
         segment: Name of the segment that the link belongs to.
-        out: Number of frames that were given to it.
-        lost: Number of frames that it had no room for.
+        losses: Numbers of frames received from the peer, and of those missing before them, by source.
+        out: Number of frames that went out to the peer, or will.
+        lost: Number of frames that could not be sent to the peer.
     """
 
     __slots__ = (
@@ -118,7 +119,7 @@ class End(Peer):
         self._lock = threading.Lock()
 
     def send(self, raw: bytes) -> None:
-        """Send a frame, or count it as lost, without pending for room; callable on any thread."""
+        """Send a frame to the peer, or count it as lost, without waiting for room; callable on any thread."""
         batching = self._batching
         if batching is not None and batching.loop.ident == get_ident():
             pending = self._pending

@@ -60,7 +60,7 @@ def message_type(name: str) -> Any:
     """Return the class of `pkg/msg/Name`, or of `pkg/action/Name_FeedbackMessage`."""
     match = _NAME.fullmatch(name)
     if match is None:
-        raise UnknownTypeError(f"{name!r} is not the name of a type")
+        raise UnknownTypeError(f"{name!r} is not the name of a ROS 2 type, such as std_msgs/msg/String")
     package, kind, short = match.groups()
     try:
         module = importlib.import_module(f"{package}.{kind}")

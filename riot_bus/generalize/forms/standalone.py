@@ -62,10 +62,17 @@ def smaller(a: int | float, b: int | float) -> int | float:
 def nearest(
     values: Sequence[Any], terms: Sequence[Term], roots: Sequence[Root], kinds: Sequence[str], units: Sequence[float]
 ) -> list[Any] | None:
-    """Return values for which no term holds, near the given ones; None if there are none to be found.
+    """Search for values near the given ones for which every term is false; None if none are found.
 
-    One value moves as little as possible, in its unit; more move only where one will not do, each so that one more term
-    is false.
+    Each step changes one value so that fewer terms are true. It prefers a change after which none is true, then the
+    smallest one.
+
+    Args:
+        values: Values of the rule's variables, in their order.
+        terms: Functions of all values; the rule holds if one of them is true.
+        roots: Places where parts of the rule change between true and false.
+        kinds: Types of the values, such as `float64`.
+        units: Units in which the changes of the values are measured, such as their nominal spreads; positive.
     """
     now = list(values)
     for _ in range(len(terms) + 1):

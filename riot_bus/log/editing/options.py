@@ -28,7 +28,7 @@ class Shift:
 
     Attributes:
         topic: Name or key expression; None for all topics.
-        delta: Nanoseconds that are added.
+        delta: Nanoseconds that are added to the log time and the publish time.
     """
 
     topic: str | None

@@ -50,10 +50,11 @@ class EditResult:
     Attributes:
         topics: Counts of each topic, sorted by name.
         files: Files that were written; empty for a dry run.
-        losses: Messages that could not be read, by input.
-        unwritable: Messages, by topic, whose time would not fit into a log.
+        losses: Descriptions of what could not be read, such as "the file was not closed", by path of the input; only of
+            inputs with losses.
+        unwritable: Number of messages whose time would not fit into a log, by topic.
         warnings: Warnings, as sentences.
-        hint: Advice on damage; empty if nothing can be done.
+        hint: Advice on damage; None if there is none.
     """
 
     topics: Sequence[EditCounts]

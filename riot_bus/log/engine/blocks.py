@@ -67,7 +67,7 @@ _FIRST_LOOK = 32  # records; times 4 while all are equal: short runs cost little
 
 
 class Span(NamedTuple):
-    """A part of the file."""
+    """A range of bytes of the log file."""
 
     offset: int
     length: int

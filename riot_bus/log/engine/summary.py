@@ -71,7 +71,17 @@ class ChunkIndexes:
 
 @dataclass(slots=True)
 class Summary:
-    """The content of a summary."""
+    """The header of a log, and what its summary section says.
+
+    Attributes:
+        size: Size of the file, in bytes.
+        header: Header record.
+        statistics: Statistics record.
+        schemas: Schemas by id.
+        channels: Channels by id.
+        chunks: Content of all chunk indexes.
+        metadata: Name of each metadata record, with the place of its body in the file.
+    """
 
     size: int
     header: Header

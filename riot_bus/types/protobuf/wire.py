@@ -177,8 +177,9 @@ def _end_of_group(data: bytes, at: int, end: int, number: int) -> tuple[int, int
             if len(open_) > _MOST_GROUPS:
                 raise PayloadError(f"groups are nested deeper than {_MOST_GROUPS}")
         elif key & 7 == END_GROUP:
-            if open_.pop() != key >> 3:
-                raise PayloadError(f"the end of another group at byte {start}")
+            if (opened := open_.pop()) != key >> 3:
+                text = f"byte {start} ends the group of field {key >> 3}, but the open group is that of field {opened}"
+                raise PayloadError(text)
             if not open_:
                 return start, at
         else:
