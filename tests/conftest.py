@@ -31,6 +31,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--phase", choices=PHASES, help="run one phase only; bootstrap.py runs them in turn")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """End the first coverage of a worker of xdist: pytest-cov starts a second one, and the first would go on below it."""
+    first = Coverage.current()
+    if first is not None and hasattr(config, "workerinput"):
+        first.stop()
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out files that have nothing for the phase by their text, which is much faster than importing them."""
     wanted = config.getoption("--phase")
@@ -57,7 +64,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Measure coverage while tests of a measured room run, and only then: it makes each test take twice as long.
 
-    Long ones that reach nothing else are left out, too, by the mark `no_cover`.
+    Long ones that reach nothing else are left out, too, by pytest-cov's mark `no_cover`.
     """
     coverage = Coverage.current()
     if coverage is None or _room(item.path) in _measured(coverage):

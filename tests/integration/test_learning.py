@@ -79,8 +79,13 @@ class Sensor:
         self.publisher: Any = zenoh.ext.declare_advanced_publisher(
             session, KEY, congestion_control=BLOCK, cache=zenoh.ext.CacheConfig(max_samples=1)
         )
+        self.plain = session.declare_publisher(KEY)  # an advanced one does not tell whether somebody subscribes
         if announced:
             self.announce()
+
+    def heard(self) -> bool:
+        """Return whether there is a subscriber; wait for it, since a message is lost before it is known."""
+        return wait_until(lambda: self.plain.matching_status.matching, 60)
 
     def announce(self) -> None:
         liveliness = self.client.session.liveliness()
@@ -192,6 +197,7 @@ def test_what_is_recorded_has_its_definition_from_the_first_message_on(tmp_path:
         node.publish()
         with CaptureService(options, warn=said.append) as recorder:
             assert len(node.asked) == 1
+            assert node.heard()
             for _ in range(20):
                 node.publish()
             assert wait_until(lambda: recorder.status()["messages"] == 20, 60)
@@ -208,6 +214,7 @@ def test_a_recording_goes_on_with_a_type_that_becomes_known(tmp_path: Path, ring
             endpoint=process.locators[0], output=path, graph=False, control=False, ring_seconds=ring
         )
         with CaptureService(options, warn=said.append) as recorder:
+            assert node.heard()
             for _ in range(5):
                 node.publish()
             assert wait_until(lambda: recorder.status()["messages"] == 5, 60)
