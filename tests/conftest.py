@@ -32,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """End the first coverage of a worker of xdist: pytest-cov starts a second one, and the first would go on below it."""
+    """End the first coverage of a worker of xdist: pytest-cov starts a second, and below it the first would go on."""
     first = Coverage.current()
     if first is not None and hasattr(config, "workerinput"):
         first.stop()
