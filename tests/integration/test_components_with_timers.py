@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.activity import STILL
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.stage import TrialSetup
@@ -65,7 +64,7 @@ def test_what_a_start_leaves_to_do_is_no_timer(tmp_path: Path) -> None:
     with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
         stage.start("part", seed=0)
         stage.wait_ready(["part"])
-        assert stage.measure_timers(["part"]) == STILL
+        assert stage.measure_timers(["part"]).switches < HALF_THE_SLOWER_TIMER  # the naps would be a hundred a second
 
 
 @pytest.mark.parametrize(("period", "restless"), [("0.025", True), ("3600", False)])
