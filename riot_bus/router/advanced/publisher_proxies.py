@@ -48,17 +48,17 @@ class PublisherProxies:
 
     Args:
         deliveries: Queue that takes messages through the interceptors.
+        changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
             segment.
-        changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
     """
 
     def __init__(
         self,
         deliveries: DeliveryQueue,
         *,
-        fence: Callable[[str], Callable[[], bool]],
         changed: Callable[[], None] = lambda: None,
+        fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
