@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -23,14 +22,13 @@ from riot_bus.control.segment_environment import (
     segment_variables,
     write_session_files,
 )
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.given_files import private_folder
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 __all__ = ["become", "environment_in", "session_files_folder"]
-
-_OTHERS = 0o077  # permission bits of group and others in `st_mode`, as inode(7) defines them
 
 
 def environment_in(
@@ -109,14 +107,4 @@ def session_files_folder(text: str) -> Path:
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     root = Path(runtime) / "riot-bus" if runtime else Path(tempfile.gettempdir()) / f"riot-bus-{os.getuid()}"
-    folder = root / hashlib.sha256(text.encode()).hexdigest()[:16]
-    try:
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = root.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS:
-            hint = "remove it, or set XDG_RUNTIME_DIR to a folder of yours"
-            raise ConfigError("others may write there", where=str(root), hint=hint)
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
-    return folder
+    return private_folder(private_folder(root) / hashlib.sha256(text.encode()).hexdigest()[:16])

@@ -16,6 +16,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
+from riot_bus.given_files import private_folder
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
@@ -49,8 +51,7 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
         yield
         return
     system = hashlib.sha256(os.fsencode(file.path)).hexdigest()[:16]
-    folder = Path(tempfile.gettempdir()) / f"riot-resources-{os.getuid()}" / system
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    folder = private_folder(private_folder(Path(tempfile.gettempdir()) / f"riot-resources-{os.getuid()}") / system)
     with ExitStack() as stack:
         for name, count in sorted(needs.items()):
             pieces = [folder / f"{name}.{number}" for number in range(file.resources.get(name, 1))]

@@ -1,0 +1,75 @@
+"""Files and folders that others may have made: only what lies where it seems to, is a file, and has a bounded size."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from riot_bus.vocabulary.errors import ConfigError
+
+__all__ = ["MOST_TEXT", "given_bytes", "given_file", "given_text", "leads_out", "private_folder"]
+
+MOST_TEXT = 64 << 20
+"""Most bytes of a text file that is read whole: records of findings with 100,000 rows have about 30 MiB."""
+_OTHERS = 0o077
+"""Permission bits of group and others, as inode(7) defines them."""
+
+
+def leads_out(path: Path, inside: Path) -> bool:
+    """Return whether a path, with all links followed, is outside of a folder; that folder itself may be a link."""
+    return not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(inside))
+
+
+def given_file(path: Path, *, inside: Path | None = None) -> Path:
+    """Return the path of a file unchanged if it may be opened.
+
+    Args:
+        path: Path of the file.
+        inside: Folder of which no link may lead out.
+
+    Raises:
+        FileNotFoundError: It does not exist.
+        OSError: It cannot be looked at.
+        ConfigError: It is no regular file, such as a pipe or a device, or a link leads out of the folder.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise ConfigError("this is no regular file", where=str(path), hint="pipes, devices and folders are not read")
+    if inside is not None and leads_out(path, inside):
+        hint = "copy the file there if you want it to be read"
+        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
+    return path
+
+
+def given_bytes(path: Path, *, inside: Path | None = None, most: int = MOST_TEXT) -> bytes:
+    """Return the content of a file; raises as `given_file`, and ConfigError if it is larger than `most` bytes."""
+    with given_file(path, inside=inside).open("rb") as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise ConfigError(f"this file has more than {most} bytes", where=str(path), hint="nothing of this kind does")
+    return content
+
+
+def given_text(path: Path, *, inside: Path | None = None, most: int = MOST_TEXT) -> str:
+    """Return the content of a file as text, raising as `given_bytes`, and UnicodeDecodeError if it is not UTF-8."""
+    return given_bytes(path, inside=inside, most=most).decode()
+
+
+def private_folder(path: Path) -> Path:
+    """Return the path of a folder that only this user can enter or change; it is made if there is none.
+
+    Raises:
+        ConfigError: Others may write there, it is a link, or it cannot be made.
+    """
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.lstat()
+    except OSError as error:
+        raise ConfigError(f"cannot be made: {error.strerror}", where=str(path)) from error
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS:
+        raise ConfigError(
+            "others may write there",
+            where=str(path),
+            hint="remove it, or set XDG_RUNTIME_DIR and TMPDIR to folders of yours",
+        )
+    return path
