@@ -8,7 +8,7 @@ from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["MOST_TEXT", "given_bytes", "given_file", "given_text", "leads_out", "private_folder"]
+__all__ = ["MOST_TEXT", "given_bytes", "given_file", "given_folder", "given_text", "leads_out", "private_folder"]
 
 MOST_TEXT = 64 << 20
 """Most bytes of a text file that is read whole: records of findings with 100,000 rows have about 30 MiB."""
@@ -38,6 +38,21 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
     if inside is not None and leads_out(path, inside):
         hint = "copy the file there if you want it to be read"
         raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
+    return path
+
+
+def given_folder(path: Path) -> Path:
+    """Return the path of a folder unchanged if it holds files and folders alone, and no link that leads out of it.
+
+    Raises:
+        ConfigError: It holds something else, such as a pipe, at any depth.
+    """
+    for folder, folders, files in os.walk(path):
+        for each in (Path(folder, name) for name in (*folders, *files)):
+            if each.is_symlink() and leads_out(each, path):
+                raise ConfigError(f"this link leads out of {str(path)!r}", where=str(each), hint="remove it")
+            if stat.S_IFMT(each.lstat().st_mode) not in (stat.S_IFREG, stat.S_IFDIR, stat.S_IFLNK):
+                raise ConfigError("this is neither a file nor a folder", where=str(each), hint="remove it")
     return path
 
 

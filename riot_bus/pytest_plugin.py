@@ -178,7 +178,8 @@ def riot_finding(request: pytest.FixtureRequest) -> Callable[..., Reproduction]:
 
         __tracebackhide__ = True
         folder, near = request.path.parent / path, request.path.parent / (system or "riot.toml")
-        found = reproduce_finding(folder, system=near, root=request.config.rootpath, trials=trials)
+        named = near if system is not None or near.is_file() else None
+        found = reproduce_finding(folder, system=named, root=request.config.rootpath, trials=trials)
         assert found.answer == "fixed", (
             f"{found.failed} of {found.trials} trials of {found.log} fail: {found.detail}; "
             f"again: riot reproduce {shlex.quote(str(folder))}"

@@ -41,12 +41,11 @@ _SETTINGS = (
     "PRAGMA journal_mode = WAL",
     "PRAGMA synchronous = NORMAL",  # a process crash loses nothing; a machine crash perhaps the last trials
 )
-_TABLES = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'trials'"
+_SCHEMA = "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"
 _CREATE = (
     "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT UNIQUE,"
     " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT, injected TEXT) STRICT"
 )
-_COLUMNS = "SELECT name FROM pragma_table_info('trials')"
 _TRIED = "SELECT injected, outcome FROM trials WHERE substr(key, 1, length(?)) = ? AND injected <> '' ORDER BY number"
 _ROWS = "SELECT number, key, verdict, signatures, seconds, detail FROM trials ORDER BY number"
 _PUT = "INSERT OR REPLACE INTO trials VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
@@ -75,10 +74,8 @@ class TrialStore:
             self._database = sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
             for setting in _SETTINGS:
                 self._database.execute(setting)
-            if not self._database.execute(_TABLES).fetchone():
+            if not _is_begun(self._database):
                 self._begin()
-            elif ("injected",) not in self._database.execute(_COLUMNS).fetchall():
-                self._database.execute("ALTER TABLE trials ADD COLUMN injected TEXT")
 
     def __len__(self) -> int:
         with self._lock, _told(self.path):
@@ -138,7 +135,7 @@ class TrialStore:
         """Create the table, unless another process does so at the same time."""
         self._database.execute("BEGIN IMMEDIATE")
         with self._database:
-            if not self._database.execute(_TABLES).fetchone():
+            if not _is_begun(self._database):
                 self._database.execute(_CREATE)
 
 
@@ -159,11 +156,19 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
         _told(path),
         closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file,
     ):
-        if not file.execute(_TABLES).fetchone():
+        if not _is_begun(file):
             return []
         found = file.execute(_ROWS)
         names = [column[0] for column in found.description]
         return [dict(zip(names, row, strict=True)) for row in found]
+
+
+def _is_begun(database: sqlite3.Connection) -> bool:
+    """Return whether the table is there; raise DatabaseError for any other schema: it may have triggers and views."""
+    found = database.execute(_SCHEMA).fetchall()
+    if found not in ([], [(_CREATE,)]):
+        raise sqlite3.DatabaseError("another version of riot, or something else, has made it")
+    return bool(found)
 
 
 @contextmanager

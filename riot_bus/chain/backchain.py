@@ -12,15 +12,16 @@ from riot_bus.backchain.graph import TopicGraph
 from riot_bus.chain.log_columns import LogColumns, read_pieces
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.questions import named_fields
+from riot_bus.chain.systems import described
 from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
 from riot_bus.chain.workspace import open_finding
 from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord
-from riot_bus.findings.records import FindingRecord
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import log_registry
-from riot_bus.sut.context import Context, open_system
+from riot_bus.sut.context import types_of
+from riot_bus.sut.system import read_system
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
@@ -28,6 +29,7 @@ from riot_bus.vocabulary.selector import parse_selector
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Progress
 
@@ -61,16 +63,16 @@ def backchain(
     """
     begin = time.monotonic()
     folder = open_finding(Path(target))[0] if Path(target).is_dir() else None
-    if folder is None:
-        targets = [_field(target)]
-    else:
-        targets = _fields_of(folder)
-        system = system or Path(FindingRecord.load(folder).system_file)
-    context = open_system(system) if system is not None else None
+    targets = [_field(target)] if folder is None else _fields_of(folder)
+    file, registry = None, None
+    if folder is not None:
+        file, registry = described(folder, named=system)
+    elif system is not None:
+        registry = types_of(file := read_system(system))
     files = [file for log in logs for file in files_of(log)]
-    columns = read_pieces(files, lambda reader: _registry(reader, context), wanted=targets, progress=progress)
+    columns = read_pieces(files, lambda reader: _registry(reader, registry), wanted=targets, progress=progress)
     _check(targets, columns)
-    graph, outside, told, registry = _graph(files, columns, context)
+    graph, outside, told, registry = _graph(files, columns, file, registry)
     for name in externals:
         topics = topics_named(name, columns.keys, registry)
         if not topics & columns.topics.keys():
@@ -113,11 +115,11 @@ def _fields_of(folder: Path) -> list[str]:
     return found
 
 
-def _registry(reader: LogReader, context: Context | None) -> TypeRegistry:
-    if context is None:
+def _registry(reader: LogReader, registry: TypeRegistry | None) -> TypeRegistry:
+    if registry is None:
         return log_registry(reader)
-    learn_types(reader, context.registry)
-    return context.registry
+    learn_types(reader, registry)
+    return registry
 
 
 def _check(targets: Sequence[str], columns: LogColumns) -> None:
@@ -133,11 +135,10 @@ def _check(targets: Sequence[str], columns: LogColumns) -> None:
 
 
 def _graph(
-    files: Sequence[Path], columns: LogColumns, context: Context | None
+    files: Sequence[Path], columns: LogColumns, file: SystemFile | None, registry: TypeRegistry | None
 ) -> tuple[TopicGraph, dict[str, str], list[str], TypeRegistry]:
     """Return the graph of readers and writers, the external topics, the sources of both, and the registry."""
     recorded = RecordedComponents()
-    registry: TypeRegistry | None = None if context is None else context.registry
     for path in files:
         with LogReader(path) as reader:
             recorded.add(reader)
@@ -145,9 +146,8 @@ def _graph(
     assert registry is not None
     columns.notes += recorded.damaged
     told = [f"{RECORDED} of {recorded.logs} of {len(files)} logs"] if recorded.logs else []
-    if context is None:
+    if file is None:
         return recorded.graph(), {}, told, registry
-    file = context.file
     declared = declared_graph(file, columns.keys, registry)
     outside: dict[str, str] = {}
     for name in file.external.topics:

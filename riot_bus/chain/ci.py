@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import shutil
 import time
@@ -22,9 +21,10 @@ from riot_bus.events import CampaignStarted, FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFinding, KnownFindings, fingerprint_of, title_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS
+from riot_bus.given_files import leads_out
 from riot_bus.report.campaign_view import CampaignView, load_campaign
 from riot_bus.report.format import clean
-from riot_bus.sut.system import load_system
+from riot_bus.sut.system import read_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, MissingExtraError
 
@@ -188,7 +188,7 @@ def units_of(system: Path, names: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: There is no unit, or none of a given name.
     """
-    file = load_system(system)
+    file = read_system(system)
     return [file.choose_unit(name) for name in names] or list(file.unit) or [file.choose_unit(None)]
 
 
@@ -220,7 +220,10 @@ def _tidy(workspace: Workspace) -> None:
     """Delete trials of other code and old versions of findings, so that an output folder stays small."""
     workspace.store.keep_only(json.dumps({"system": workspace.fingerprint})[1:-1])
     for folder in workspace.findings.glob("*/earlier"):
-        aside = sorted((path for path in folder.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
+        if leads_out(folder, workspace.findings):
+            continue
+        aside = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
+        aside.sort(key=lambda path: path.stat().st_mtime)
         for path in aside[:-_EARLIER]:
             shutil.rmtree(path)
 
@@ -297,14 +300,12 @@ class _UnitRun:
             self._explain(workspace)
 
     def _share_nominal(self, workspace: Workspace) -> None:
-        """Link to the recording in another unit's folder if one is needed and missing here."""
+        """Take the recording in another unit's folder, by a hard link, if one is needed and missing here."""
         file, own = workspace.context.file, self.folder / NOMINAL
         if file.system.nominal or file.unit[self.unit].log or own.exists():
             return
-        others = (path for path in sorted(self.folder.parent.glob(f"*/{NOMINAL}")) if not path.is_symlink())
-        if other := next(others, None):
-            own.unlink(missing_ok=True)
-            own.symlink_to(os.path.relpath(other, self.folder))
+        if other := next(iter(sorted(self.folder.parent.glob(f"*/{NOMINAL}"))), None):
+            own.hardlink_to(other)
 
     def _play_known(self, workspace: Workspace) -> None:
         """Replay earlier findings: first fixed ones, then those not in the baseline, then those known to fail."""

@@ -17,21 +17,24 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
 
-__all__ = ["demo", "find_example"]
+__all__ = ["demo", "example_places", "find_example"]
 
 _TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
 
 
+def example_places() -> list[Path]:
+    """Return the folders that riot's own examples may be in: beside this package, or where the wheel put them."""
+    wheel = Path(sysconfig.get_path("data")) / "share" / "riot_bus" / "examples"
+    return [Path(__file__).resolve().parents[2] / "examples", wheel.resolve()]
+
+
 def find_example(name: str) -> Path:
-    """Return the riot.toml of an example: in the source tree beside this package, or where the wheel put it.
+    """Return the riot.toml of an example.
 
     Raises:
         ConfigError: It is in neither place.
     """
-    places = [
-        Path(__file__).resolve().parents[2] / "examples",
-        Path(sysconfig.get_path("data")) / "share" / "riot_bus" / "examples",
-    ]
+    places = example_places()
     for place in places:
         if (place / name / "riot.toml").is_file():
             return place / name / "riot.toml"

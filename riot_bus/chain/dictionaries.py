@@ -10,8 +10,8 @@ from riot_bus.campaign.bindings import AppliesTo, applied, misfits
 from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.inject.dictionary import Dictionary, installed_files, own_text
 from riot_bus.inject.dictionary_file import DictionaryFile, read_file
-from riot_bus.sut.context import open_system
-from riot_bus.sut.system import load_system
+from riot_bus.sut.context import types_of
+from riot_bus.sut.system import read_system
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -77,7 +77,7 @@ def list_dictionaries(system: Path | None) -> list[ListedDictionary]:
     """
     found = [_counted(name, text, ()) for name, text in installed_files()]
     if system is not None:
-        file = load_system(system)
+        file = read_system(system)
         units: dict[Path, list[str]] = {}
         for unit, settings in file.unit.items():
             for name in settings.dictionaries:
@@ -130,8 +130,8 @@ def log_to_apply_to(log: Path | None, system: Path | None, unit: str | None) -> 
             return None
         registry = TypeRegistry(load_adapters())
         return DictionaryLog(str(log), read_messages(log, registry=registry), registry)
-    context = open_system(system)
-    file, registry = context.file, context.registry
+    file = read_system(system)
+    registry = types_of(file)
     unit = file.choose_unit(unit)
     settings = file.unit[unit]
     named = settings.log or file.system.nominal

@@ -8,18 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.logs import FailingLog, inputs_of, read_messages
+from riot_bus.chain.systems import described, system_of
+from riot_bus.chain.workspace import NOMINAL
 from riot_bus.findings.records import FindingRecord, RuleRecord, shortest_log
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.toml_text import toml_string
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.chain.workspace import Workspace
-    from riot_bus.sut.context import Context
+    from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
@@ -78,13 +80,10 @@ class GuardPlan:
         return [*told, f"without riot.toml: {self.command}"]
 
 
-def plan_guard(
-    workspace: Workspace, folder: Path, *, action: Literal["drop", "clamp", "hold", "report"] = "drop"
-) -> GuardPlan:
-    """Try a guard on the logs of a finding, and say how to put it in front of the unit.
+def plan_guard(folder: Path, *, action: Literal["drop", "clamp", "hold", "report"] = "drop") -> GuardPlan:
+    """Try a guard on the logs of a finding, and say how to put it in front of the unit; nothing is started.
 
     Args:
-        workspace: Workspace of the finding.
         folder: Folder of the finding.
         action: Action on messages for which the rule holds.
 
@@ -92,26 +91,42 @@ def plan_guard(
         ConfigError: There is no rule, or a guard cannot carry it out.
     """
     record, finding, path = RuleRecord.load(folder), FindingRecord.load(folder), folder / RuleRecord.FILE
-    file, registry = workspace.context.file, workspace.context.registry
+    try:
+        path_shown = own = system_of(finding.system_file, folder)
+    except ConfigError:  # no file of the user's own: the guard is for one that is yet to be written
+        path_shown, own = Path("riot.toml"), None
+    file, registry = described(folder, named=own)
     failing = shortest_log(folder)
     logs: list[tuple[str, Sequence[Message]]] = [
-        ("nominal log", workspace.known_unit_log(finding.unit)),
+        ("nominal log", _nominal(file, registry, finding.unit, folder.parent.parent / NOMINAL)),
         (failing.name, FailingLog.load(failing, registry=registry).messages),
     ]
     trials = tuple(_tried(name, log, RuleGuard(path, action), registry) for name, log in logs if log)
-    root = file.path.resolve().parent
+    root = path_shown.resolve().parent
     table = {"use": "guard", "rule": os.path.relpath(path.resolve(), root), "action": action}
     toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {toml_string(value)}" for key, value in table.items())])
     option = f"guard rule={toml_string(str(path))} action={action}"
-    command = f"riot router --system {shlex.quote(str(file.path))} --interceptor {shlex.quote(option)}"
+    command = f"riot router --system {shlex.quote(str(path_shown))} --interceptor {shlex.quote(option)}"
     topics = RuleGuard(path, action).topics
     keys = {one.key for _, log in logs for one in log if registry.topic(one.key) in topics}
-    return GuardPlan(record.text, toml, command, trials, _bypassed(workspace.context, finding.component, keys))
+    bypassed = _bypassed(file, registry, finding.component, keys) if file is not None else ()
+    return GuardPlan(record.text, toml, command, trials, bypassed)
 
 
-def _bypassed(context: Context, component: str, keys: set[str]) -> tuple[str, ...]:
+def _nominal(file: SystemFile | None, registry: TypeRegistry, unit: str, recorded: Path) -> Sequence[Message]:
+    """Return the unit's inputs in the nominal log; none if there is no such log yet, or the unit is not described."""
+    if file is None or unit not in file.unit:
+        return ()
+    named = file.unit[unit].log or file.system.nominal
+    path = file.root / named if named else recorded
+    if not path.is_file():
+        return ()
+    return inputs_of(unit, read_messages(path, registry=registry), file=file, registry=registry, path=path)
+
+
+def _bypassed(file: SystemFile, registry: TypeRegistry, component: str, keys: set[str]) -> tuple[str, ...]:
     """Return the components that publish some of these keys on the segment of a component."""
-    components, matches = context.file.components, context.registry.matches
+    components, matches = file.components, registry.matches
     own = components[component].segment if component in components else None
     return tuple(
         name

@@ -11,6 +11,7 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.robustness import keep_evidence, put_aside
 from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
+from riot_bus.given_files import given_file
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.statistics.rates import proportion
@@ -49,7 +50,7 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
         shutil.copyfile(folder / name, target / name)
     nominal, kept = folder.parent.parent / NOMINAL, into / NOMINAL
     if needs_baseline(record.monitor) and nominal.is_file() and nominal.stat().st_size <= LARGEST and not kept.exists():
-        shutil.copyfile(nominal, kept)
+        shutil.copyfile(given_file(nominal, inside=nominal.parent), kept)
     write_reproduce(target)
     write_regression_test(target, record)
     system = os.path.relpath(os.path.realpath(record.system_file), target.resolve())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus.chain.prediction import Prediction, alike, column_of, moments_of, predict, rule_text
+from riot_bus.chain.systems import described
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.fleet.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus.fleet.stores import copied
@@ -19,7 +20,6 @@ from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry
 from riot_bus.log.tables.table import Column, Columns, column_parts
-from riot_bus.sut.context import open_system
 from riot_bus.types.latest import FieldPlace, LatestFields, in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.counting import counted
@@ -71,10 +71,10 @@ class ScanRule:
 
     def __init__(self, source: Path) -> None:
         folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
+        # the parent if this is the region
+        self._finding = next((one for one in (folder, folder.parent) if FindingRecord.find(one) is not None), None)
         self.record = record = RuleRecord.load(folder)
         self.rule, self._scale, self.keeps = Rule.from_json(record.rule), record.scale, record.keeps
-        finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the parent if this is the region
-        self._system = Path(FindingRecord.load(finding).system_file) if finding else None
         minimal = MinimalRecord.find(folder)
         self.topics: Sequence[str] = record.topics or (minimal.topics if minimal else ())
         self.names = self.rule.variables
@@ -89,10 +89,10 @@ class ScanRule:
         return in_words(name, self.topics)
 
     def registry(self, reader: LogReader | None = None) -> TypeRegistry:
-        """Return a registry with the types of the finding's system, and of a log."""
-        if self._system is None:
+        """Return a registry with the types of the finding's system, those in its own log, and of a log."""
+        if self._finding is None:
             return log_registry(reader) if reader else TypeRegistry(load_adapters())
-        registry = open_system(self._system).registry
+        _, registry = described(self._finding)
         if reader is not None:
             learn_types(reader, registry)
         return registry

@@ -123,7 +123,7 @@ def injection_of(row: Mapping[str, Any], where: str) -> Injection:
             values["value"] = _scalar(value)
         values["options"] = tuple((str(name), _scalar(value)) for name, value in values.get("options", ()))
         return Injection(**values)
-    except (TypeError, ValueError, SyntaxError) as error:
+    except (TypeError, ValueError, SyntaxError, RecursionError) as error:
         raise ConfigError(f"this injection cannot be used: {error}", where=where) from None
 
 

@@ -16,6 +16,7 @@ from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import Artefact, FindingRecord
+from riot_bus.given_files import leads_out
 from riot_bus.log.reader import LogReader
 from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.sut.context import Context, open_system
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import RunPace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["NOMINAL", "StepRun", "Workspace", "open_finding", "system_of"]
+__all__ = ["NOMINAL", "StepRun", "Workspace", "open_finding"]
 
 _LOG = logging.getLogger(__name__)
 NOMINAL = "nominal.mcap"
@@ -153,6 +154,9 @@ class Workspace:
         fresh: bool = False,
         executor: str | None = None,
     ) -> None:
+        for name in (NOMINAL, "trials"):
+            if leads_out(out / name, out):
+                raise ConfigError(f"this link leads out of {str(out)!r}", where=str(out / name), hint="remove it")
         self.context: Context = open_system(system)
         self.out = out
         self.seed = seed
@@ -312,19 +316,6 @@ class Workspace:
     def findings(self) -> Path:
         """Folder of all findings."""
         return self.out / "findings"
-
-
-def system_of(finding: FindingRecord, *, named: Path | None = None, root: Path = Path()) -> Path:
-    """Return the system file of a finding: the named one, else the one that it was found with.
-
-    A finding of another machine, such as of a build, names a path on that machine; then the one in `root` is taken,
-    which is the working folder by default.
-    """
-    own, here = Path(finding.system_file), root / "riot.toml"
-    if named is not None or own.is_file() or not here.is_file():
-        return named or own
-    _LOG.warning("riot: %s is not on this machine; taking %s", own, here.absolute())
-    return here
 
 
 def open_finding(path: Path) -> tuple[Path, FindingRecord]:

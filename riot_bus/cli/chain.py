@@ -14,7 +14,16 @@ import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.declared import declared
-from riot_bus.cli.options import DEFAULT_OUT, DEFAULT_SYSTEM, Finding, RunOptions, StreamFormat, System, UnitName
+from riot_bus.cli.options import (
+    DEFAULT_OUT,
+    DEFAULT_SYSTEM,
+    Finding,
+    FindingsSystem,
+    RunOptions,
+    StreamFormat,
+    System,
+    UnitName,
+)
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
@@ -128,11 +137,12 @@ def _interrupt() -> None:
 def _of_finding(
     finding: Path, options: RunOptions, system: Path | None = None, *, fresh: bool = False
 ) -> Iterator[tuple[Workspace, Path]]:
-    from riot_bus.chain.workspace import open_finding, system_of
+    from riot_bus.chain.systems import system_of
+    from riot_bus.chain.workspace import open_finding
 
     folder, record = open_finding(finding)
     options = replace(options, out=folder.parent.parent, seed=record.seed)
-    with open_workspace(system_of(record, named=system), options, fresh=fresh) as workspace:
+    with open_workspace(system_of(record.system_file, folder, named=system), options, fresh=fresh) as workspace:
         yield workspace, folder
 
 
@@ -149,9 +159,9 @@ def show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
 def _command(step: ChainStep) -> Callable[..., None]:
     """Return the command of a step: `riot NAME [FINDING]` with the step's options."""
 
-    def command(finding: Path, **given: Any) -> None:
+    def command(finding: Path, *, system: Path | None, **given: Any) -> None:
         run = RunOptions(**{name: given.pop(name) for name in _OF_FINDING if name in given})
-        with _of_finding(finding, run) as (workspace, folder):
+        with _of_finding(finding, run, system) as (workspace, folder):
             options = {name: () if value is None else value for name, value in given.items()}
             record = workspace.carry_out(step, folder, **options)
         show(record.model_dump(mode="json"), run.form, [str(folder / record.FILE)])
@@ -171,6 +181,7 @@ def _command(step: ChainStep) -> Callable[..., None]:
             )
             for one in step.options
         ),
+        inspect.Parameter("system", named, default=None, annotation=FindingsSystem),
     ]
     command.__doc__ = step.help
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -320,9 +331,7 @@ def reproduce(
             help="Play the external messages of riot activate to the whole system, not the finding's log to its unit.",
         ),
     ] = False,
-    system: Annotated[
-        Path | None, typer.Option("--system", "-s", help="System file to use instead of the recorded one.")
-    ] = None,
+    system: FindingsSystem = None,
     **given: Any,
 ) -> None:
     """Check whether a finding still fails. Exit 0: fixed, 1: still failing, 4: cannot be run, 5: not decided."""

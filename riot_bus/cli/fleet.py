@@ -157,6 +157,7 @@ def run(
     from rich.console import Console
 
     from riot_bus.chain.over_fleet import FleetOptions, exit_code, run_over
+    from riot_bus.chain.systems import system_of
     from riot_bus.chain.testcases import load_case_template
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator
@@ -169,7 +170,7 @@ def run(
         logs = known.find(parse_query(over))
     if not logs:
         raise ConfigError("no log matches", where="--over", hint=f"try: riot fleet list {over}")
-    file, how = system or Path(template.system or "riot.toml"), RunOptions(**given)
+    file, how = system_of(template.system, testcase, named=system), RunOptions(**given)
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
         Workspace(file, how.out, jobs=how.jobs, seed=how.seed, listeners=[narrator], fresh=True) as workspace,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -33,11 +32,9 @@ def guard(
     from dataclasses import asdict
 
     from riot_bus.chain.guard import plan_guard
-    from riot_bus.chain.workspace import Workspace, open_finding
+    from riot_bus.chain.workspace import open_finding
 
-    folder, record = open_finding(finding)
-    with Workspace(Path(record.system_file), folder.parent.parent, seed=record.seed) as workspace:
-        plan = plan_guard(workspace, folder, action=action.value)
+    plan = plan_guard(open_finding(finding)[0], action=action.value)
     if form is OutputFormat.JSON:
         print_json(asdict(plan))
         return

@@ -84,7 +84,12 @@ class RunOptions:
 System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
 FindingsSystem = Annotated[
     Path | None,
-    typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
+    typer.Option(
+        "--system",
+        "-s",
+        envvar="RIOT_SYSTEM",
+        help="System file. [default: riot.toml; for reading logs, the finding's]",
+    ),
 ]
 UnitName = Annotated[
     str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test, if there are several.")

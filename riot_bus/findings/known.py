@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.findings.records import FindingRecord
+from riot_bus.given_files import given_text, leads_out
 from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -136,9 +137,7 @@ class KnownFindings:
             ConfigError: It cannot be read, or is not what `save` writes.
         """
         try:
-            if path.stat().st_size > _LARGEST:
-                raise ConfigError(f"the baseline is larger than {_LARGEST >> 20} MiB", where=str(path))
-            text = path.read_text(encoding="utf-8")
+            text = given_text(path, most=_LARGEST)
         except FileNotFoundError:
             return cls(path, missing=True)
         except (OSError, UnicodeError) as error:
@@ -177,7 +176,7 @@ class KnownFindings:
         if not entry.log:
             return None
         folder = self.path.parent / entry.log
-        if not folder.resolve().is_relative_to(self.path.parent.resolve()):
+        if leads_out(folder, self.path.parent):
             raise ConfigError(f"log leads out of the folder of the file: {entry.log!r}", where=str(self.path))
         return folder if FindingRecord.exists(folder) else None
 

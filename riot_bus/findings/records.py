@@ -14,12 +14,14 @@ report.html, reproduce.sh, riot_test_ID.py
 from __future__ import annotations
 
 import json
+import logging
 import os
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.given_files import given_folder, given_text, leads_out
 from riot_bus.new_file import write_whole
 from riot_bus.statistics.rates import Proportion
 from riot_bus.vocabulary.counting import counted
@@ -48,6 +50,7 @@ __all__ = [
     "shortest_log",
 ]
 
+_LOG = logging.getLogger(__name__)
 RecordT = TypeVar("RecordT", bound="Artefact")
 
 Value = bool | int | float | str
@@ -97,16 +100,16 @@ class Artefact(_Model):
         """Read the file.
 
         Raises:
-            ConfigError: It is missing or not what this version writes.
+            ConfigError: It is missing, not what this version writes, or a link out of the folder.
         """
         path = directory / cls.FILE
         try:
-            return cls.model_validate(json.loads(path.read_text(encoding="utf-8")))
+            return cls.model_validate(json.loads(given_text(path, inside=directory)))
         except FileNotFoundError:
             raise ConfigError(
                 f"{cls.FILE} does not exist yet", where=str(directory), hint=f"run `riot {cls.STEP}` first"
             ) from None
-        except (ValueError, ValidationError) as error:
+        except (OSError, ValueError, ValidationError, RecursionError) as error:
             raise ConfigError(
                 f"this file cannot be used: {str(error).splitlines()[0]}",
                 where=str(path),
@@ -314,8 +317,12 @@ class FindingRecord(Artefact):
 
     @classmethod
     def load(cls, directory: Path) -> Self:
-        """Read the file; a path relative to the finding's folder becomes an absolute one."""
-        record = super().load(directory)
+        """Read the file; a path relative to the finding's folder becomes an absolute one.
+
+        Raises:
+            ConfigError: As of any record; or the folder holds links that lead out of it, pipes or the like.
+        """
+        record = super().load(given_folder(directory))
         if not record.system_file.startswith("../"):
             return record
         whole = os.path.normpath(directory.absolute() / record.system_file)
@@ -323,8 +330,11 @@ class FindingRecord(Artefact):
 
     @classmethod
     def folders(cls, findings: Path) -> list[Path]:
-        """Return the folders of all findings in a folder, sorted."""
-        return sorted(path.parent for path in findings.glob(f"*/{cls.FILE}"))
+        """Return the folders of all findings in a folder, sorted; where a link leads out of it, a warning instead."""
+        found = {path: leads_out(path, findings.parent) for path in sorted(findings.glob(f"*/{cls.FILE}"))}
+        for path in (path for path, out in found.items() if out):
+            _LOG.warning("riot: %s is left out: this link leads out of %s", path.parent, findings.parent)
+        return [path.parent for path, out in found.items() if not out]
 
     @property
     def provenance(self) -> dict[str, str]:

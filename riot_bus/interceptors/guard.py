@@ -18,6 +18,7 @@ from riot_bus.generalize.arrays import with_column
 from riot_bus.generalize.forms.function import judge_of
 from riot_bus.generalize.forms.repair import Repair, why_not_repairable
 from riot_bus.generalize.rule import Rule
+from riot_bus.given_files import given_bytes
 from riot_bus.types.latest import place_of
 from riot_bus.vocabulary.elements import Elements, quantity_of
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -283,11 +284,7 @@ def _selects(topic: str) -> bool:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise ConfigError(f"this file has more than {_MOST_BYTES} bytes, so it is not a rule", where=str(path))
-        record = json.loads(data)
+        record = json.loads(given_bytes(path, most=_MOST_BYTES))
     except OSError as error:
         raise ConfigError(f"cannot read the rule: {error.strerror}", where=str(path)) from error
     except (ValueError, RecursionError) as error:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import uuid
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.findings.records import CampaignRecord, FindingRecord, shortest_log
@@ -16,7 +17,8 @@ from riot_bus.report.cases import LONGEST_NAME, as_text, cases_of, suites_of
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place
 from riot_bus.report.markdown import MarkdownReport, code
-from riot_bus.report.page import PAGE
+from riot_bus.report.page import PAGE, HtmlReport
+from riot_bus.vocabulary.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,9 +60,9 @@ class AllureReport:
                 name = f"riot.{suite}.{case.name}"
                 identity = uuid.uuid5(_SPACE, name)
                 attachments = []
-                for path, title, kind in _attached(case.finding) if case.finding else ():
-                    source = f"{uuid.uuid5(identity, path.suffix)}-attachment{path.suffix}"
-                    files[source] = path
+                for suffix, content, title, kind in _attached(case.finding) if case.finding else ():
+                    source = f"{uuid.uuid5(identity, suffix)}-attachment{suffix}"
+                    files[source] = content
                     attachments.append({"name": title, "source": source, "type": kind})
                 told = _result(view, case, suite, name) | {"uuid": str(identity), "attachments": attachments}
                 files[f"{identity}-result.json"] = json.dumps(told, indent=1) + "\n"
@@ -109,10 +111,11 @@ def _times(view: CampaignView, case: ReportedCase) -> dict[str, int]:
     return {"start": start, "stop": start + took}
 
 
-def _attached(one: FindingView) -> Iterator[tuple[Path, str, str]]:
-    """Return the files of a finding that people open, each with its title and type."""
+def _attached(one: FindingView) -> Iterator[tuple[str, str | Path, str, str]]:
+    """Yield what people open of a finding: ending, text or file, title, type; a page in its folder may be anybody's."""
     log = shortest_log(one.directory)
     if log.is_file() and log.stat().st_size <= _LARGEST:
-        yield log, f"{'minimal' if log.stem == 'minimal' else 'failing'} log", "application/octet-stream"
-    if (page := one.directory / PAGE).is_file():
-        yield page, "report", "text/html"
+        yield log.suffix, log, f"{'minimal' if log.stem == 'minimal' else 'failing'} log", "application/octet-stream"
+    if (one.directory / PAGE).is_file():
+        with suppress(MissingExtraError):
+            yield ".html", HtmlReport().render(one), "report", "text/html"

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.config.toml_file import line_of
+from riot_bus.given_files import given_text
 from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
 from riot_bus.report.finding_view import EVIDENCE, tail_of
 from riot_bus.report.format import clean
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -104,8 +106,8 @@ def unit_place(record: FindingRecord | CampaignRecord) -> SourcePlace:
     """Return where riot.toml names the unit of a finding or campaign; its first line if the file is gone."""
     system = _real(record.system_file)
     try:
-        text = system.read_text(encoding="utf-8", errors="replace")
-    except (OSError, ValueError):
+        text = given_text(system)
+    except (OSError, ValueError, ConfigError):
         text = ""
     return _place(system, _root_of(system), line_of(text, ["unit", record.unit]))
 

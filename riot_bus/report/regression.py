@@ -5,7 +5,6 @@ The test fails as long as the unit does, and passes once the unit is fixed.
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,25 +32,22 @@ it is fixed.
 
     pytest {name}
 
-It needs only riot_bus and the component that it tests. To use it in a test suite, copy the whole folder there and
-rename this file to test_{stem}.py.
+It needs only riot_bus and the component that it tests, which the riot.toml of the working folder describes, or the
+one that RIOT_SYSTEM names. To use it in a test suite, copy the whole folder there and rename this file to
+test_{stem}.py.
 """
 
-import os
 from pathlib import Path
 
 from riot_bus.testing.regression import reproduce_finding
 
 FINDING = Path(__file__).resolve().parent
 
-SYSTEM = Path(os.environ.get("RIOT_SYSTEM", FINDING / {system}))
-"""Says how the unit is started; set RIOT_SYSTEM if the folder was moved."""
-
 SIGNATURE = {signature}
 
 
 def test_{function}():
-    found = reproduce_finding(FINDING, system=SYSTEM)
+    found = reproduce_finding(FINDING)
     assert found.answer == "fixed", (
         f"{{found.failed}} of {{found.trials}} trials of {{found.log}} fail: {{SIGNATURE}}: {{found.detail}}"
     )
@@ -77,13 +73,11 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
         directory: The finding's directory.
         finding: Record of the finding.
     """
-    system = os.path.relpath(os.path.abspath(finding.system_file), directory.resolve())
     text = _TEXT.format(
         component=_plain(finding.component),
         what=f"fails ({_plain(finding.monitor)}) on a log of riot's",
         name=regression_name(finding),
         stem=file_stem(finding),
-        system=ascii(system),
         signature=ascii(finding.signature),
         function=file_stem(finding),
     )

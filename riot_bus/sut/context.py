@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant, Monitor
     from riot_bus.sut.activity import Idle
 
-__all__ = ["Context", "invariants_of", "open_system"]
+__all__ = ["Context", "invariants_of", "open_system", "types_of"]
 
 _JUDGED = b"5"
 """Version of the judgement; change it when the same trial may get another verdict or signature than before."""
@@ -108,31 +108,40 @@ class Context:
 
 
 def open_system(path: Path) -> Context:
-    """Read a system file and load the adapters and message types that it names.
+    """Read a system file and load the monitors, adapters and message types that it names.
 
     Raises:
         ConfigError: Something in the file is not usable; the error has place and suggestion.
     """
     file = load_system(path)
-    adapters = load_adapters(chosen_adapters(file.system.adapters))
-    files = []
-    for name in file.system.messages:
-        source = (file.root / name).resolve()
-        if not source.is_file():
-            raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
-        files.append(source)
     for program in file.programs:
         for parameter in (each for text in file.texts_of(program) for each in PARAMETER.findall(text)):
             if why := file.external.why_not_in_commands(parameter):  # only in files: riot.toml was checked when read
                 where = f"{file.path}: {', '.join(program.files)}"
                 raise ConfigError(why[0], where=where, hint=why[1])
-    registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
+    registry = types_of(file)
     for name, parameter in file.external.in_nodes.items():
         if registry.parameter_adapter(str(parameter.node)) is None:
             hint = "a node of ROS 2 is written like /planner, a component of MAVLink like 1/1 (system/component)"
             where = f"{file.path}: external.parameters.{name}"
             raise ConfigError(f"no adapter knows parameters of {parameter.node!r}", where=where, hint=hint)
     return Context(file, registry, (*(monitor() for monitor in LIVENESS), *file.invariants))
+
+
+def types_of(file: SystemFile) -> TypeRegistry:
+    """Return the registry of the types that a system file declares: installed adapters and codecs alone are loaded.
+
+    Raises:
+        ConfigError: An adapter or type is unknown, or a file of definitions cannot be used.
+    """
+    files = []
+    for name in file.system.messages:
+        source = (file.root / name).resolve()
+        if not source.is_file():
+            raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
+        files.append(source)
+    adapters = load_adapters(chosen_adapters(file.system.adapters))
+    return TypeRegistry(adapters, declared=file.system.types, definitions=files)
 
 
 def invariants_of(path: Path) -> list[Invariant]:

@@ -40,6 +40,7 @@ __all__ = [
     "Unit",
     "VirtualClock",
     "load_system",
+    "read_system",
 ]
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
@@ -648,24 +649,33 @@ def _unknown(place: str, word: str, known: Any) -> tuple[str, str, str]:
     return place, f"{word!r} is not described", did_you_mean(word, known) or ""
 
 
-def load_system(path: Path) -> SystemFile:
-    """Read and check a system file.
+def read_system(path: Path) -> SystemFile:
+    """Read and check a system file, whoever wrote it: nothing that it names is loaded, so its monitors cannot judge.
 
     Raises:
         ConfigError: Missing file, TOML syntax error, unknown key or bad value; with place and suggestion.
     """
-    document, text = read_toml(path)
-    if "path" in document:
-        raise ConfigError("unknown key 'path'", where=f"{path}:{line_of(text, ['path'])}")
-    try:
-        file = SystemFile.model_validate({**document, "path": path.resolve()})
-    except ValidationError as error:
-        raise explained(error, path, text, _known_keys) from None
+    return _read(path)[0]
+
+
+def load_system(path: Path) -> SystemFile:
+    """Read and check a user's own system file: its monitors' files are executed; raises as `read_system`."""
+    file, text = _read(path)
     file._invariants = tuple(
         build_monitor(table, where=partial(_place, path, text, str(number)), root=file.root)
         for number, table in enumerate(file.monitors)
     )
     return file
+
+
+def _read(path: Path) -> tuple[SystemFile, str]:
+    document, text = read_toml(path)
+    if "path" in document:
+        raise ConfigError("unknown key 'path'", where=f"{path}:{line_of(text, ['path'])}")
+    try:
+        return SystemFile.model_validate({**document, "path": path.resolve()}), text
+    except ValidationError as error:
+        raise explained(error, path, text, _known_keys) from None
 
 
 def _place(path: Path, text: str, number: str, key: str) -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.reproduce import Reproduction, reproduce
-from riot_bus.chain.workspace import NOMINAL, Workspace, system_of
+from riot_bus.chain.systems import system_of
+from riot_bus.chain.workspace import NOMINAL, Workspace
 from riot_bus.findings.records import FindingRecord
-from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.sut.runners import RunnerFactory
@@ -21,7 +22,7 @@ __all__ = ["reproduce_finding"]
 def reproduce_finding(
     folder: Path,
     *,
-    system: Path,
+    system: Path | None = None,
     root: Path = Path(),
     trials: int | None = None,
     runners: RunnerFactory | None = None,
@@ -30,26 +31,23 @@ def reproduce_finding(
 
     Args:
         folder: Folder of the finding.
-        system: Path of riot.toml; if it does not exist, the first existing path of the environment (`RIOT_SYSTEM`),
-            the finding's record, and `root`.
+        system: Path of riot.toml; by default `RIOT_SYSTEM` of the environment, else see `chain.systems.system_of`.
         root: Folder of the project.
         trials: Number of fresh trials; None for as many as needed.
         runners: Factory of the runners; by default, processes on this machine.
 
     Raises:
         InconclusiveError: The trials do not decide, or show another failure.
-        ConfigError: There is no riot.toml or no log.
+        ConfigError: There is no riot.toml of this project, or no log.
         EnvironmentFaultError: The components do not start.
     """
     record = FindingRecord.load(folder)
-    named = (system, *map(Path, filter(None, [os.environ.get("RIOT_SYSTEM")])))
-    file = system_of(record, named=next((path for path in named if path.is_file()), None), root=root)
-    if not file.is_file():
-        raise ConfigError("there is no riot.toml", where=str(system), hint="set RIOT_SYSTEM to its path")
+    variable = os.environ.get("RIOT_SYSTEM")
+    file = system_of(record.system_file, folder, named=system or (Path(variable) if variable else None), root=root)
     with tempfile.TemporaryDirectory(prefix="riot-") as name:
         out = Path(name)
         nominal = folder.resolve().parent.parent / NOMINAL
         if nominal.is_file():  # some failures, such as silence, are only recognised with it
-            (out / NOMINAL).symlink_to(nominal)
+            shutil.copyfile(nominal, out / NOMINAL)
         with Workspace(file, out, seed=record.seed, runners=runners, fresh=True) as workspace:
             return reproduce(workspace, folder, times=trials)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.campaign.store import StoredRunner, TrialStore, stored_trials
+from riot_bus.campaign.store import _CREATE, StoredRunner, TrialStore, stored_trials
 from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
@@ -188,24 +188,27 @@ def test_what_was_injected_into_a_log_is_kept_with_what_came_of_it(tmp_path: Pat
     assert list(store.tried({"unit": "none"}, log)) == []
 
 
-def test_a_store_of_before_knows_nothing_of_injections_and_takes_them_from_now_on(tmp_path: Path) -> None:
+HANGS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT"
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        f"CREATE VIEW trials AS {HANGS} x AS number, '' AS key, '' AS verdict, '' AS signatures, 0 AS seconds,"
+        " '' AS detail, '' AS outcome, '' AS injected FROM n",
+        "{create}; CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
+        "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT, injected AS (hex(zeroblob(1000000000))))",
+    ],
+    ids=["view", "trigger", "computed"],
+)
+def test_a_store_with_anything_but_our_table_is_not_asked(tmp_path: Path, made: str) -> None:
+    """SQLite carries out what a schema says: a view of a stranger's store may never end."""
     path = tmp_path / TrialStore.NAME
-    log = (said(1),)
-    with closing(sqlite3.connect(path)) as older, older:
-        older.execute(
-            "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT UNIQUE,"
-            " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT) STRICT"
-        )
-        older.execute(
-            "INSERT INTO trials VALUES (1, ?, 'pass', '', 0, '', ?)",
-            (f"{{}}|{TestCase(log).digest()}", '{"verdict": "pass"}'),
-        )
-    store = TrialStore(path)
-    runner = StoredRunner(Answers(Verdict.FAIL), store, scope={})
-    assert runner.run([TestCase(log)])[0].verdict is Verdict.PASS
-    assert list(store.tried({}, log)) == []
-    runner.run([TestCase(log, (Injection("topic", "x", 1),))])
-    assert len(list(TrialStore(path).tried({}, log))) == 1
+    with closing(sqlite3.connect(path)) as other, other:
+        other.executescript(made.format(create=_CREATE))
+    for opened in (TrialStore, stored_trials):
+        with pytest.raises(EnvironmentFaultError, match="something else, has made it"):
+            opened(path)
 
 
 def test_a_case_that_cannot_be_judged_is_kept_for_who_takes_it_and_an_error_for_others(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def test_a_kept_finding_is_played_where_its_repository_was_moved(tmp_path: Path)
     kept = after / "riot-findings" / "findings" / one.folder.name
     record = FindingRecord.load(kept)
     assert Path(record.system_file) == after / "riot.toml"
-    found = reproduce_finding(kept, system=after / "none", runners=Machine(after))
+    found = reproduce_finding(kept, root=after, runners=Machine(after))
     assert (found.answer, found.log) == ("still failing", "minimal.mcap")
     assert [view.finding.id for view in load_campaign(after / "riot-findings").findings] == [record.id]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain import workspace as room
-from riot_bus.chain.workspace import Workspace, open_finding, system_of
+from riot_bus.chain.workspace import Workspace, open_finding
 from riot_bus.events import Listeners, StepFinished, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
 from riot_bus.sut.runners import LocalRunners
@@ -131,20 +131,3 @@ def test_a_finding_is_opened_by_its_folder_or_as_the_only_one(tmp_path: Path) ->
     record.save(one.workspace.findings / "two")
     with pytest.raises(ConfigError, match="2 findings in"):
         open_finding(one.workspace.out)
-
-
-def test_what_another_machine_has_found_is_of_the_system_in_the_working_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    finding = FindingRecord(
-        id="x", system="s", system_file="/build/riot.toml", unit="u", component="u", monitor="crash", signature="x"
-    )
-    assert system_of(finding) == Path("/build/riot.toml")
-    (tmp_path / "riot.toml").write_text("")
-    assert system_of(finding) == Path("riot.toml")
-    assert "/build/riot.toml is not on this machine" in caplog.text
-    assert system_of(finding, named=Path("other.toml")) == Path("other.toml")
-    (tmp_path / "own.toml").write_text("")
-    own = tmp_path / "own.toml"
-    assert system_of(finding.model_copy(update={"system_file": str(own)})) == own

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -132,12 +133,15 @@ def test_the_same_finding_twice_is_an_error(tmp_path: Path) -> None:
 
 
 def test_what_is_no_file_and_what_is_too_large_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot read the baseline"):
+    with pytest.raises(ConfigError, match="no regular file"):
         KnownFindings.load(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="no regular file"):
+        KnownFindings.load(tmp_path / "pipe")
     path = tmp_path / "b.json"
     with path.open("wb") as stream:
         stream.truncate((16 << 20) + 1)
-    with pytest.raises(ConfigError, match="larger than 16 MiB"):
+    with pytest.raises(ConfigError, match=f"more than {16 << 20} bytes"):
         KnownFindings.load(path)
     with pytest.raises(ConfigError, match="cannot write the baseline"):
         KnownFindings(tmp_path / "none" / "b.json").save()

@@ -79,8 +79,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 
 
 @pytest.fixture
-def one(tmp_path: Path) -> Bench:
-    """A finding with a minimal log."""
+def one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    """A finding with a minimal log, in the working folder."""
+    monkeypatch.chdir(tmp_path)
     made = bench(tmp_path, SYSTEM[: SYSTEM.index("[external]")] + "[unit.drive]\n")
     write_minimal(made)
     return made

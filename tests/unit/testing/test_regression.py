@@ -35,13 +35,12 @@ def test_trials_that_do_not_decide_are_no_pass(tmp_path: Path) -> None:
         asked(one)
 
 
-def test_a_folder_that_was_moved_finds_the_system_of_its_record(tmp_path: Path) -> None:
+def test_without_a_system_file_of_the_project_it_says_so(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_minimal(one)
-    assert asked(one, tmp_path / "elsewhere/riot.toml") == ("still failing", 4)
     (tmp_path / "riot.toml").unlink()
-    with pytest.raises(ConfigError, match="RIOT_SYSTEM"):
-        reproduce_finding(one.folder, system=tmp_path / "elsewhere/riot.toml", root=tmp_path, runners=one.machine)
+    with pytest.raises(ConfigError, match=r"there is no riot\.toml in .*, and no .*/riot\.toml"):
+        reproduce_finding(one.folder, root=tmp_path, runners=one.machine)
 
 
 @pytest.mark.parametrize("how", ["environment", "root", "working folder"])
@@ -58,5 +57,4 @@ def test_the_system_is_looked_for_where_the_error_says(
         monkeypatch.setenv("RIOT_SYSTEM", str(moved))
     if how == "working folder":
         monkeypatch.chdir(moved.parent)
-    found = reproduce_finding(one.folder, system=tmp_path / "none.toml", root=root, trials=4, runners=one.machine)
-    assert found.answer == "still failing"
+    assert reproduce_finding(one.folder, root=root, trials=4, runners=one.machine).answer == "still failing"
