@@ -41,12 +41,18 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
     return path
 
 
-def given_folder(path: Path) -> Path:
+def given_folder(path: Path, *, inside: Path | None = None) -> Path:
     """Return the path of a folder unchanged if it holds files and folders alone, and no link that leads out of it.
 
+    Args:
+        path: Path of the folder, which may be a link.
+        inside: Folder that it must not lead out of.
+
     Raises:
-        ConfigError: It holds something else, such as a pipe, at any depth.
+        ConfigError: It leads there, or holds something else, such as a pipe, at any depth.
     """
+    if inside is not None and leads_out(path, inside):
+        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint="remove it")
     for folder, folders, files in os.walk(path):
         for each in (Path(folder, name) for name in (*folders, *files)):
             if each.is_symlink() and leads_out(each, path):

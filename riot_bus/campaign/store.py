@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
+from riot_bus.given_files import given_folder
 from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
@@ -62,6 +63,7 @@ class TrialStore:
 
     Raises:
         EnvironmentFaultError: The file is not such a store, or is locked for a minute.
+        ConfigError: Its folder holds links that lead out of it, or leads out itself.
     """
 
     NAME = "trials.sqlite"
@@ -69,6 +71,7 @@ class TrialStore:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = threading.Lock()
+        given_folder(path.parent, inside=path.parent.parent)  # SQLite writes to files beside it, wherever links lead
         path.parent.mkdir(parents=True, exist_ok=True)
         with _told(path):
             self._database = sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
@@ -149,9 +152,11 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
 
     Raises:
         EnvironmentFaultError: The file is not such a store.
+        ConfigError: As of `TrialStore`.
     """
     if not path.is_file():
         return []
+    given_folder(path.parent, inside=path.parent.parent)
     with (
         _told(path),
         closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file,

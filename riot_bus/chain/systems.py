@@ -52,7 +52,10 @@ def system_of(recorded: str | None, folder: Path, *, named: Path | None = None, 
     if not own.is_file():
         nor = f", and no {own}" if recorded else ""
         raise ConfigError(f"there is no {_NAME} in {root.absolute()}{nor}", hint="name yours with --system FILE")
-    if _same_project(own, folder, root) or any(own.resolve().is_relative_to(place) for place in example_places()):
+    if any(own.resolve().is_relative_to(place) for place in example_places()):
+        return own
+    if _same_project(own, folder, root):
+        _LOG.warning("riot: starting what %s describes, with which this was found", own)
         return own
     commands = ", ".join(_commands(own)) or "unknown commands"
     raise ConfigError(

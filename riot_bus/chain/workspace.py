@@ -16,7 +16,7 @@ from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import Artefact, FindingRecord
-from riot_bus.given_files import leads_out
+from riot_bus.given_files import given_file
 from riot_bus.log.reader import LogReader
 from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.sut.context import Context, open_system
@@ -154,9 +154,8 @@ class Workspace:
         fresh: bool = False,
         executor: str | None = None,
     ) -> None:
-        for name in (NOMINAL, "trials"):
-            if leads_out(out / name, out):
-                raise ConfigError(f"this link leads out of {str(out)!r}", where=str(out / name), hint="remove it")
+        if (out / NOMINAL).is_file():
+            given_file(out / NOMINAL, inside=out)
         self.context: Context = open_system(system)
         self.out = out
         self.seed = seed

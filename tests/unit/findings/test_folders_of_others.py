@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.campaign.store import TrialStore
 from riot_bus.chain.ci import _tidy
 from riot_bus.chain.ci_baseline import accept
 from riot_bus.chain.kept import keep_finding
@@ -90,14 +91,23 @@ def test_a_finding_that_a_link_leads_to_is_none_of_the_campaign_s(
         CampaignRecord.load(one.workspace.out)
 
 
-@pytest.mark.parametrize("name", ["nominal.mcap", "trials"])
+@pytest.mark.parametrize(
+    "name", ["nominal.mcap", "trials", "trials/trials.sqlite", "trials/trials.sqlite-wal", "trials/b"]
+)
 def test_no_work_begins_in_an_output_folder_with_links_out_of_it(one: Bench, tmp_path: Path, name: str) -> None:
-    out = tmp_path / "theirs"
-    out.mkdir()
-    (out / name).symlink_to(tmp_path / "home")
+    """SQLite would write its log over whatever a link beside the store leads to."""
+    path = tmp_path / "theirs" / name
+    path.parent.mkdir(parents=True)
+    path.symlink_to(tmp_path / "home" / ("" if name == "trials" else "id_rsa"))
     with pytest.raises(ConfigError, match="leads out of"):
-        Workspace(tmp_path / "riot.toml", out, runners=one.machine)
-    assert sorted(path.name for path in (tmp_path / "home").iterdir()) == ["id_rsa"]
+        Workspace(tmp_path / "riot.toml", tmp_path / "theirs", runners=one.machine)
+    path.unlink()
+    path.symlink_to(tmp_path / "home" / "none")  # nothing is made there either
+    if name != "nominal.mcap":
+        with pytest.raises(ConfigError, match="leads out of"):
+            TrialStore(tmp_path / "theirs" / "trials" / TrialStore.NAME)
+    assert [each.name for each in (tmp_path / "home").iterdir()] == ["id_rsa"]
+    assert (tmp_path / "home" / "id_rsa").read_text() == KEY
 
 
 def test_tidying_removes_nothing_behind_a_link(one: Bench, tmp_path: Path) -> None:
