@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from riot_bus.agent.request import PlayRequest, RecordRequest, parse_request
+from riot_bus.chain.scan import ScanRule
+from riot_bus.chain.testcases import load_case_template
 from riot_bus.control.commands import Command, CommandRequest, answer
 from riot_bus.log.reader import LogReader
+from riot_bus.report.finding_view import load
+from riot_bus.report.markdown import MarkdownReport
+from riot_bus.report.text import summary
 from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, RiotError
 from riot_bus.vocabulary.predicate import parse_predicate
@@ -23,6 +31,7 @@ __all__ = ["TARGETS", "seeds"]
 
 _TYPES = ("nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan", "std_msgs/msg/String", "diagnostic_msgs/msg/KeyValue")
 _MOST_LEAVES = 1000
+_RECORDS = ("finding.json", "rule.json", "fields.json", "minimal.json", "permeability.json", "activation.json")
 
 
 @cache
@@ -30,6 +39,11 @@ def _cdr(number: int) -> MessageType:
     found = Ros2Adapter().type_named(_TYPES[number % len(_TYPES)])
     assert found is not None
     return found
+
+
+@cache
+def _folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="riot-fuzz-"))
 
 
 @cache
@@ -105,6 +119,24 @@ def control(data: bytes) -> None:
     json.loads(made)
 
 
+def finding(data: bytes) -> None:
+    """Read the records of a stranger's finding, a file each, as commands that only read do."""
+    folder = _folder()
+    for name, content in zip(_RECORDS, data.split(b"\0"), strict=False):
+        (folder / name).write_bytes(content)
+    ways: list[Callable[[], object]] = [
+        lambda: MarkdownReport().render(load(folder)),
+        lambda: summary(folder),
+        lambda: load_case_template(folder),
+        lambda: ScanRule(folder).registry(),
+    ]
+    for way in ways:
+        with suppress(RiotError):
+            way()
+    for name in _RECORDS:
+        (folder / name).unlink(missing_ok=True)
+
+
 def _told(request: CommandRequest) -> dict[str, Any]:
     return {"arguments": request.arguments(), "name": request.name()}
 
@@ -121,7 +153,9 @@ def _request(payload: bytes) -> dict[str, Any]:
     return {}
 
 
-TARGETS: dict[str, Callable[[bytes], None]] = {each.__name__: each for each in (cdr, mcap, mavlink, selector, control)}
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    each.__name__: each for each in (cdr, mcap, mavlink, selector, control, finding)
+}
 """All targets by name."""
 
 
@@ -165,10 +199,16 @@ def _mavlink_seeds() -> list[bytes]:
     return [pack_frame(30, bytes(range(28)), extra, version=version, **who) * 2 for version in (1, 2)]
 
 
+def _finding_seeds() -> list[bytes]:
+    example = Path(__file__).parents[2] / "docs/rover-finding"
+    return [b"\0".join((example / name).read_bytes() if (example / name).is_file() else b"" for name in _RECORDS)]
+
+
 _SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "cdr": _cdr_seeds,
     "mcap": _mcap_seeds,
     "mavlink": _mavlink_seeds,
+    "finding": _finding_seeds,
     "selector": lambda: [
         b"/odom:twist.twist.linear.x where pose.x > 3 and not (a == 'b' or c <= -1.5e3)\0odom",
         b"a/**/b$*c/*:len(x[3].y[*])\0a/x/y/bqc/d",
