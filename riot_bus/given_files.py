@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError
@@ -33,32 +34,26 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
         OSError: It cannot be looked at.
         ConfigError: It is no regular file, such as a pipe or a device, or a link leads out of the folder.
     """
+    if inside is not None and leads_out(path, inside):
+        hint = "remove it, or copy the file there if you want it to be read"
+        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
     if not stat.S_ISREG(path.stat().st_mode):
         raise ConfigError("this is no regular file", where=str(path), hint="pipes, devices and folders are not read")
-    if inside is not None and leads_out(path, inside):
-        hint = "copy the file there if you want it to be read"
-        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
     return path
 
 
-def given_folder(path: Path, *, inside: Path | None = None) -> Path:
-    """Return the path of a folder unchanged if it holds files and folders alone, and no link that leads out of it.
+def given_folder(path: Path) -> Path:
+    """Return the path of a folder unchanged if it holds files and folders alone, and no link leads out of it.
 
-    Args:
-        path: Path of the folder, which may be a link.
-        inside: Folder that it must not lead out of.
+    What is in its folders is not looked at: programs may have left anything there.
 
     Raises:
-        ConfigError: It leads there, or holds something else, such as a pipe, at any depth.
+        ConfigError: It holds something else, such as a pipe.
     """
-    if inside is not None and leads_out(path, inside):
-        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint="remove it")
-    for folder, folders, files in os.walk(path):
-        for each in (Path(folder, name) for name in (*folders, *files)):
-            if each.is_symlink() and leads_out(each, path):
-                raise ConfigError(f"this link leads out of {str(path)!r}", where=str(each), hint="remove it")
-            if stat.S_IFMT(each.lstat().st_mode) not in (stat.S_IFREG, stat.S_IFDIR, stat.S_IFLNK):
-                raise ConfigError("this is neither a file nor a folder", where=str(each), hint="remove it")
+    for each in path.iterdir() if path.is_dir() else ():
+        with suppress(FileNotFoundError):  # it is gone meanwhile, or a link to nothing that is inside
+            if leads_out(each, path) or not each.is_dir():
+                given_file(each, inside=path)
     return path
 
 

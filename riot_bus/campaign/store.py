@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
-from riot_bus.given_files import given_folder
-from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
+from riot_bus.given_files import leads_out
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, OutOfTimeError
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class TrialStore:
 
     Raises:
         EnvironmentFaultError: The file is not such a store, or is locked for a minute.
-        ConfigError: Its folder holds links that lead out of it, or leads out itself.
+        ConfigError: A link in its folder leads out of that.
     """
 
     NAME = "trials.sqlite"
@@ -71,7 +71,7 @@ class TrialStore:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = threading.Lock()
-        given_folder(path.parent, inside=path.parent.parent)  # SQLite writes to files beside it, wherever links lead
+        _check(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with _told(path):
             self._database = sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
@@ -156,7 +156,7 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
     """
     if not path.is_file():
         return []
-    given_folder(path.parent, inside=path.parent.parent)
+    _check(path)
     with (
         _told(path),
         closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file,
@@ -166,6 +166,14 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
         found = file.execute(_ROWS)
         names = [column[0] for column in found.description]
         return [dict(zip(names, row, strict=True)) for row in found]
+
+
+def _check(path: Path) -> None:
+    """Raise ConfigError if a link in the store's folder leads out of it: SQLite writes to the files beside it, too."""
+    folder = path.parent
+    for each in (folder, *(folder.iterdir() if folder.is_dir() else ())):
+        if leads_out(each, folder.parent):
+            raise ConfigError(f"this link leads out of {str(folder.parent)!r}", where=str(each), hint="remove it")
 
 
 def _is_begun(database: sqlite3.Connection) -> bool:

@@ -13,11 +13,12 @@ from riot_bus.findings.backtrack import BacktrackRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import Artefact, FieldsRecord, FindingRecord, MinimalRecord, RecordT, RuleRecord
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
+from riot_bus.given_files import leads_out
 from riot_bus.report.format import clean, plural
 from riot_bus.statistics.rates import chance_of_difference
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 
-__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load", "tail_of"]
+__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "evidence_files", "load", "tail_of"]
 
 Severity = Literal["unit only", "permeable", "activated", "whole system"]
 
@@ -225,6 +226,12 @@ def _listed(names: tuple[str, ...]) -> list[TextPart]:
     if len(names) > _NAMED:
         parts.append(TextPart(f" and {len(names) - _NAMED} more"))
     return parts or [TextPart("no field")]
+
+
+def evidence_files(directory: Path) -> list[Path]:
+    """Return the files that a failing trial has left in a finding's folder, sorted; links out of it are left out."""
+    found = sorted((directory / EVIDENCE).glob("*"))
+    return [path for path in found if path.is_file() and not leads_out(path, directory)]
 
 
 def tail_of(path: Path, most: int) -> str:

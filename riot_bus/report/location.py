@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from riot_bus.config.toml_file import line_of
 from riot_bus.given_files import given_text
 from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
-from riot_bus.report.finding_view import EVIDENCE, tail_of
+from riot_bus.report.finding_view import evidence_files, tail_of
 from riot_bus.report.format import clean
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -138,5 +138,5 @@ def _is_own(file: str, path: Path, root: Path) -> bool:
 
 def _evidence(directory: Path, name: str) -> str:
     """Return the end of a file that a failing trial has left; empty if there is none of that name."""
-    files = {path.name: path for path in (directory / EVIDENCE).glob("*.txt") if path.is_file()}
+    files = {path.name: path for path in evidence_files(directory) if path.suffix == ".txt"}
     return tail_of(files[name], _LARGEST) if name in files else ""

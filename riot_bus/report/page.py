@@ -13,7 +13,7 @@ from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
 from riot_bus.report.backtrack import nodes_of
 from riot_bus.report.diagram import links
-from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load, tail_of
+from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, evidence_files, load, tail_of
 from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
@@ -114,7 +114,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
 
 def _evidence(directory: Path) -> list[tuple[str, str]]:
     """Return the name of each file that a failing trial has left, with the end of its text if it is a `.txt`."""
-    paths = [path for path in sorted((directory / EVIDENCE).glob("*"))[:_ROWS] if path.is_file()]
+    paths = evidence_files(directory)[:_ROWS]
     return [(f"{EVIDENCE}/{one.name}", tail_of(one, _TAIL) if one.suffix == ".txt" else "") for one in paths]
 
 

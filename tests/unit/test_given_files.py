@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.given_files import given_bytes, given_file, given_text, leads_out, private_folder
+from riot_bus.given_files import given_bytes, given_file, given_folder, given_text, leads_out, private_folder
 from riot_bus.vocabulary.errors import ConfigError
 
 
@@ -81,3 +81,19 @@ def test_a_private_folder_is_of_this_user_alone(tmp_path: Path) -> None:
         folder.chmod(0o700)
         with pytest.raises(ConfigError, match="others may write there"):
             private_folder(folder)
+
+
+def test_a_folder_holds_files_and_folders_and_what_is_in_these_is_not_looked_at(tmp_path: Path) -> None:
+    folder = tmp_path / "handed"
+    (folder / "evidence").mkdir(parents=True)
+    os.mkfifo(folder / "evidence" / "pipe")
+    (folder / "evidence" / "out").symlink_to(tmp_path)
+    (folder / "gone").symlink_to("nothing")  # as a file that another process has just removed
+    (folder / "link").symlink_to("evidence")
+    assert given_folder(folder) == folder
+    assert given_folder(tmp_path / "none") == tmp_path / "none"
+    for make in (lambda path: path.symlink_to(tmp_path), lambda path: path.symlink_to("/none"), os.mkfifo):
+        make(folder / "bad")
+        with pytest.raises(ConfigError):
+            given_folder(folder)
+        (folder / "bad").unlink()

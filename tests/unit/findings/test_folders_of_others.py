@@ -19,9 +19,9 @@ from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.allure import AllureReport
 from riot_bus.report.campaign_view import load_campaign
-from riot_bus.report.finding_view import load
+from riot_bus.report.finding_view import evidence_files, load
 from riot_bus.report.formats import write_file
-from riot_bus.report.location import unit_place
+from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import Bench, bench, write_minimal, write_rule
@@ -41,7 +41,7 @@ def one(tmp_path: Path) -> Bench:
 
 
 FOLDERS = ["evidence", "region"]
-PLACES = ["evidence/planner.stderr.txt", "failure.mcap", "minimal.mcap", "rule.json", "finding.json", *FOLDERS]
+PLACES = ["failure.mcap", "minimal.mcap", "rule.json", "finding.json", *FOLDERS]
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -73,9 +73,19 @@ def test_no_command_opens_what_is_not_in_the_folder(one: Bench, tmp_path: Path, 
     assert not [each for each in made if KEY.encode() in each.read_bytes()]
 
 
-def test_a_link_that_stays_in_the_folder_is_as_good_as_a_file(one: Bench) -> None:
-    (one.folder / "evidence" / "again.txt").symlink_to("../reproduce.sh")
-    assert load(one.folder).finding.id
+def test_evidence_is_what_lies_in_the_folder(one: Bench, tmp_path: Path) -> None:
+    """A program may have left anything there, so the rest is shown."""
+    evidence = one.folder / "evidence"
+    (evidence / "drive.stderr.txt").symlink_to(tmp_path / "home" / "id_rsa")
+    (evidence / "drive.stdout.txt").write_text("it said this")
+    (evidence / "again.txt").symlink_to("drive.stdout.txt")
+    (evidence / "lost.txt").symlink_to(tmp_path / "none")
+    os.mkfifo(evidence / "pipe.txt")
+    assert [path.name for path in evidence_files(one.folder)] == ["again.txt", "drive.stdout.txt"]
+    text = write_report(one.folder).read_text()
+    assert text.count("it said this") == 2
+    assert KEY not in text
+    find_place(load(one.folder))
 
 
 def test_a_finding_that_a_link_leads_to_is_none_of_the_campaign_s(
@@ -92,7 +102,7 @@ def test_a_finding_that_a_link_leads_to_is_none_of_the_campaign_s(
 
 
 @pytest.mark.parametrize(
-    "name", ["nominal.mcap", "trials", "trials/trials.sqlite", "trials/trials.sqlite-wal", "trials/b"]
+    "name", ["nominal.mcap", "trials", "trials/trials.sqlite", "trials/trials.sqlite-wal", "trials/baselines"]
 )
 def test_no_work_begins_in_an_output_folder_with_links_out_of_it(one: Bench, tmp_path: Path, name: str) -> None:
     """SQLite would write its log over whatever a link beside the store leads to."""
