@@ -71,9 +71,9 @@ class ChannelSource:
 
     def chosen(self, topics: Sequence[str] | None) -> bool:
         """Return whether one of these topic names and key expressions includes it; None includes all."""
-        if topics is None:
-            return True
-        exact, patterns = _choice(tuple(topics))
+        return topics is None or self._is_among(*_choice(tuple(topics)))
+
+    def _is_among(self, exact: frozenset[str], patterns: tuple[str, ...]) -> bool:
         name = self.topic.strip("/")
         return not exact.isdisjoint((self.topic, self.key, name)) or any(
             key_matches(text, self.key) or key_matches(text.strip("/"), name) for text in patterns
@@ -200,8 +200,11 @@ class LogReader:
             start: Earliest time, nanoseconds.
             end: Latest time (exclusive), nanoseconds.
         """
+        choice = None if topics is None else _choice(tuple(topics))  # once: there may be 60,000 topics and channels
         wanted = {
-            number: source for number, source in self.sources().items() if source.role == role and source.chosen(topics)
+            number: source
+            for number, source in self.sources().items()
+            if source.role == role and (choice is None or source._is_among(*choice))
         }
         if not wanted and (topics is not None or role != "delivered"):
             return
