@@ -37,7 +37,7 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
         raise ConfigError("this is no regular file", where=str(path), hint="pipes, devices and folders are not read")
     if inside is not None and leads_out(path, inside):
         hint = "copy the file there if you want it to be read"
-        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
+        raise ConfigError(f"this link leads out of the folder {inside.name or '.'!r}", where=str(path), hint=hint)
     return path
 
 

@@ -213,7 +213,7 @@ class Array:
         self.element = element
         self.length = length
         self.most = most
-        self.listed = length is None or (length > 0 and element.listed)
+        self.listed: bool = length is None or (length > 0 and element.listed)
         inner = element.jump
         self.jump: Jump | None = None
         if length == 0:
@@ -268,7 +268,7 @@ class Struct:
     def __init__(self, name: str, fields: dict[str, Node]) -> None:
         self.name = name
         self.fields = fields
-        self.listed = any(name != PLACEHOLDER and node.listed for name, node in fields.items())
+        self.listed: bool = any(name != PLACEHOLDER and node.listed for name, node in fields.items())
         self.before: dict[str, tuple[Any, ...]] = {}
         moves: list[Table | Varying] = [over(node) for node in fields.values()]
         self.parts = joined(moves)

@@ -8,8 +8,10 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.given_files import given_file
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
 from riot_bus.log.engine.salvage import salvage
@@ -27,7 +29,6 @@ from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from mcap.records import Channel
     from mcap.records import Schema as SchemaRecord
@@ -389,9 +390,9 @@ class LogReader:
 
 
 def open_log(path: Path | str) -> int:
-    """Return a descriptor of a file for reading; raises ConfigError if it cannot be opened."""
+    """Return a descriptor of a file for reading; raises ConfigError if it cannot be opened, or is no file."""
     try:
-        return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        return os.open(given_file(Path(path)), os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except ValueError as error:
         raise ConfigError(f"cannot read the log: {error}", where=repr(str(path))) from error
     except OSError as error:

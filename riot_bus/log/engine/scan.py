@@ -8,7 +8,6 @@ at the next chunk.
 from __future__ import annotations
 
 import os
-import stat
 import struct
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -131,12 +130,7 @@ def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
     Raises:
         ConfigError: It is not an MCAP file.
     """
-    status = os.fstat(file)
-    size = status.st_size
-    if stat.S_ISDIR(status.st_mode):
-        raise ConfigError("this is a directory", where=path, hint="name the .mcap file in it")
-    if not stat.S_ISREG(status.st_mode):
-        raise ConfigError("this is not a file", where=path, hint="copy it into a file first")
+    size = os.fstat(file).st_size
     try:
         if os.pread(file, len(MAGIC), 0) != MAGIC:
             if size == 0:
