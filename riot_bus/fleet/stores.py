@@ -24,10 +24,12 @@ class Store(Protocol):
     Attributes:
         root: Address of the store, as a place.
         partial: Whether an excerpt may lack what its summary does not need.
+        refused: Lines about what is named like a log, but is none of this place: pipes, and links that lead out of it.
     """
 
     root: str
     partial: bool
+    refused: list[str]
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs; call `failed` with a line about what could not be looked at."""
@@ -57,6 +59,7 @@ class FolderStore:
     def __init__(self, root: Path) -> None:
         if not root.exists():
             raise ConfigError("there is no such folder or log", where=str(root))
+        self.refused: list[str] = []
         self.root = str(root.resolve() if root.is_dir() else given_file(root).resolve())
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
@@ -84,7 +87,7 @@ class FolderStore:
                         except UnicodeEncodeError:
                             failed(f"{os.fsencode(entry.path)!r}: the name is not UTF-8")
                         except ConfigError as error:
-                            failed(f"{entry.path}: {error.message}")
+                            self.refused.append(f"{entry.path}: {error.message}")
                         except OSError as error:
                             failed(f"{entry.path}: {error.strerror}")
             except OSError as error:
