@@ -48,8 +48,8 @@ __all__ = ["Ros2Adapter"]
 
 _CALL_TYPES = {REQUEST: "_Request", REPLY: "_Response"}
 _MOST_PARSED = 1 << 21
-"""Most bytes of all definitions in a log: their parser needs up to 10 s for 1 MiB. The 163 message types that rosbags has
-of Kilted have 97 kB, each with all that it contains."""
+"""Most bytes of all definitions in a log, whose parser needs up to 10 s for 1 MiB. The 163 message types of Kilted that
+rosbags has take 97 kB, each with all that it contains."""
 _CACHED = 1 << 14  # peers may make up names and hashes: bounds memory
 
 

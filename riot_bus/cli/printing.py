@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["json_safe", "new_table", "print_json", "print_lines", "print_result", "print_table"]
 
-_MOST_ROWS = 1000
-"""Most rows of a table that is laid out by rich, which takes 0.25 s for so many, and 15 s for a log's 60,000 topics."""
+_MOST_ROWS = 1000  # of tables that rich lays out: it takes 0.25 s for so many, and 15 s for a log's 60,000 topics
 _COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
 
 
@@ -72,13 +71,7 @@ def new_table(*texts: str, numbers: Sequence[str] = ()) -> Table:
 
 
 def print_table(table: Table, rows: Iterable[Sequence[str]], *, more: int = 0) -> None:
-    """Add rows to a table, without control characters and markup, and print it; large ones as plain text.
-
-    Args:
-        table: Table with its columns.
-        rows: Its rows.
-        more: Number of rows of other tables that are printed, too.
-    """
+    """Add rows to a table, without control characters and markup, and print it; as plain text if it and `more` are many."""
     from rich.markup import escape
 
     cells = [[escape_control_chars(cell) for cell in row] for row in rows]

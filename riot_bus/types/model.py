@@ -47,8 +47,8 @@ MOST_BYTES = 1 << 26
 """Largest size to which a payload may grow, in bytes."""
 
 MOST_LEAVES = 1 << 17
-"""Most fields that are listed of a payload; more only if more elements are wanted of each array. Listing and showing
-them takes 1.5 s. A costmap or a cloud has 100, since few elements are listed; 1,000 markers have 60,000."""
+"""Most fields that are listed of a payload, unless more elements are wanted of each array: `riot show` takes 2.5 s for
+so many. With 16 elements of each array, messages of 161 of rosbags' 163 types for Kilted are within it at any length."""
 
 REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
 """Hint of errors for changes that `MessageType.patch` rejects but `MessageType.rebuild` supports."""
@@ -299,11 +299,7 @@ def _unquote(text: str, path: str) -> str:
 
 @lru_cache(1 << 12)  # each message has the same fields
 def member_path(parent: str, key: str | int) -> str:
-    """Return the path of a member: `a[3]` for a number; texts that are not identifiers are quoted: `a["odd key"]`.
-
-    Raises:
-        PayloadError: The path is too long.
-    """
+    """Return the path of a member: `a[3]` for a number; texts that are not identifiers are quoted: `a["odd key"]`."""
     if len(parent) > _LONGEST_PATH or (isinstance(key, str) and len(key) > _LONGEST_PATH):
         raise PayloadError(f"opaque: a field's path has more than {_LONGEST_PATH} characters")
     if isinstance(key, int):

@@ -196,7 +196,7 @@ class OutputSet:
         path = self._options.inputs[0]
         folder = path if path.is_dir() else path.parent
         try:
-            text = given_text(folder / METADATA, inside=folder)
+            text = given_text(folder / METADATA, inside=folder).replace("\r\n", "\n")
         except (OSError, UnicodeDecodeError):
             return BagDetails(present=True)
         return bag_details(text)

@@ -63,10 +63,6 @@ class LogLimits:
             needed = -(-size // max(packed, 1))
             raise BeyondLimitError(f"{size} bytes, {needed} times as large as compressed", "ratio", self.ratio, needed)
 
-    def most_of(self, size: int) -> int:
-        """Return how many bytes the chunks of a file of this size (bytes) may take together, uncompressed."""
-        return max(self.total, self.ratio * size)
-
     def check_messages(self, count: int) -> None:
         """Raise BeyondLimitError if a chunk has more messages than allowed; not all may have been counted."""
         if count > self.messages:

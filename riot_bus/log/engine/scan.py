@@ -144,7 +144,7 @@ def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
 
 def _walk(file: int, scan: Scan) -> Scan:
     size, position, gaps = scan.size, len(MAGIC), 0
-    most, room = scan.limits.chunks_of(size), scan.limits.most_of(size)
+    most, room = scan.limits.chunks_of(size), max(scan.limits.total, scan.limits.ratio * size)
     extras: Span | None = None
     while position < size and not scan.finished:
         head = os.pread(file, 128, position)
@@ -221,14 +221,12 @@ def _process(file: int, scan: Scan, opcode: int, position: int, body: Span, insi
 def _extras_size(inside: bytes) -> int | None:
     """Return how many bytes extras take, uncompressed, negative if they do not say; None for other attachments."""
     name, position = _text(inside, 16)
-    _, position = _text(inside, position)
-    position += 8
-    if name != EXTRAS or position + _ZSTD_HEAD > len(inside):
+    begin = _text(inside, position)[1] + 8
+    if name != EXTRAS or begin + _ZSTD_HEAD > len(inside):
         return None
-    try:
-        return zstandard.frame_content_size(inside[position:])
-    except zstandard.ZstdError:  # they are damaged, which counts when they are read
-        return -1
+    with suppress(zstandard.ZstdError):
+        return zstandard.frame_content_size(inside[begin:])
+    return -1  # they are damaged, which counts when they are read
 
 
 def _after_gap(file: int, scan: Scan, position: int) -> int:
