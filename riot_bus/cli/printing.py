@@ -71,7 +71,7 @@ def new_table(*texts: str, numbers: Sequence[str] = ()) -> Table:
 
 
 def print_table(table: Table, rows: Iterable[Sequence[str]], *, more: int = 0) -> None:
-    """Add rows to a table, without control characters and markup, and print it; as plain text if it and `more` are many."""
+    """Add rows to a table, without control characters and markup, and print it; plain if they and `more` are many."""
     from rich.markup import escape
 
     cells = [[escape_control_chars(cell) for cell in row] for row in rows]

@@ -48,7 +48,7 @@ MOST_BYTES = 1 << 26
 
 MOST_LEAVES = 1 << 17
 """Most fields that are listed of a payload, unless more elements are wanted of each array: `riot show` takes 2.5 s for
-so many. With 16 elements of each array, messages of 161 of rosbags' 163 types for Kilted are within it at any length."""
+so many. With 16 elements of each array, messages of 161 of the 163 types of Kilted are within it at any length."""
 
 REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
 """Hint of errors for changes that `MessageType.patch` rejects but `MessageType.rebuild` supports."""
