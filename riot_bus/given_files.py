@@ -36,7 +36,7 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
     """
     if inside is not None and leads_out(path, inside):
         hint = "remove it, or copy the file there if you want it to be read"
-        raise ConfigError(f"this link leads out of {str(inside)!r}", where=str(path), hint=hint)
+        raise ConfigError(f"this link leads out of the folder {inside.name or '.'!r}", where=str(path), hint=hint)
     if not stat.S_ISREG(path.stat().st_mode):
         raise ConfigError("this is no regular file", where=str(path), hint="pipes, devices and folders are not read")
     return path

@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import given_bytes
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean, require_package
 from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
@@ -142,7 +143,7 @@ def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
     if len(parts) >= _MOST_FILES:
         raise ConfigError(f"more than {_MOST_FILES} files are included", where=str(file))
     try:
-        data = place.read_bytes()
+        data = given_bytes(place)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", where=str(file)) from error
     found = parse_dialect(data, where=str(file))

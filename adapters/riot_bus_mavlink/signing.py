@@ -9,6 +9,7 @@ import hashlib
 import hmac
 from pathlib import Path
 
+from riot_bus.given_files import given_bytes
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame
 
@@ -120,7 +121,7 @@ def read_key(file: Path) -> bytes:
         ConfigError: The file cannot be read, or is empty.
     """
     try:
-        data = Path(file).read_bytes()
+        data = given_bytes(Path(file))
     except OSError as error:
         raise ConfigError(f"the key cannot be read: {error.strerror}", where=str(file)) from error
     if len(data) == KEY_BYTES and not (

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.model import REBUILD, Leaf, Schema, member_path, parse_path, why_opaque
+from riot_bus.types.model import REBUILD, Leaf, Schema, check_leaves, member_path, parse_path, why_opaque
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_fields import list_fields, list_parts
 from riot_bus_ros2.cdr_layout import (
     COUNT_BE,
     COUNT_LE,
-    NOTHING,
     ORIGIN,
     OUTSIDE,
     Array,
@@ -286,10 +285,11 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
         found.append(Leaf(path, node.type, node.read(data, position, count)))
         return position + node.size
     if isinstance(node, Struct):
-        if node.jump is not None and node.jump.first == NOTHING:
-            return position
-        if position > len(data):  # there may be too many nested empty messages to visit
+        if not node.listed:
+            return node.skip(data, position, count)
+        if position > len(data):
             raise IndexError
+        check_leaves(len(found), elements)  # types that nest have 2 to the power of any number of fields
         for name, each in node.fields.items():
             if name == PLACEHOLDER:
                 position = each.skip(data, position, count)
@@ -300,8 +300,7 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
         length, position = length_of(node, data, position, count)
         if node.length is None:
             found.append(Leaf(f"len({path})", "uint32", length))
-        nothing = node.element.jump is not None and node.element.jump.first == NOTHING
-        listed = 0 if nothing else min(length, max(elements, 0))
+        listed = min(length, max(elements, 0)) if node.element.listed else 0
         for index in range(listed):
             position = _collect(node.element, f"{path}[{index}]", data, position, count, elements, found)
         return skip_elements(node.element, length - listed, data, position, count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["list_fields", "list_parts"]
 
+_MOST_NAMED = 1000  # fields and constants of a message whose values get names: each field is compared with all of these
 _DEEPEST = 64  # types of Jazzy are nested up to 6 deep; ends those that contain themselves
 Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]
 """Function that returns the constants of a type by its name: the name, type and value of each."""
@@ -44,13 +46,14 @@ class _Lister:
 
     def __init__(self, constants: Constants) -> None:
         self._constants = constants
-        self._known: dict[int, bool] = {}
 
     def fields(self, node: Node, like: FieldType) -> Iterator[FieldType]:
         if isinstance(node, Struct):
             units, constants = UNITS.get(node.name, {}), self._constants(node.name)
+            if len(node.fields) + len(constants) > _MOST_NAMED:
+                constants = ()
             for name, each in node.fields.items():
-                if name != PLACEHOLDER and _has_fields(each, self._known):
+                if name != PLACEHOLDER and each.listed:  # else there may be too many to visit
                     names = _names(name, node, constants)
                     path, unit = member_path(like.path, name), units.get(name, like.unit)
                     yield from self.fields(each, replace(like, path=path, unit=unit, names=names))
@@ -86,19 +89,6 @@ def _type_of(node: Node) -> str:
     return "" if isinstance(node, Struct | Array | Opaque | Text) else node.type
 
 
-def _has_fields(node: Node, known: dict[int, bool]) -> bool:
-    """Return whether there is anything to list, since there may be too many nested empty messages to visit."""
-    if isinstance(node, Struct):
-        if id(node) not in known:
-            known[id(node)] = any(
-                name != PLACEHOLDER and _has_fields(each, known) for name, each in node.fields.items()
-            )
-        return known[id(node)]
-    if isinstance(node, Array):
-        return node.length is None or (node.length > 0 and _has_fields(node.element, known))
-    return True
-
-
 def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[MessagePart]:
     """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
 
@@ -109,12 +99,12 @@ def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[M
     Raises:
         KeyError: A type is unknown.
     """
+    inside = cache(lambda name: [field for field in fields_of(name) if field.is_message])
     found = [MessagePart("", name)]
     for part in found:  # grows during the loop
         if part.path.count(".") >= _DEEPEST:
             break
-        for field in fields_of(part.type_name):
-            if field.is_message and len(found) < MOST_PARTS:
-                path = member_path(part.path, field.name)
-                found.append(MessagePart(f"{path}[*]" if field.is_array else path, field.content))
+        for field in inside(part.type_name)[: MOST_PARTS - len(found)]:
+            path = member_path(part.path, field.name)
+            found.append(MessagePart(f"{path}[*]" if field.is_array else path, field.content))
     return found

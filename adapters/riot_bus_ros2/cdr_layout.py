@@ -104,6 +104,8 @@ def pass_table(table: Table) -> Step:
 class Number:
     """A primitive."""
 
+    listed = True
+
     def __init__(self, base: str) -> None:
         self.type, code = PRIMITIVES[base]
         self.little, self.big = struct.Struct("<" + code), struct.Struct(">" + code)
@@ -145,6 +147,7 @@ class Text:
     """
 
     type = "string"
+    listed = True
     padding = _padding(4)
     jump: Jump | None = None
 
@@ -182,6 +185,7 @@ class Text:
 class Opaque:
     """A part of unknown size, which cannot be skipped; `reason` says why."""
 
+    listed = True
     jump: Jump | None = None
 
     def __init__(self, reason: str) -> None:
@@ -209,6 +213,7 @@ class Array:
         self.element = element
         self.length = length
         self.most = most
+        self.listed: bool = length is None or (length > 0 and element.listed)
         inner = element.jump
         self.jump: Jump | None = None
         if length == 0:
@@ -257,12 +262,13 @@ class Array:
 class Struct:
     """A message: fields in order; `parts` are the same with runs of fixed size joined.
 
-    `before` is used by the search for ways to fields.
+    `before` is used by the search for ways to fields; `listed` says whether there is a field, here or inside of these.
     """
 
     def __init__(self, name: str, fields: dict[str, Node]) -> None:
         self.name = name
         self.fields = fields
+        self.listed: bool = any(name != PLACEHOLDER and node.listed for name, node in fields.items())
         self.before: dict[str, tuple[Any, ...]] = {}
         moves: list[Table | Varying] = [over(node) for node in fields.values()]
         self.parts = joined(moves)

@@ -198,6 +198,7 @@ class _Writer:
 
     def blank(self, node: Node) -> None:
         """Write a field that is zero or empty."""
+        check_size(len(self.out))
         if isinstance(node, Text):
             self.text(b"")
         elif node.jump is not None:

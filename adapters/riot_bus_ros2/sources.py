@@ -8,6 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import given_text
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.common_services import ACTIONS, SERVICES
 from riot_bus_ros2.definitions import KINDS, DefinitionError, interface_of, parse_file
 
@@ -47,13 +49,12 @@ def read_interface(file: Path, name: str) -> dict[str, Definition]:
         name: Name of the interface, such as `pkg/msg/Name`.
 
     Raises:
-        OSError: The file cannot be read, or is too large.
+        OSError: The file cannot be read.
+        ConfigError: It is too large, or no regular file.
         UnicodeDecodeError: The file is not text.
         DefinitionError: The text does not parse.
     """
-    if file.stat().st_size > _MOST_BYTES:
-        raise OSError(f"it has over {_MOST_BYTES} bytes")
-    return parse_file(file.read_text(), name, file.suffix)
+    return parse_file(given_text(file, most=_MOST_BYTES), name, file.suffix)
 
 
 def from_ament(name: str) -> Definition | None:
@@ -72,7 +73,7 @@ def _installed(prefixes: str, interface: str) -> Mapping[str, Definition]:
         for suffix in (kind, "idl"):
             try:
                 return read_interface(Path(prefix, "share", package, kind, f"{short}.{suffix}"), interface)
-            except (OSError, UnicodeDecodeError, DefinitionError):
+            except (OSError, UnicodeDecodeError, ConfigError, DefinitionError):
                 continue
     return {}
 

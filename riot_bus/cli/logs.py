@@ -264,6 +264,7 @@ def _print_info(found: LogInfo) -> None:
 
 
 def _print_ranges(ranges: list[TopicFields]) -> None:
+    more = sum(1 + len(topic.fields) for topic in ranges)
     for topic in ranges:
         unreadable = f", {topic.unreadable} do not decode" if topic.unreadable else ""
         name = f"{topic.topic} ({topic.type or 'unknown type'}): {topic.count} messages{unreadable}"
@@ -275,7 +276,7 @@ def _print_ranges(ranges: list[TopicFields]) -> None:
             low, high = (_number(each.low), _number(each.high)) if not each.examples else (_texts(each.examples), "")
             count = f"{each.count}{'+' if each.partial else ''}"
             rows.append((each.path, each.type, count, str(each.nan or ""), low, high))
-        print_table(new_table("field", "type", numbers=("values", "NaN", "least", "greatest")), rows)
+        print_table(new_table("field", "type", numbers=("values", "NaN", "least", "greatest")), rows, more=more)
         if topic.omitted:
             typer.echo(f"and {topic.omitted} further fields, not looked at")
         if any(each.partial for each in topic.fields):

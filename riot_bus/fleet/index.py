@@ -121,7 +121,7 @@ class _Indexing:
             for each in self.reading:
                 each.cancel()
             self.reading.clear()
-        self.report.failures += failures
+        self.report.failures += [*store.refused, *failures]
         if not failures and not self.stop():  # else a log that was not seen may still exist
             self.report.gone += self.catalogue.mark_gone(store.root, seen)
 

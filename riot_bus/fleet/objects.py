@@ -52,6 +52,7 @@ class ObjectStore:
     partial = True
 
     def __init__(self, url: str) -> None:
+        self.refused: list[str] = []
         with needs_extra("fsspec", "fleet"):
             from fsspec.core import url_to_fs
         try:

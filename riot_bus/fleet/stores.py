@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import stat
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.fleet.entry import ENDING, StoredLog
+from riot_bus.given_files import given_file
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -24,10 +24,12 @@ class Store(Protocol):
     Attributes:
         root: Address of the store, as a place.
         partial: Whether an excerpt may lack what its summary does not need.
+        refused: Lines about what is named like a log, but is none of this place: pipes, and links that lead out of it.
     """
 
     root: str
     partial: bool
+    refused: list[str]
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs; call `failed` with a line about what could not be looked at."""
@@ -43,13 +45,13 @@ class Store(Protocol):
 
 
 class FolderStore:
-    """A folder of this machine, or a single log. Links to folders are not followed.
+    """A folder of this machine, or a single log. Links to folders, or out of the folder, are not followed.
 
     Args:
         root: Path of the folder or log.
 
     Raises:
-        ConfigError: The path does not exist.
+        ConfigError: The path does not exist, or is a pipe or a device.
     """
 
     partial = False
@@ -57,7 +59,8 @@ class FolderStore:
     def __init__(self, root: Path) -> None:
         if not root.exists():
             raise ConfigError("there is no such folder or log", where=str(root))
-        self.root = str(root.resolve())
+        self.refused: list[str] = []
+        self.root = str(root.resolve() if root.is_dir() else given_file(root).resolve())
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs, folder by folder; call `failed` with a line about what could not be looked at."""
@@ -75,12 +78,16 @@ class FolderStore:
                         try:
                             if entry.is_dir(follow_symlinks=False):
                                 pending.append((entry.path, below or entry.name))
-                            elif entry.name.endswith(ENDING) and stat.S_ISREG((details := entry.stat()).st_mode):
+                            elif entry.name.endswith(ENDING) and not entry.is_dir():
+                                given_file(Path(entry.path), inside=root if entry.is_symlink() else None)
                                 entry.path.encode()
+                                details = entry.stat()
                                 stamp = str(details.st_mtime_ns)
                                 yield StoredLog(entry.path, details.st_size, stamp, below or root.name)
                         except UnicodeEncodeError:
                             failed(f"{os.fsencode(entry.path)!r}: the name is not UTF-8")
+                        except ConfigError as error:
+                            self.refused.append(f"{entry.path}: {error.message}")
                         except OSError as error:
                             failed(f"{entry.path}: {error.strerror}")
             except OSError as error:

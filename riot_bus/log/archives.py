@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import given_file
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
@@ -128,7 +129,7 @@ def import_archive(
 
 def _unpacked(file: Path, unpacker: Unpacker) -> Iterator[Message]:
     try:
-        with open(file, "rb") as source:
+        with given_file(file).open("rb") as source:
             while data := source.read(_PIECE):
                 yield from unpacker.feed(data)
     except OSError as error:

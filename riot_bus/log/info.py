@@ -221,25 +221,19 @@ def _widen(topic: TopicInfo, first: int, last: int) -> None:
 
 
 def _count(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo]) -> None:
-    import numpy as np
-
     lengths = block.lengths()
-    for number in np.unique(block.channels).tolist():
-        source = sources.get(number)
-        if source is None:
-            continue
-        chosen = (block.channels == number) & (block.times >= 0)
-        count = int(np.count_nonzero(chosen))
-        if not count:
+    for number, rows in block.by_channel():
+        source, count = sources.get(number), len(rows)
+        if source is None or not count:
             continue
         topic = topics[source.key]
         if source.role == "original":
             topic.originals += count
             continue
-        times = block.times[chosen]
+        times = block.times[rows]
         _widen(topic, int(times.min()), int(times.max()))
         topic.count += count
-        topic.bytes = (topic.bytes or 0) + int(lengths[chosen].sum())
+        topic.bytes = (topic.bytes or 0) + int(lengths[rows].sum())
 
 
 @dataclass(slots=True)

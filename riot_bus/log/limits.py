@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["VARIABLE", "LogLimits", "lifted", "refusal", "tight_limits"]
 
 VARIABLE = "RIOT_LOG_LIMITS"
-_TIGHT = LogLimits(chunk=1 << 27, loose=1 << 24, chunks=1 << 16, messages=1 << 18, held=1 << 26, definitions=1 << 23)
+_TIGHT = LogLimits(
+    chunk=1 << 27, loose=1 << 24, total=1 << 28, chunks=1 << 16, messages=1 << 18, held=1 << 26, definitions=1 << 23
+)
 _FEW = 1 << 12  # an hour at a chunk a second for each file, however many share the limit
 
 

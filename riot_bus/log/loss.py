@@ -113,11 +113,12 @@ class LossNotes:
             scan: Scan of the file.
         """
         refused = scan.refused or self._refused
-        skipped = scan.missing_chunks if scan.stopped else 0
+        missing = max(scan.missing_chunks, scan.dropped)
+        skipped = missing if scan.stopped else scan.dropped
         return Loss(
             unfinished=not scan.finished,
             bytes=scan.unread,
-            chunks=len(self.damaged) + scan.missing_chunks - skipped,
+            chunks=len(self.damaged) + missing - skipped,
             messages=sum(self.unknown.values()),
             details=len(self._details) + len(scan.damaged),
             conflicts=len(scan.conflicts),

@@ -8,8 +8,10 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.given_files import given_file
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
 from riot_bus.log.engine.salvage import salvage
@@ -27,7 +29,6 @@ from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from mcap.records import Channel
     from mcap.records import Schema as SchemaRecord
@@ -71,9 +72,9 @@ class ChannelSource:
 
     def chosen(self, topics: Sequence[str] | None) -> bool:
         """Return whether one of these topic names and key expressions includes it; None includes all."""
-        if topics is None:
-            return True
-        exact, patterns = _choice(tuple(topics))
+        return topics is None or self._is_among(*_choice(tuple(topics)))
+
+    def _is_among(self, exact: frozenset[str], patterns: tuple[str, ...]) -> bool:
         name = self.topic.strip("/")
         return not exact.isdisjoint((self.topic, self.key, name)) or any(
             key_matches(text, self.key) or key_matches(text.strip("/"), name) for text in patterns
@@ -200,8 +201,11 @@ class LogReader:
             start: Earliest time, nanoseconds.
             end: Latest time (exclusive), nanoseconds.
         """
+        choice = None if topics is None else _choice(tuple(topics))  # once: there may be 60,000 topics and channels
         wanted = {
-            number: source for number, source in self.sources().items() if source.role == role and source.chosen(topics)
+            number: source
+            for number, source in self.sources().items()
+            if source.role == role and (choice is None or source._is_among(*choice))
         }
         if not wanted and (topics is not None or role != "delivered"):
             return
@@ -386,9 +390,9 @@ class LogReader:
 
 
 def open_log(path: Path | str) -> int:
-    """Return a descriptor of a file for reading; raises ConfigError if it cannot be opened."""
+    """Return a descriptor of a file for reading; raises ConfigError if it cannot be opened, or is no file."""
     try:
-        return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        return os.open(given_file(Path(path)), os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except ValueError as error:
         raise ConfigError(f"cannot read the log: {error}", where=repr(str(path))) from error
     except OSError as error:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import given_file
 from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -236,13 +237,13 @@ def files_of(path: Path) -> list[Path]:
     """Return the MCAP files of a bag's folder, in the order of their numbers; for anything else, the path itself.
 
     Raises:
-        ConfigError: The folder has no such files.
+        ConfigError: The folder has no such files, or one that is a pipe, a device or a link out of the folder.
     """
     if not path.is_dir():
         return [path]
-    found = sorted((each for each in path.glob("*.mcap") if each.is_file()), key=_natural)
+    found = sorted((each for each in path.glob("*.mcap") if each.exists() and not each.is_dir()), key=_natural)
     if found:
-        return found
+        return [given_file(each, inside=path) for each in found]
     if any(path.glob("*.mcap.zstd")):
         raise ConfigError("the files of this bag are compressed as a whole", where=str(path), hint="unzstd *.mcap.zstd")
     hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"

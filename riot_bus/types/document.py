@@ -14,6 +14,7 @@ from riot_bus.types.model import (
     ROOT,
     Leaf,
     Schema,
+    check_leaves,
     check_size,
     member_path,
     parse_path,
@@ -159,6 +160,7 @@ class DocumentType(ABC):
     def _collect(self, payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
         if depth > _MAX_DEPTH:
             raise PayloadError(f"{self.title} is nested deeper than {_MAX_DEPTH}")
+        check_leaves(len(found), elements)
         if item.kind == "map":
             for key, at in dict(self._members(payload, item)).items():
                 if key is not None:

@@ -17,6 +17,7 @@ from riot_bus.types.model import (
     FieldPath,
     Leaf,
     Schema,
+    check_leaves,
     check_size,
     member_path,
     parse_path,
@@ -178,6 +179,7 @@ def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]
         return
     if depth > _MAX_DEPTH:
         raise PayloadError(f"JSON is nested deeper than {_MAX_DEPTH}")
+    check_leaves(len(found), elements)
     if isinstance(value, dict):
         for key, item in value.items():
             _collect(item, member_path(path, key), elements, depth + 1, found)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MOST_BYTES",
+    "MOST_LEAVES",
     "REBUILD",
     "ROOT",
     "Adapter",
@@ -29,6 +30,7 @@ __all__ = [
     "Schema",
     "TopicName",
     "TypeSource",
+    "check_leaves",
     "check_size",
     "encoded_text",
     "member_path",
@@ -44,12 +46,17 @@ __all__ = [
 MOST_BYTES = 1 << 26
 """Largest size to which a payload may grow, in bytes."""
 
+MOST_LEAVES = 1 << 17
+"""Most fields that are listed of a payload, unless more elements are wanted of each array: `riot show` takes 2.5 s for
+so many. With 16 elements of each array, messages of 161 of the 163 types of Kilted are within it at any length."""
+
 REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
 """Hint of errors for changes that `MessageType.patch` rejects but `MessageType.rebuild` supports."""
 
 ROOT = "value"
 """Path of the whole payload if it is not a map: `value`, `value[3]`, `len(value)`."""
 
+_LONGEST_PATH = 1 << 10  # else many fields inside of one with a name of 1 MB would have paths of GBs
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _STEP = re.compile(r'(?:^|\.)([A-Za-z_][A-Za-z0-9_]*)|\[(-?[0-9]{1,20})\]|\[("(?:[^"\\]|\\.)*")\]')
 
@@ -245,6 +252,13 @@ def check_size(size: int, path: str = "") -> None:
         raise PayloadError(f"a payload of {size} bytes is over the limit of {MOST_BYTES}", where=path or None)
 
 
+def check_leaves(count: int, elements: int) -> None:
+    """Raise PayloadError if too many fields have been listed; `elements` are wanted of each array."""
+    most = max(MOST_LEAVES, 4 * elements)  # such as x, y, z and intensity of all points that `set_elements` may set
+    if count > most:
+        raise PayloadError(f"opaque: more than {most} fields", hint="name the fields: they can be read one by one")
+
+
 @dataclass(frozen=True, slots=True)
 class FieldPath:
     """A parsed field path: member names and element numbers, and whether the length of that field is meant."""
@@ -286,6 +300,8 @@ def _unquote(text: str, path: str) -> str:
 @lru_cache(1 << 12)  # each message has the same fields
 def member_path(parent: str, key: str | int) -> str:
     """Return the path of a member: `a[3]` for a number; texts that are not identifiers are quoted: `a["odd key"]`."""
+    if len(parent) > _LONGEST_PATH or (isinstance(key, str) and len(key) > _LONGEST_PATH):
+        raise PayloadError(f"opaque: a field's path has more than {_LONGEST_PATH} characters")
     if isinstance(key, int):
         return f"{parent}[{key}]"
     if _NAME.fullmatch(key) is None:

@@ -8,6 +8,7 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from riot_bus.given_files import given_file
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_mavlink.links.link import Link, reason
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
@@ -33,7 +34,8 @@ class _LogLink(Link):
     def __init__(self, spec: LinkSpec, host: Host, mode: Literal["rb", "ab"]) -> None:
         super().__init__(spec, host)
         try:
-            self._file: BinaryIO | None = Path(spec.path).open(mode)  # noqa: SIM115 - closed by `close`
+            path = given_file(Path(spec.path)) if mode == "rb" else Path(spec.path)
+            self._file: BinaryIO | None = path.open(mode)
         except OSError as error:
             what = "read" if mode == "rb" else "written"
             raise EnvironmentFaultError(f"cannot be {what}: {reason(error)}", where=spec.path) from error

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus import __version__
+from riot_bus.given_files import given_text
 from riot_bus.log import layout
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.editing.output_file import OutputFile
@@ -193,8 +194,9 @@ class OutputSet:
     def _details_beside(self) -> BagDetails:
         """Return the details in the `metadata.yaml` beside the first input."""
         path = self._options.inputs[0]
+        folder = path if path.is_dir() else path.parent
         try:
-            text = ((path if path.is_dir() else path.parent) / METADATA).read_text(encoding="utf-8")
+            text = given_text(folder / METADATA, inside=folder).replace("\r\n", "\n")
         except (OSError, UnicodeDecodeError):
             return BagDetails(present=True)
         return bag_details(text)

@@ -8,12 +8,13 @@ at the next chunk.
 from __future__ import annotations
 
 import os
-import stat
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -56,6 +57,7 @@ RecordT = TypeVar("RecordT")
 
 _PLAIN_BLOCK = 1 << 20  # as a usual chunk: smaller blocks need more entries, larger ones load longer
 _SHORTEST_CHUNK = CHUNK.size + 8
+_ZSTD_HEAD = 18  # most bytes of a frame's header (RFC 8878, 3.1.1.1)
 _MOST_GAPS = 1000  # a search reads 64 KiB or more: many in a hostile file would take hours
 
 
@@ -98,12 +100,22 @@ class Scan:
     """The first limit, if any, because of which something was left out or is counted in `damaged`."""
     stopped: bool = False
     """Whether the file has more chunks than its limits allow."""
+    unpacked: int = 0
+    """Bytes that its chunks and their extras take, uncompressed, also those of dropped chunks."""
+    dropped: int = 0
+    """Number of chunks that are left out because all of them together take too much."""
     joins: bool = False
     """Whether a message outside of chunks belongs to the last block: there is nothing but definitions between them."""
 
     def refuse(self, problem: str, limit: str, present: int, needed: int) -> None:
         """Note that something is left out because of a limit, unless another limit was noted before."""
         self.refused = self.refused or BeyondLimitError(problem, limit, present, needed)
+
+    def add_packed(self, size: int, packed: int) -> None:
+        """Note that something takes this many bytes, uncompressed, unless it will be refused anyway."""
+        with suppress(ValueError):
+            self.limits.check_size(size, packed)
+            self.unpacked += max(0, size)
 
     @property
     def missing_chunks(self) -> int:
@@ -118,12 +130,7 @@ def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
     Raises:
         ConfigError: It is not an MCAP file.
     """
-    status = os.fstat(file)
-    size = status.st_size
-    if stat.S_ISDIR(status.st_mode):
-        raise ConfigError("this is a directory", where=path, hint="name the .mcap file in it")
-    if not stat.S_ISREG(status.st_mode):
-        raise ConfigError("this is not a file", where=path, hint="copy it into a file first")
+    size = os.fstat(file).st_size
     try:
         if os.pread(file, len(MAGIC), 0) != MAGIC:
             if size == 0:
@@ -137,7 +144,7 @@ def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
 
 def _walk(file: int, scan: Scan) -> Scan:
     size, position, gaps = scan.size, len(MAGIC), 0
-    most = scan.limits.chunks_of(size)
+    most, room = scan.limits.chunks_of(size), max(scan.limits.total, scan.limits.ratio * size)
     extras: Span | None = None
     while position < size and not scan.finished:
         head = os.pread(file, 128, position)
@@ -151,9 +158,13 @@ def _walk(file: int, scan: Scan) -> Scan:
             scan.unread += following - position
         inside = head[HEAD.size :]
         if opcode == Opcode.CHUNK and len(inside) >= CHUNK.size and length >= _SHORTEST_CHUNK:
-            start, end = CHUNK.unpack_from(inside)[:2]
+            start, end, unpacked = CHUNK.unpack_from(inside)[:3]
             span = Span(body.offset, max(0, following - body.offset))
-            scan.blocks.append(Block(len(scan.blocks), span, start, end, chunked=True, cut=cut, extras=extras))
+            scan.add_packed(unpacked, length)
+            if scan.unpacked <= room:
+                scan.blocks.append(Block(len(scan.blocks), span, start, end, chunked=True, cut=cut, extras=extras))
+            else:
+                scan.dropped += 1
             extras = None
         if not cut:
             extras = _process(file, scan, opcode, position, body, inside) or extras
@@ -163,6 +174,8 @@ def _walk(file: int, scan: Scan) -> Scan:
             scan.blocks.pop()
             following = _stop(file, scan, position)
         position = following
+    if scan.dropped:
+        scan.refuse(f"{scan.unpacked} bytes in all chunks of {size}", "total", room, scan.unpacked)
     return scan
 
 
@@ -184,7 +197,8 @@ def _process(file: int, scan: Scan, opcode: int, position: int, body: Span, insi
         case Opcode.MESSAGE if length >= SHORTEST_MESSAGE:
             (time,) = struct.unpack_from("<Q", inside, 6)
             _add_plain(scan, position, HEAD.size + length, time)
-        case Opcode.ATTACHMENT if _text(inside, 16)[0] == EXTRAS:
+        case Opcode.ATTACHMENT if (unpacked := _extras_size(inside)) is not None:
+            scan.add_packed(unpacked, length)
             return body
         case Opcode.ATTACHMENT:
             if _has_place(scan, scan.attachments):
@@ -202,6 +216,17 @@ def _process(file: int, scan: Scan, opcode: int, position: int, body: Span, insi
         case Opcode.FOOTER:
             scan.finished = True
     return None
+
+
+def _extras_size(inside: bytes) -> int | None:
+    """Return how many bytes extras take, uncompressed, negative if they do not say; None for other attachments."""
+    name, position = _text(inside, 16)
+    begin = _text(inside, position)[1] + 8
+    if name != EXTRAS or begin + _ZSTD_HEAD > len(inside):
+        return None
+    with suppress(zstandard.ZstdError):
+        return zstandard.frame_content_size(inside[begin:])
+    return -1  # they are damaged, which counts when they are read
 
 
 def _after_gap(file: int, scan: Scan, position: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,6 +58,15 @@ class LoadedBlock:
         else:
             chosen &= self.times >= 0
         return np.flatnonzero(chosen)
+
+    def by_channel(self) -> Iterator[tuple[int, NDArray[np.int64]]]:
+        """Yield each channel, and the indices of its messages, without a look at all messages for each channel."""
+        order = np.argsort(self.channels, kind="stable")
+        channels = self.channels[order]
+        ends = np.flatnonzero(channels[1:] != channels[:-1]) + 1
+        for begin, end in pairwise([0, *ends.tolist(), len(order)] if len(order) else ()):
+            rows = order[begin:end]
+            yield int(channels[begin]), rows[self.times[rows] >= 0]
 
     def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return numbers that sort messages, of any block, by their place in the file."""

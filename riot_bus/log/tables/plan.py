@@ -44,7 +44,9 @@ __all__ = [
 
 _SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
 _MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read
+_MOST_LISTED = 10 * MOST_FIELDS  # of all topics, which may be 60,000 with so many fields each
 _INDEX = re.compile(r"\[\d+\]")
+_LEFT_OUT = f"not listed after {_MOST_LISTED} fields of other topics: name this topic with --topics"
 NOTHING = Payloads(b"", np.zeros(0, np.int64), np.zeros(0, np.int64))
 """No payloads: gathering a field of them tells its type."""
 
@@ -187,6 +189,7 @@ def topic_types(
     kinds = {source.key: registry.type_of(source.key, encoding=source.payload_encoding) for source in sources}
     samples = _samples(reader, {key for key, kind in kinds.items() if not isinstance(kind, DescribesFields)})
     found: dict[tuple[str, str], TypeListing] = {}
+    left = _MOST_LISTED
     for source in sources:
         some = samples.get(source.key, [])
         kind = kinds[source.key] or registry.type_of(source.key, payload=some[0] if some else None)
@@ -194,7 +197,8 @@ def topic_types(
             problem = "no definition" if source.schema.name else ""
             listing = TypeListing(source.schema.name, source.encoding, problem=problem)
         else:
-            listing = describe(kind)
+            listing = describe(kind) if left > 0 else TypeListing(kind.name, kind.encoding, problem=_LEFT_OUT)
+            left -= len(listing.fields)
             if not listing.fields and not listing.problem:
                 fields = tuple(_fields_of(kind, some))
                 why = next((why for payload in some if (why := kind.opaque(payload))), "") if not fields else ""

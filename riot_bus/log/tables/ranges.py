@@ -13,7 +13,7 @@ from riot_bus.log.tables.plan import Feed, delivered_sources, log_registry
 from riot_bus.types.bulk import as_array, gather
 from riot_bus.types.capabilities import DescribesFields
 from riot_bus.types.fields import MOST_FIELDS, FieldType, of_numbers
-from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,6 +33,7 @@ _ELEMENTS = 16  # each is a path of its own, whose values are gathered from all 
 _NESTED_ELEMENTS = 4  # of each level, so that three levels have 64 paths
 _MOST_NESTED = 3  # each further level would take four times as many paths
 _MOST_SURVEYED = 1000  # each field takes a pass over the payloads; the rest counts as omitted
+_MOST_IN_ALL = 100_000  # of all topics, which may be 60,000: a robot's 500 have 50,000 if they have 100 each
 _EXAMPLES = 4  # all examples of a field share a cell of a table
 _EXAMPLE_LENGTH = 40  # four examples take 160 characters; texts and bytes may have any length
 _INDEX = re.compile(r"\[\d+\]")
@@ -136,30 +137,33 @@ def field_ranges(
         progress: Function called after each block with the bytes read so far and the size of the file.
 
     Raises:
-        ConfigError: The log has no such topic.
+        ConfigError: The log has no such topic, or its topics have too many fields.
     """
     registry = log_registry(reader) if registry is None else registry
     sources = delivered_sources(reader, registry, topics)
     feeds = {number: Feed(number, source) for number, source in sources.items()}
     found: dict[str, TopicFields] = {}
     surveys: dict[tuple[str, int], _Survey] = {}
-    read = 0
+    read = surveyed = 0
     for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=1, largest=reader.limits.chunk):
-        for number in np.unique(block.channels).tolist():
+        for number, rows in block.by_channel():
             feed = feeds.get(number)
-            rows = block.rows_of(number, 0, 1 << 64) if feed is not None else ()
             if feed is None or not len(rows):
                 continue
             source = feed.source
             topic = found.setdefault(source.key, TopicFields(source.topic, source.key, source.schema.name))
             topic.count += len(rows)
-            payloads = block.payloads(np.asarray(rows))
+            payloads = block.payloads(rows)
             kind = feed.settle(payloads, registry)
             if kind is not None:
                 topic.type = kind.name
                 place = source.key, id(kind)
                 if place not in surveys:
                     surveys[place] = _Survey(kind)
+                    surveyed += len(surveys[place].ranges)
+                    if surveyed > _MOST_IN_ALL:
+                        text = f"the topics of this log have more than {_MOST_IN_ALL} fields"
+                        raise ConfigError(text, where=reader.path, hint="name those that you want: --topics TOPIC")
                 topic.unreadable += surveys[place].add(payloads)
         read += block.block.body.length
         if progress is not None:

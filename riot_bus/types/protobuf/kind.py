@@ -16,6 +16,7 @@ from riot_bus.types.model import (
     REBUILD,
     Leaf,
     Schema,
+    check_leaves,
     check_size,
     member_path,
     parse_path,
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
 __all__ = ["ProtobufType"]
 
 _MAX_DEPTH = 64  # two calls for each level at most: far below Python's limit of 1000
-_MOST_DEFAULTS = 1 << 20  # an element of two bytes may have thousands: else small payloads fill the memory
 _END_GROUP = 4  # wire type EGROUP of the encoding of Protocol Buffers
 
 
@@ -181,8 +181,7 @@ class ProtobufType:
     ) -> None:
         if depth > _MAX_DEPTH:
             raise PayloadError(f"{self.name} is nested deeper than {_MAX_DEPTH}")
-        if len(leaves) > len(payload) + _MOST_DEFAULTS:
-            raise PayloadError(f"{self.name} has more than {_MOST_DEFAULTS} fields that are not on the wire")
+        check_leaves(len(leaves), most)  # an element of two bytes may have thousands that are not on the wire
         present = fields_of(payload, layout, parts)
         for field in layout.fields.values():
             found = present.get(field.number, ())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import given_bytes
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions, load_set
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, require_package
@@ -44,7 +45,7 @@ class ProtobufTypes:
         """
         for file in files:
             try:
-                found = load_set(file.read_bytes())
+                found = load_set(given_bytes(file))
             except OSError as error:
                 raise ConfigError(f"cannot read the definition: {error.strerror}", where=str(file)) from error
             except PayloadError as error:

@@ -162,7 +162,9 @@ def test_links_and_strange_files(tmp_path: Path) -> None:
     log = write(tmp_path / "elsewhere" / "1.mcap", "a")
     root = tmp_path / "root"
     root.mkdir()
-    (root / "link.mcap").symlink_to(log)
+    write(root / "a.mcap", "a")
+    (root / "link.mcap").symlink_to(root / "a.mcap")
+    (root / "out.mcap").symlink_to(log)
     (root / "loop").symlink_to(root)
     (root / "dangling.mcap").symlink_to(root / "nothing")
     os.mkfifo(root / "pipe.mcap")
@@ -171,11 +173,23 @@ def test_links_and_strange_files(tmp_path: Path) -> None:
         pass
     with Catalogue(None) as catalogue:
         report = index(catalogue, [str(root)])
-        assert [Path(each.place).name for each in catalogue.find(Query())] == ["link.mcap"]
+        assert [Path(each.place).name for each in catalogue.find(Query())] == ["a.mcap", "link.mcap"]
     assert sorted(each.rpartition(":")[2] for each in report.failures) == [
         " No such file or directory",
         " the name is not UTF-8",
+        " this is no regular file",
+        " this link leads out of the folder 'root'",
     ]
+
+
+def test_what_is_refused_keeps_no_log_in_the_catalogue(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap", "a")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with Catalogue(None) as catalogue:
+        assert len(index(catalogue, [str(tmp_path)]).failures) == 1
+        (tmp_path / "a.mcap").unlink()
+        report = index(catalogue, [str(tmp_path)])
+    assert (report.gone, len(report.failures)) == (1, 1)
 
 
 def test_a_robot_may_be_given(tmp_path: Path) -> None:

@@ -4,17 +4,19 @@ import random
 import struct
 import subprocess
 import sys
+import zlib
 
 import pytest
 import zstandard
 
 from riot_bus.log.editing.inputs import InputLog
+from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.info import log_info
 from riot_bus.log.limits import VARIABLE, lifted, tight_limits
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError
-from tests.log_mutants import channel, chunk, message, record, schema, statistics, whole
+from tests.log_mutants import attachment, channel, chunk, message, record, schema, statistics, text, whole
 
 GIB = 1 << 30
 
@@ -97,6 +99,60 @@ def test_editing_has_the_same_limits(tmp_path, monkeypatch):
     assert log.batch(log.stored_blocks[0], lambda *_: 0) is None
     assert (log.loss.beyond, log.loss.chunks) == (1, 0)
     assert "ratio=200" in str(log.loss)
+
+
+def zeros(path, count, *, size=100_000, extras=b""):
+    """As many chunks, each with a message of zeros, that take 100 bytes."""
+    each = extras + chunk(message(0, payload=bytes(size), time=5))
+    path.write_bytes(whole(definitions(), each * count, summary=definitions() + statistics(count, chunks=count)))
+    return path
+
+
+def test_the_sum_of_all_chunks_is_limited_and_the_sentence_lifts_it(tmp_path, monkeypatch):
+    path = zeros(tmp_path / "a.mcap", 40)
+    limits = LogLimits(total=1_000_000, ratio=10)  # the file has 4 kB
+    for scan in (True, None):
+        found = log_info(path, scan=scan, limits=limits)
+        assert (found.count, found.loss.beyond, found.loss.chunks) == (9, 31, 0)
+        assert f"4001240 bytes in all chunks of {path.stat().st_size}, more than total=1000000" in found.loss.limit
+    with LogReader(path, limits=limits) as reader:
+        assert len(list(reader.messages())) == 9
+        needed = str(reader.loss).partition(f"{VARIABLE}=")[2].partition(" ")[0]
+    monkeypatch.setenv(VARIABLE, needed)
+    with LogReader(path, limits=lifted(limits)) as reader:
+        assert len(list(reader.messages())) == 40
+        assert not reader.loss
+    assert log_info(path, limits=LogLimits(total=1, ratio=1100)).count == 40  # as many times as large as the file
+
+
+def test_the_sum_is_limited_where_no_summary_counts_chunks(tmp_path):
+    path = zeros(tmp_path / "a.mcap", 40)
+    path.write_bytes(path.read_bytes()[:-200])
+    loss = log_info(path, limits=LogLimits(total=1_000_000, ratio=10)).loss
+    assert (loss.beyond, loss.chunks, loss.unfinished) == (31, 0, True)
+
+
+def test_extras_of_chunks_count_too(tmp_path):
+    packed = zstandard.compress(bytes(1 << 20))
+    path = zeros(tmp_path / "a.mcap", 40, size=0, extras=attachment(EXTRAS, packed))
+    found = log_info(path, limits=LogLimits(total=10 << 20, ratio=10))
+    assert (found.count, found.loss.beyond) == (9, 31)
+
+
+def test_extras_that_hide_their_size_are_not_unpacked(tmp_path, monkeypatch):
+    data = zstandard.compress(bytes(1 << 20))
+    body = bytes(16) + text(EXTRAS) + text("x" * 60) + struct.pack("<Q", len(data)) + data
+    path = zeros(tmp_path / "a.mcap", 3, extras=record(9, body + struct.pack("<I", zlib.crc32(body))))
+    monkeypatch.setattr("riot_bus.log.layout.unpack_extras", None)
+    assert log_info(path).count == 3
+
+
+def test_a_chunk_that_lies_takes_no_room_from_others(tmp_path):
+    path = tmp_path / "a.mcap"
+    lie = chunk(b"", packed=b"x", size=1 << 60)
+    path.write_bytes(whole(definitions(), lie, chunk(entry(5)), summary=definitions() + statistics(1, chunks=2)))
+    found = log_info(path, limits=LogLimits(total=1000))
+    assert (found.count, found.loss.beyond, found.loss.chunks) == (1, 0, 1)
 
 
 @pytest.mark.parametrize(

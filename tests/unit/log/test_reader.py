@@ -153,7 +153,7 @@ def test_what_is_not_mcap_is_refused(tmp_path, content, problem):
 def test_missing_file_and_directory(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
         LogReader(tmp_path / "none.mcap")
-    with pytest.raises(ConfigError, match="directory"):
+    with pytest.raises(ConfigError, match="no regular file"):
         LogReader(tmp_path)
 
 

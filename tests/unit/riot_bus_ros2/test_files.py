@@ -62,5 +62,5 @@ def test_files_that_are_refused(tmp_path, name, text, problem):
 def test_a_file_that_is_too_large(tmp_path):
     file = write(tmp_path, "pkg/msg/Large.msg", "")
     os.truncate(file, 1 << 30)
-    with pytest.raises(ConfigError, match="over 1048576 bytes"):
+    with pytest.raises(ConfigError, match="more than 1048576 bytes"):
         load_files([file], TypeStore())
