@@ -178,7 +178,8 @@ def test_plans_are_loaded_and_cleared(router: RouterProcess) -> None:
         assert (answer["plan"]["name"], answer["intercepted"]) == ("p.toml", ["cut/**", "free/plan"])
         assert wait_until(arrives(b'{"v": 99}'), 60, interval=0.01)
         assert remote.ask("status")["plan"]["hits"] > 0
-        assert remote.ask("plan/clear")["intercepted"] == ["cut/**"]
+        assert remote.ask("plan/clear")["plan"] is None
+        assert wait_until(lambda: remote.ask("status")["intercepted"] == ["cut/**"], 60, interval=0.05)
         assert wait_until(arrives(b'{"v": 1}'), 60, interval=0.01)
 
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from riot_bus.types.brittle import STAMPS, is_brittle, why_brittle
 from riot_bus.vocabulary.errors import ConfigError
