@@ -41,8 +41,7 @@ __all__ = ["ROUTER_COMMANDS", "RouterService"]
 
 _LOG = logging.getLogger(__name__)
 _END_S = 10.0  # for a change that is in progress when the router ends: as long as a bus may take to open
-_SOON_S = 0.25
-"""How long an urgent command waits for a change, which usually takes 0.1 s: half of the 0.5 s that it may take."""
+_SOON_S = 0.2  # for a change that usually takes 0.1 s, since the answer tells its outcome; an answer may take 0.5 s
 
 
 class RouterService:
@@ -220,15 +219,15 @@ class RouterService:
             cleared.set()
         self.bus.forget()
         if self._interception.plan is not None:
-            self._soon(self._forget_cleared)
+            self._soon(self._forget_cleared).join(_SOON_S)
         return {"intercepted": self._interception.intercepted, "plan": None, "former": former}
 
     def _forget_cleared(self) -> None:
         if self.plan is None:
             self._interception.set_plan(None)
 
-    def _soon(self, change: Callable[[], object]) -> None:
-        """Make a change when no other is in progress; return when that is done, or after `_SOON_S`."""
+    def _soon(self, change: Callable[[], object]) -> threading.Thread:
+        """Make a change when no other is in progress; return the thread that does."""
 
         def make() -> None:
             try:
@@ -240,7 +239,7 @@ class RouterService:
 
         thread = threading.Thread(target=make, name="riot-soon", daemon=True)
         thread.start()
-        thread.join(_SOON_S)
+        return thread
 
     def record_start(self, path: str | None = None) -> dict[str, Any]:
         """Record all that passes from now on.
