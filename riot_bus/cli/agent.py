@@ -47,7 +47,10 @@ def acl(
         ),
     ],
     *,
-    robot: Annotated[str, typer.Option(metavar="NAME", help="Robot that the rules are about; *: all.")] = "*",
+    robot: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Robot that the rules are about; *: all, also for agents, which need it."),
+    ] = None,
     segment: Annotated[
         str, typer.Option(metavar="NAME", help="Segment of the fleet's router, as its riot.toml names it.")
     ] = "fleet",
@@ -64,11 +67,16 @@ def acl(
 
     from riot_bus.agent.access import access_rules, parse_subject, question_limits
     from riot_bus.agent.names import check_robot
+    from riot_bus.vocabulary.errors import ConfigError
     from riot_bus.vocabulary.toml_text import toml_value
 
-    if robot != "*":
+    subjects = [parse_subject(each) for each in roles]
+    if robot is None and any(role == "agent" for role, _ in subjects):
+        hint = "--robot NAME; with --robot '*', the user of one agent may answer for every robot"
+        raise ConfigError("which robot's agent is this?", where="--robot", hint=hint)
+    if robot not in (None, "*"):
         check_robot(robot)
-    rules = access_rules(map(parse_subject, roles), robot=robot, certificates=certificates)
+    rules = access_rules(subjects, robot=robot or "*", certificates=certificates)
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"access_control": rules, "downsampling": question_limits()}, indent=1))
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -35,8 +36,6 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     Raises:
         ConfigError: It cannot be read, or is not TOML.
     """
-    import tomllib
-
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -45,10 +44,9 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
             where=str(path),
             hint="name one with --system, or see examples/rover/riot.toml",
         ) from None
-    try:
-        return tomllib.loads(text), text
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(error), where=str(path), hint="this is not valid TOML") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"not UTF-8: {error.reason} at byte {error.start}", where=str(path)) from None
+    return parse_toml(text, where=str(path)), text
 
 
 def explained(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.graph_notes import GraphNotes
 from riot_bus.control.log_paths import claim
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.publisher_tokens import Announcements
@@ -27,7 +28,7 @@ _OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the 
 
 
 class Recordings:
-    """The present recording of a bus; not thread-safe except for `graph_notes` and `status`.
+    """The present recording of a bus; thread-safe, except that there must be only one `start` or `settle` at a time.
 
     Args:
         bus: Function that returns the open bus.
@@ -61,6 +62,7 @@ class Recordings:
         self._metadata = metadata
         self._profile = profile
         self._announcements = Announcements(registry, wanted=self._wanted, learnt=self._learnt)
+        self._lock = threading.RLock()  # never held while a change of the bus is waited for
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
@@ -84,14 +86,27 @@ class Recordings:
 
         Raises:
             ConfigError: There is a recording already, or the path is refused.
+            EnvironmentFaultError: It was stopped meanwhile.
         """
-        if self._recorder is not None:
-            hint = "split it (riot ctl record split), or stop it first (riot ctl record stop)"
-            raise ConfigError(f"this router is recording already, to {self.path}", where="record/start", hint=hint)
-        path = claim(self.folder, text, f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}")
-        self._bus().set_recorder(self.begin(path))
+        recorder, path = self._claimed(text)
+        self.settle()
         self._await_observation()
+        if self._recorder is not recorder:
+            self.settle()
+            raise EnvironmentFaultError(f"record/stop ended {path.name} before it had begun", where="record/start")
         return path
+
+    def _claimed(self, text: str | None) -> tuple[Recorder, Path]:
+        with self._lock:
+            if self._recorder is not None:
+                hint = "split it (riot ctl record split), or stop it first (riot ctl record stop)"
+                raise ConfigError(f"this router is recording already, to {self.path}", where="record/start", hint=hint)
+            path = claim(self.folder, text, f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}")
+            return self.begin(path), path
+
+    def settle(self) -> None:
+        """Let the bus use the present recorder, or none; waits until the bus can be changed."""
+        self._bus().set_recorder(self._recorder)
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
         """Continue in another file, each message in one of the two; return the former and the new path.
@@ -99,20 +114,21 @@ class Recordings:
         Args:
             text: As for `start`; None for the present name with a number.
         """
-        recorder, former = self._present("record/split")
-        path = claim(self.folder, text, self._stem)
-        with self.graph_notes.new_log():
-            self._begun(path, recorder.switch(self._writer(path)))
-        return former, path
+        with self._lock:
+            recorder, former = self._present("record/split")
+            path = claim(self.folder, text, self._stem)
+            with self.graph_notes.new_log():
+                self._begun(path, recorder.switch(self._writer(path)))
+            return former, path
 
     def stop(self) -> tuple[Path, dict[str, Any]]:
-        """End the recording; return its path and figures."""
-        recorder, path = self._present("record/stop")
-        self._bus().set_recorder(None)
-        recorder.close()
-        figures = self.status() or {}
-        self._recorder, self.path = None, None
-        return path, figures
+        """End the recording, whatever the bus does, and return its path and figures; call `settle` afterwards."""
+        with self._lock:
+            recorder, path = self._present("record/stop")
+            recorder.close()
+            figures = self.status() or {}
+            self._recorder, self.path = None, None
+            return path, figures
 
     def close(self) -> None:
         """Finish the file, after the bus has closed; safe to call twice."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import time
@@ -20,7 +21,7 @@ from riot_bus.router.bus import Bus
 from riot_bus.router.interception import Interception, wanted_keys
 from riot_bus.router.pipeline_executor import end_interceptors
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.scouting import THIS_HOST
 
@@ -37,6 +38,10 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.scouting import Scouting
 
 __all__ = ["ROUTER_COMMANDS", "RouterService"]
+
+_LOG = logging.getLogger(__name__)
+_END_S = 10.0  # for a change that is in progress when the router ends: as long as a bus may take to open
+_SOON_S = 0.2  # for a change that usually takes 0.1 s, since the answer tells its outcome; an answer may take 0.5 s
 
 
 class RouterService:
@@ -95,6 +100,11 @@ class RouterService:
         )
         self._interception, self._recordings, self._seed = interception, recordings, seed
         self._changing = threading.RLock()
+        self._closed = False
+        self._clearing = threading.Lock()
+        self._cleared = threading.Event()  # set by the next `plan_clear`, which ends all plans loaded until then
+        if plan is not None:
+            plan.injector.ended = self._cleared.is_set
         self.pipeline: Pipeline = Pipeline(
             interception.interceptors(plan), registry=self._registry, provenance=record is not None
         )
@@ -131,6 +141,10 @@ class RouterService:
         return self
 
     def __exit__(self, *error: object) -> None:
+        ended = self._changing.acquire(timeout=_END_S)
+        self._closed = True
+        if ended:
+            self._changing.release()
         self._stack.close()
 
     def watch(self) -> None:
@@ -179,18 +193,53 @@ class RouterService:
 
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
+            EnvironmentFaultError: `plan_clear` was called meanwhile.
         """
         from riot_bus.inject.injection_plan import InjectionPlan  # loads pydantic
 
+        cleared = self._cleared
         plan = InjectionPlan.parse(text, name, seed=self._seed)
+        plan.injector.ended = cleared.is_set
         with self._changing:
-            return {"intercepted": self._interception.set_plan(plan), "plan": status.plan_row(plan)}
+            if not cleared.is_set():
+                self._interception.set_plan(plan)
+            if cleared.is_set():
+                self._forget_cleared()
+                raise EnvironmentFaultError(f"plan/clear came before {name} was loaded", hint="load it again")
+            return {"intercepted": self._interception.intercepted, "plan": status.plan_row(plan)}
 
     def plan_clear(self) -> dict[str, Any]:
-        """Stop carrying out the plan, and intercepting what was intercepted for it alone."""
-        with self._changing:
-            former = status.plan_row(self._interception.plan)
-            return {"intercepted": self._interception.set_plan(None), "plan": None, "former": former}
+        """Stop carrying out plans, those included that are being loaded; this never waits for another change.
+
+        What was intercepted for the plan alone is so no longer once no other change is in progress.
+        """
+        former = status.plan_row(self.plan)
+        with self._clearing:
+            cleared, self._cleared = self._cleared, threading.Event()
+            cleared.set()
+        self.bus.forget()
+        if self._interception.plan is not None:
+            self._soon(self._forget_cleared).join(_SOON_S)
+        return {"intercepted": self._interception.intercepted, "plan": None, "former": former}
+
+    def _forget_cleared(self) -> None:
+        if self.plan is None:
+            self._interception.set_plan(None)
+
+    def _soon(self, change: Callable[[], object]) -> threading.Thread:
+        """Make a change when no other is in progress; return the thread that does."""
+
+        def make() -> None:
+            try:
+                with self._changing:
+                    if not self._closed:
+                        change()
+            except RiotError:
+                _LOG.exception("what is left of an urgent command could not be done")
+
+        thread = threading.Thread(target=make, name="riot-soon", daemon=True)
+        thread.start()
+        return thread
 
     def record_start(self, path: str | None = None) -> dict[str, Any]:
         """Record all that passes from now on.
@@ -205,21 +254,27 @@ class RouterService:
             return {"file": str(self._recordings.start(path))}
 
     def record_stop(self) -> dict[str, Any]:
-        """End the recording and return its figures; raises ConfigError if there is none."""
-        with self._changing:
-            return self._recordings.stop()[1]
+        """End the recording, at once, and return its figures; raises ConfigError if there is none."""
+        figures = self._recordings.stop()[1]
+        self._soon(self._recordings.settle)
+        return figures
 
     def record_split(self, path: str | None = None) -> dict[str, Any]:
         """Continue recording in another file, without losing or repeating a message; `path` as for `record_start`."""
-        with self._changing:
-            former, present = self._recordings.split(path)
-            return {"former": str(former), "file": str(present)}
+        former, present = self._recordings.split(path)
+        return {"former": str(former), "file": str(present)}
 
     def shutdown(self) -> None:
         """Ask the process that runs this router to end."""
         self.stopping.set()
 
     # -- what is going on ---------------------------------------------------------------------------------------------
+
+    @property
+    def plan(self) -> InjectionPlan | None:
+        """The plan that is carried out."""
+        plan = self._interception.plan
+        return None if plan is None or plan.injector.ended() else plan
 
     @property
     def topics(self) -> list[str]:
@@ -253,7 +308,7 @@ class RouterService:
             "intercepted": [self._registry.topic(each) for each in bus.intercepted],
             "services": [self._registry.topic(each) for each in bus.services],
             "interceptors": status.interceptor_rows(bus.executor.pipeline),
-            "plan": status.plan_row(self._interception.plan),
+            "plan": status.plan_row(self.plan),
             "recording": self._recordings.status(),
             "counts": counts,
             "losses": status.loss_rows(bus.losses),
@@ -278,7 +333,7 @@ class RouterService:
     def _metadata(self) -> dict[str, str]:
         segments = (f"{name}={','.join(map(redacted, each.listen))}" for name, each in self.settings.segments.items())
         metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
-        plan = self._interception.plan
+        plan = self.plan
         return metadata | ({"plan": plan.text} if plan is not None else {})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Any, Self
 
@@ -29,17 +30,18 @@ _MOST_URGENT = 1024
 _ASK_S = 1.0  # for the names of others; delays a start by as much if one of them does not answer
 _MOST_NAMES = 100  # a guess: so many of one name in a network are a mistake
 
-_END_S = 10.0  # an asker who does not read blocks a lane until Zenoh closes the link, after 5 s
+_END_S = 10.0  # for all lanes: an asker who does not read blocks one until Zenoh closes the link, after 5 s
 
 
 class Control:
     """Query service for control commands in some segments; a context manager.
 
-    A lane is a Zenoh queue with a thread. In each segment, each urgent command has its own lane and all others share
-    one, so an urgent command waits only for queries of the same command. When a queue is full, its oldest query ends
-    without an answer; this costs time neither in Python nor on the link. Commands of the shared lanes run one after
-    another. Each query arrives once, because queries do not cross the junction
-    (`zenoh.session_config.access_control`). A query with wildcards runs only the commands that read.
+    A lane is a Zenoh queue with a thread. In each segment, each command has its own lane, so an urgent command waits
+    only for queries of the same command. When a queue is full, its oldest query ends without an answer; this costs time
+    neither in Python nor on the link. Commands that are not urgent run one after another. A further lane gets every
+    query, answers for unknown commands, and ends the others at once: a query lasts until all lanes have ended it. Each
+    query arrives once, because queries do not cross the junction (`zenoh.session_config.access_control`). A query with
+    wildcards runs only the commands that read.
 
     Args:
         service: The router (or other object the commands act on), open; urgent commands may run beside others.
@@ -68,18 +70,18 @@ class Control:
         self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Self:
-        urgent = [name for name, command in self._commands.items() if command.urgent]
-        others = {name: command for name, command in self._commands.items() if not command.urgent}
         for session in self._sessions.values():
-            for name in urgent:
-                self._open_lane(session, name, {name: self._commands[name]}, _MOST_URGENT, nullcontext())
-            self._open_lane(session, self._under, others, _MOST_QUEUED, self._shared)
+            for name, command in self._commands.items():
+                most, turn = (_MOST_URGENT, nullcontext()) if command.urgent else (_MOST_QUEUED, self._shared)
+                self._open_lane(session, name, {name: command}, most, turn)
+            self._open_lane(session, self._under, {}, _MOST_QUEUED, nullcontext())
         return self
 
     def __exit__(self, *error: object) -> None:
         release(*self._queryables)
+        end = time.monotonic() + _END_S
         for each in self._threads:
-            each.join(_END_S)
+            each.join(max(0.0, end - time.monotonic()))
 
     def _open_lane(
         self,
@@ -118,13 +120,15 @@ class Control:
             except closed:
                 return
             try:
-                with query, turn:  # leaving the block ends the query
-                    self._answer(query, commands)
+                with query:  # leaving the block ends the query
+                    self._answer(query, commands, turn)
             except Exception:
                 _LOG.exception("a question could not be answered")
             del query
 
-    def _answer(self, query: zenoh.Query, commands: Mapping[str, Command]) -> None:
+    def _answer(
+        self, query: zenoh.Query, commands: Mapping[str, Command], turn: AbstractContextManager[object]
+    ) -> None:
         """Run those of a lane's commands that a query asks for; commands of other lanes are left to those lanes."""
         prefix = f"{OWN_CHUNK}/{self._name}/"
         asked = str(query.key_expr)
@@ -143,7 +147,8 @@ class Control:
             payload = query.payload.to_bytes() if query.payload is not None else b""
             parameters = {str(key): str(value) for key, value in _pairs(str(query.parameters))}
             for name in names:
-                found = answer(self._service, self._name, name, payload, parameters, commands=self._commands)
+                with turn:
+                    found = answer(self._service, self._name, name, payload, parameters, commands=self._commands)
                 self._reply(query, prefix + name, found)
         except RiotError as error:
             error.where = error.where or asked

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import tomllib
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from riot_bus.inject.mutations import HexBytes, RawMessage, RawMutation
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
+from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
@@ -100,9 +100,7 @@ def read_file(text: str, *, where: str) -> DictionaryFile:
         ConfigError: Not TOML, an unknown key, or a value of the wrong kind.
     """
     try:
-        return DictionaryFile.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"not a TOML file: {error}", where=where) from error
+        return DictionaryFile.model_validate(parse_toml(text, where=where))
     except ValidationError as error:
         raise _explain(error, where) from None
 

@@ -52,6 +52,8 @@ class Injector:
         """How often each injection (by number) was carried out."""
         self.skipped: Counter[str] = Counter()
         self.problems: dict[str, PayloadError] = {}
+        self.ended: Callable[[], bool] = bool
+        """Function that returns whether nothing is injected any more; asked at each message."""
         self._faults: list[FaultKind] = []
         for number, each in enumerate(self.injections):
             try:
@@ -74,6 +76,8 @@ class Injector:
 
     def message(self, event: Event) -> None:
         """Apply every injection that selects this message."""
+        if self.ended():
+            return
         key = event.key
         route = self._routes.get(key)
         if route is None:
@@ -114,7 +118,8 @@ class Injector:
         injection = self.injections[numbers[0]]
         value, path = injection.value, injection.field
         if (
-            injection.fault != "set"
+            self.ended()
+            or injection.fault != "set"
             or path is None
             or value is None
             or isinstance(value, Signal | Curve | Formula)

@@ -19,7 +19,6 @@ probability = 0.1
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -35,6 +34,7 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.toml_text import parse_toml
 from riot_bus.vocabulary.trial import Scalar
 
 if TYPE_CHECKING:
@@ -131,10 +131,7 @@ def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
     Raises:
         ConfigError: It is not TOML, or a key or value in it is wrong.
     """
-    try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"not a TOML file: {error}", where=name) from error
+    document = parse_toml(text, where=name)
     try:
         plan = _Plan.model_validate(document)
     except ValidationError as error:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import shlex
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.interceptors.catalogue import build
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -105,8 +105,8 @@ def build_all(
 
 def _value(text: str) -> Any:
     try:
-        document = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+        document = parse_toml(f"value = {text}", where="--interceptor")
+    except ConfigError:
         return text
     value = document["value"]
     plain = isinstance(value, bool | int | float) and "#" not in text  # else the rest would be a comment

@@ -195,6 +195,8 @@ class Recorder:
         self._guard(self._writer.close)
 
     def _offer(self, message: Message, role: Role, changes: Sequence[Change]) -> None:
+        if self._closing:  # the recording has ended
+            return
         if not self._mailbox.offer(partial(self._write, message, role, changes), len(message.payload)):
             self._count_lost(message, "no room")
 

@@ -278,6 +278,10 @@ class Bus:
         self.executor.change(Pipeline.forget)
         self._forget()
 
+    def forget(self) -> None:
+        """Let forwarders ask again what interceptors make of each key; unlike `renew`, this waits for nothing."""
+        self._forget()
+
     def _check_ways(self, stages: Iterable[Stage]) -> None:
         for stage in stages:
             for word, name in (("from", stage.when.source), ("to", stage.when.target)):

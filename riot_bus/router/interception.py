@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Interception", "expressions_of", "topics_of", "wanted_keys"]
 
-_MOST_KEYS = 1024  # in one request; each intercepted one costs a thread in every segment
+_MOST_KEYS = 256
+"""Keys that a router intercepts: each costs two threads in every segment, and to add 250 takes 1.1 s."""
 _LONGEST_KEY = 1024  # letters; names of DDS topics have at most 255
 
 
@@ -135,8 +136,13 @@ class Interception:
             bus.set_intercept(self.expressions, services=self.services)  # else the segments would stay apart
             raise
         self.keys, self.plan, self.expressions, self.services = keys, plan, expressions, services
+        return self.intercepted
+
+    @property
+    def intercepted(self) -> list[str]:
+        """What is intercepted at present, by name."""
         called = self._registry.topic
-        return [*map(called, expressions), *(f"{called(text)}/{REQUEST}" for text in services)]
+        return [*map(called, self.expressions), *(f"{called(text)}/{REQUEST}" for text in self.services)]
 
     def _wanted(self, keys: Sequence[str], plan: InjectionPlan | None) -> list[str]:
         topics = [*keys]
@@ -149,6 +155,9 @@ class Interception:
     ) -> tuple[list[str], list[str]]:
         """Return the expressions of topics and of services to intercept."""
         topics, services = split(self._wanted(keys, plan))
+        if len(topics) + len(services) > _MOST_KEYS or any(len(each) > _LONGEST_KEY for each in (*topics, *services)):
+            text = f"more than {_MOST_KEYS} key expressions, or one longer than {_LONGEST_KEY} letters"
+            raise ConfigError(text, where="intercept", hint="use wildcards, such as robot/**")
         return self._expressions(present[0], topics), self._expressions(present[1], services)
 
     def _expressions(self, present: Sequence[str], names: Iterable[str]) -> list[str]:
@@ -174,10 +183,7 @@ class Interception:
 
 def _checked(keys: Iterable[str]) -> list[str]:
     found = list(keys)
-    hint = "such as riot ctl intercept add /odom"
     if not found:
+        hint = "such as riot ctl intercept add /odom"
         raise ConfigError("no key expression is given", where="intercept", hint=hint)
-    if len(found) > _MOST_KEYS or any(len(each) > _LONGEST_KEY for each in found):
-        text = f"more than {_MOST_KEYS} key expressions, or one longer than {_LONGEST_KEY} letters"
-        raise ConfigError(text, where="intercept", hint="use wildcards, such as robot/**")
     return found

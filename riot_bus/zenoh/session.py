@@ -12,6 +12,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.selector import check_wildcards
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -180,7 +181,7 @@ def canonical(expressions: Sequence[str]) -> list[str]:
     """Return key expressions in Zenoh's canonical form.
 
     Raises:
-        ConfigError: One is not a key expression.
+        ConfigError: One is not a key expression, or has too many wildcards.
     """
     import zenoh
 
@@ -193,6 +194,7 @@ def canonical(expressions: Sequence[str]) -> list[str]:
             if text.startswith("/"):
                 hint += "; for names of ROS 2 topics: pip install 'riot-bus[ros2]'"
             raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
+        check_wildcards(result[-1])
     return list(dict.fromkeys(result))
 
 

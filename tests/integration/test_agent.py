@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
 import textwrap
 from collections.abc import Iterator
@@ -455,7 +456,7 @@ def test_the_documented_router_of_a_fleet(bus: str, logs: Path, tmp_path: Path) 
     page = (Path(__file__).resolve().parents[2] / "docs" / "fleet.md").read_text()
     begin = page.index("    [router.segments.fleet]")
     text = textwrap.dedent(page[begin : page.index("Try the rules with each identity")])
-    roles = page.partition("    riot agent acl ")[2].partition(" >> riot.toml")[0].split()
+    roles = shlex.split(page.partition("    riot agent acl ")[2].partition(" >> riot.toml")[0])
     code, rules, err = riot("agent", "acl", *roles)
     assert code == 0, err
     endpoint = free_endpoint().replace("tcp", "tls")

@@ -17,7 +17,7 @@ import zenoh
 from riot_bus.agent.names import ALL_AGENTS
 from riot_bus.agent.proof import is_proved, new_secret, prove
 from riot_bus.agent.remote_operation import RemoteOperation, ask_robot
-from riot_bus.control.remote import ForgedAnswerError
+from riot_bus.control.remote import ForgedAnswerError, Remote
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
 from tests.integration.access_tools import login, new_rules, secured
@@ -91,6 +91,40 @@ def test_a_flood_of_questions_does_not_hold_up_a_stop(bus: str, hub: str, logs: 
             took.append(time.monotonic() - began)
         print(f"stop beside {process.stdout.read().strip()} {command}/s: {max(took):.3f} s at most of {len(took)}")
         assert len(took) >= seconds / 2, took  # each of them was answered
+
+
+def test_slow_questions_do_not_hold_up_urgent_ones(bus: str, hub: str, logs: Path) -> None:
+    plan = '[[inject]]\ntopic = "a/x"\nfield = "v"\nvalue = 1\n' * 10_000  # is read, then refused as too many
+    request = json.dumps({"operation": "0" * 8, "logs": ["log.mcap"], "inject": plan, "on_lost_controller": "continue"})
+    took: dict[str, list[float]] = {}
+    done, flooded = threading.Event(), []
+    with agent(logs, bus, hub), start(hub), Remote(hub, "r7", kind="agent") as remote, open_client(hub) as flooder:
+
+        def ask(command: str, kind: str) -> None:
+            began = time.monotonic()
+            assert remote.ask(f"agent/{command}", json.dumps({"who": "test"}).encode())["robot"] == "r7"
+            took.setdefault(kind, []).append(time.monotonic() - began)
+
+        def flood() -> None:
+            while not done.is_set():
+                key, every = "@riot/r7/agent/play", zenoh.QueryTarget.ALL
+                flooded.extend(flooder.session.get(key, payload=request, timeout=30, target=every))
+
+        urgent = ("pause", "resume", "status")
+        for command in urgent * 5:
+            ask(command, "alone")
+        thread = threading.Thread(target=flood)
+        thread.start()
+        assert wait_until(lambda: bool(flooded), 60)
+        for command in urgent * scaled(100, gate=20):
+            ask(command, command)
+        ask("stop", "stop")
+        done.set()
+        thread.join()
+    assert all(reply.err and b"are too many" in reply.err.payload.to_bytes() for reply in flooded)
+    slowest = {kind: max(times) for kind, times in took.items()}
+    print(f"slowest answers beside {len(flooded)} plans of {len(plan)} bytes: {slowest}")
+    assert max(slowest.values()) <= 0.5 + slowest["alone"], slowest
 
 
 def test_an_impostor_is_noticed_even_without_rules(bus: str, hub: str, logs: Path) -> None:

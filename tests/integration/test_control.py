@@ -8,6 +8,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -178,8 +179,49 @@ def test_plans_are_loaded_and_cleared(router: RouterProcess) -> None:
         assert (answer["plan"]["name"], answer["intercepted"]) == ("p.toml", ["cut/**", "free/plan"])
         assert wait_until(arrives(b'{"v": 99}'), 60, interval=0.01)
         assert remote.ask("status")["plan"]["hits"] > 0
-        assert remote.ask("plan/clear")["intercepted"] == ["cut/**"]
+        assert remote.ask("plan/clear")["plan"] is None
+        assert wait_until(lambda: remote.ask("status")["intercepted"] == ["cut/**"], 60, interval=0.05)
         assert wait_until(arrives(b'{"v": 1}'), 60, interval=0.01)
+
+
+def test_urgent_commands_are_answered_beside_slow_ones(
+    router: RouterProcess, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside `test_a_flood_of_questions_does_not_hold_up_a_stop`, whose questions take no time."""
+    done, took = threading.Event(), defaultdict[str, list[float]](list)
+    many = json.dumps({"keys": [f"slow/{number}" for number in range(200)]}).encode()
+    with Remote(router.endpoints["unit"], "lab") as remote, open_client(router.endpoints["system"]) as flooder:
+
+        def ask(command: str, kind: str) -> None:
+            began = time.monotonic()
+            with suppress(ConfigError):  # there may be no recording
+                remote.ask(command)
+            took[kind].append(time.monotonic() - began)
+
+        def flood() -> None:
+            for _ in range(3):
+                for name, payload in (
+                    ("intercept/add", many),
+                    ("plan/load", PLAN.encode()),
+                    ("record/start", b""),
+                    ("intercept/remove", many),
+                ):
+                    raw(flooder, f"@riot/lab/{name}", payload=payload)
+            done.set()
+
+        urgent = ("status", "plan/clear", "record/stop")
+        for command in urgent * 10:
+            ask(command, "alone")
+        thread = threading.Thread(target=flood)
+        thread.start()
+        while not done.is_set():
+            for command in urgent:
+                ask(command, command)
+        thread.join()
+    slowest = {kind: max(times) for kind, times in took.items()}
+    with capsys.disabled():
+        print(f"\nslowest answers beside slow commands, of {len(took['status'])} each: {slowest}")
+    assert max(slowest.values()) <= 0.5 + slowest["alone"], slowest
 
 
 def raw(client: Client, key: str, **more: Any) -> list[zenoh.Reply]:

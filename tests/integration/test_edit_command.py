@@ -117,6 +117,14 @@ def test_a_damaged_log_is_recovered_with_exit_code_3(tmp_path: Path) -> None:
         assert not reader.loss
 
 
+def test_an_integer_of_many_digits_in_a_plan_is_a_mistake(tmp_path: Path) -> None:
+    log, plan = json_log(tmp_path / "in.mcap", 10), tmp_path / "plan.toml"
+    for number in ("1" * 5000, "0x" + "f" * 5000):
+        plan.write_text(f'[[inject]]\ntopic = "a"\nfield = "v"\nvalue = {number}\n')
+        code, text, err = riot("edit", str(log), str(tmp_path / "out.mcap"), "--inject", str(plan))
+        assert (code, text, "plan.toml" in err, "Traceback" in err) == (2, "", True, False), err
+
+
 def _loss(log: Path) -> object:
     with LogReader(log) as reader:
         list(reader.messages())

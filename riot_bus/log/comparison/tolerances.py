@@ -11,12 +11,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from riot_bus.types.brittle import STAMPS, is_brittle, why_brittle
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.selector import split_field
+from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -167,14 +168,12 @@ def read_tolerances(path: Path) -> TopicTolerances:
     Raises:
         ConfigError: It cannot be read, or contains something else.
     """
-    import tomllib
-
     try:
-        document: Mapping[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = parse_toml(path.read_text(encoding="utf-8"), where=str(path))
     except OSError as error:
         raise ConfigError(f"cannot read the tolerances: {error.strerror}", where=str(path)) from None
-    except ValueError as error:  # bytes that are not text, or text that is not TOML
-        raise ConfigError(f"not TOML: {error}", where=str(path)) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"not a TOML file: {error}", where=str(path)) from None
     table = document.get(TABLE)
     if set(document) != {TABLE} or not isinstance(table, Mapping):
         hint = f"write one table [{TABLE}] with lines such as '\"/odom:pose.pose.position.x\" = 0.01'"

@@ -3,7 +3,8 @@ from __future__ import annotations
 import json
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from riot_bus.graph.history import replay
 from riot_bus.graph.model import ConnectedComponent
 from riot_bus.log.reader import LogReader
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.bus import Bus
 from riot_bus.router.pipeline_executor import PipelineExecutor, end_interceptors
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -109,8 +111,95 @@ def test_a_plan_brings_its_topics_and_takes_them_away(router: RouterService) -> 
     with pytest.raises(ConfigError, match="three: injec"):
         router.plan_load("[[injec]]", "three")
     assert router.status()["plan"]["name"] == "two"
-    assert router.plan_clear()["intercepted"] == ["cut/**"]
+    assert router.plan_clear()["plan"] is None
     assert router.status()["plan"] is None
+    assert wait_until(lambda: router.status()["intercepted"] == ["cut/**"], 60)
+
+
+@contextmanager
+def a_change_in_progress(monkeypatch: pytest.MonkeyPatch, place: str, do: Callable[[], object]) -> Iterator[None]:
+    """Let a change wait inside a function of the bus until the block ends; then wait for the change."""
+    inside, go_on = threading.Event(), threading.Event()
+    change = getattr(Bus, place)
+
+    def slow(self: Bus, *arguments: Any, **options: Any) -> None:
+        inside.set()
+        assert go_on.wait(60)
+        change(self, *arguments, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Bus, place, slow)
+        thread = threading.Thread(target=do)
+        thread.start()
+        assert inside.wait(60)
+        yield
+    go_on.set()
+    thread.join(60)
+    assert not thread.is_alive()
+
+
+def test_urgent_commands_wait_for_no_change(
+    router: RouterService, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    router.plan_load(PLAN.format("free/x"), "p")
+    router.record_start("a.mcap")
+    with a_change_in_progress(monkeypatch, "set_intercept", lambda: router.intercept_add(["more"])):
+        cleared = router.plan_clear()
+        assert (cleared["plan"], cleared["former"]["name"]) == (None, "p")
+        assert router.record_stop()["file"] == str(tmp_path / "a.mcap")
+        assert (router.status()["plan"], router.status()["recording"]) == (None, None)
+        assert router.status()["intercepted"] == ["cut/**", "free/x"]  # what is true meanwhile
+    assert wait_until(lambda: router.status()["intercepted"] == ["cut/**", "more"], 60)
+    with LogReader(tmp_path / "a.mcap") as reader:
+        assert not reader.loss
+
+
+def test_a_plan_that_is_being_loaded_does_not_come_into_force_after_a_clear(
+    router: RouterService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    router.plan_load(PLAN.format("free/w"), "former")
+    failed: list[str] = []
+
+    def load() -> None:
+        with pytest.raises(EnvironmentFaultError, match="plan/clear came before p was loaded"):
+            router.plan_load(PLAN.format("free/x"), "p")
+        failed.append("p")
+
+    with a_change_in_progress(monkeypatch, "set_intercept", load):
+        assert router.plan_clear()["plan"] is None
+    assert failed == ["p"]
+    assert wait_until(lambda: router.status()["intercepted"] == ["cut/**"], 60)
+    assert router.status()["plan"] is None
+    assert router.plan_load(PLAN.format("free/x"), "next")["plan"]["name"] == "next"
+    assert router.status()["plan"]["name"] == "next"
+
+
+def test_a_recording_that_is_being_started_does_not_go_on_after_a_stop(
+    router: RouterService, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    failed: list[str] = []
+
+    def start() -> None:
+        with pytest.raises(EnvironmentFaultError, match="record/stop ended"):
+            router.record_start("a.mcap")
+        failed.append("a")
+
+    with a_change_in_progress(monkeypatch, "set_recorder", start):
+        assert router.record_stop()["file"] == str(tmp_path / "a.mcap")
+    assert failed == ["a"]
+    assert router.status()["recording"] is None
+    assert router.bus._recorder is None
+    assert router.record_start("b.mcap") == {"file": str(tmp_path / "b.mcap")}
+
+
+def test_the_keys_of_a_router_are_counted_over_all_questions(router: RouterService) -> None:
+    with pytest.raises(ConfigError, match="more than 256 key expressions"):
+        router.intercept_add([f"k/{number}" for number in range(256)])
+    router.intercept_add([f"cut/{number}" for number in range(200)])  # `cut/**` includes them, so none is a new cut
+    with pytest.raises(ConfigError, match="more than 256 key expressions"):
+        router.intercept_add([f"cut/more{number}" for number in range(100)])
+    with pytest.raises(ConfigError, match="more than 256 key expressions"):
+        router.plan_load("".join(PLAN.format(f"cut/plan{number}") for number in range(100)), "p")
 
 
 def test_a_refused_change_changes_nothing(router: RouterService) -> None:
@@ -282,6 +371,10 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
         ("plan/load", b"\xff\xfe", "not UTF-8"),
         ("plan/load", b"a = " + b"[" * 5000, "not a TOML file"),
         ("plan/load", b"", "injects nothing"),
+        ("plan/load", b"a." * 24_000 + b"a = 1", "is too long"),  # took 12 s
+        ("plan/load", PLAN.format("x/" + "$*a" * 8 + "$*b").encode(), "too many wildcards"),  # froze the router
+        ("intercept/add", json.dumps({"keys": ["x/" + "$*a" * 8 + "$*b"]}).encode(), "too many wildcards"),
+        ("intercept/add", json.dumps({"keys": ["**/a/" * 8 + "b"]}).encode(), "too many wildcards"),
         ("record/start", b'{"path": 7}', "not a text"),
         ("record/start", b'{"path": "../x.mcap"}', "outside"),
     ],

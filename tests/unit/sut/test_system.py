@@ -160,7 +160,7 @@ def test_mistakes_are_named_with_their_place(
 
 
 def test_not_toml_and_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="not valid TOML"):
+    with pytest.raises(ConfigError, match="not a TOML file"):
         load_system(write(tmp_path, "[system"))
     with pytest.raises(ConfigError, match="cannot read"):
         load_system(tmp_path / "no.toml")

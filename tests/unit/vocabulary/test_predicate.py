@@ -97,3 +97,24 @@ def test_a_message_without_the_fields_or_of_other_types_does_not_meet_it() -> No
     with pytest.raises(PayloadError):
         unordered({"data": b"x"}.__getitem__)
     assert not unordered.holds({"data": b"x"}.__getitem__)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("(" * 400_000, "a predicate of 400000 characters is too long"),  # took 4 s
+        ("a == " + " " * (1 << 16) + "1", "too long"),
+        ("a == " + "1" * 5000, "too many digits"),  # was a traceback
+        ("a[" + "1" * 5000 + "] == 1", "cannot read"),
+    ],
+    ids=["parentheses", "spaces", "digits", "index"],
+)
+def test_long_predicates_are_refused(text: str, problem: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_predicate(text)
+    assert problem in str(caught.value)
+
+
+def test_a_predicate_of_the_greatest_length_is_read() -> None:
+    text = " or ".join(["field == 12"] * 4000)
+    assert parse_predicate(text).fields == ("field",)

@@ -112,7 +112,7 @@ def test_a_file_and_options_together(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("[tolerances", "not TOML"),
+        ("[tolerances", "not a TOML file"),
         ("[fields]\n", "something else"),
         ("tolerances = 3\n", "something else"),
         ("[tolerances]\na = true\n", "no tolerance"),
@@ -133,5 +133,5 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path: Path):
     with pytest.raises(ConfigError, match="cannot read"):
         read_tolerances(tmp_path / "none.toml")
     (tmp_path / "t.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="not TOML"):
+    with pytest.raises(ConfigError, match="not a TOML file"):
         read_tolerances(tmp_path / "t.toml")
