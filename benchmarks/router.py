@@ -102,7 +102,7 @@ class Results:
 
     flows: dict[tuple[int, int, str], list[Flow | None]] = field(default_factory=dict)
     delays: dict[str, list[Any]] = field(default_factory=dict)
-    memory: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    memory: dict[str, list[tuple[float, float, float]]] = field(default_factory=dict)
     startup: dict[str, list[float]] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
 
@@ -246,8 +246,9 @@ def measure(paths: list[str], *, rounds: int, seconds: float) -> Results:
                 found = note(f"{title}: latency, {PATHS[path]}", latency, ends[path], path, seconds=2 * seconds)
                 results.delays.setdefault(path, []).append(found)
             for path, router in routers.items():
-                after = router.usage.memory_info().rss
-                results.memory.setdefault(path, []).append((before[path] / 2**20, after / 2**20))
+                after = router.usage.memory_info().rss / 2**20
+                most = Path(f"/proc/{router.process.pid}/status").read_text(encoding="ascii").split("VmHWM:")[1]
+                results.memory.setdefault(path, []).append((before[path] / 2**20, int(most.split()[0]) / 1024, after))
     if sys.stderr.isatty():
         print(f"\r{'':<100}\r", end="", file=sys.stderr)
     return results
@@ -336,7 +337,7 @@ def summary(results: Results, paths: list[str]) -> dict[str, Any]:
         "latency": sorted(_latency_rows(results), key=place),
         "startup_s": {**starts, "verdict": verdict},
         "memory_mib": {
-            path: {"before": _middle([a for a, _ in rss], 1), "after": _middle([b for _, b in rss], 1)}
+            path: {name: _middle(values, 1) for name, *values in zip(("before", "peak", "after"), *rss, strict=True)}
             for path, rss in results.memory.items()
         },
         "failures": results.failures,
@@ -384,7 +385,7 @@ def show(figures: dict[str, Any]) -> None:
             print(f"  {name:<42}{took['median']:>7.3f} ({took['min']:.3f} - {took['max']:.3f})")
     print("\nmemory of the router's process (RSS), MiB")
     for path, rss in figures["memory_mib"].items():
-        print(f"  {PATHS[path]:<42}{rss['before']['median']:>7.1f} before,{rss['after']['median']:>7.1f} after")
+        print(f"  {PATHS[path]:<42}" + ",".join(f"{rss[name]['median']:>7.1f} {name}" for name in rss))
     print(
         f"\nThe columns pub to all are cores: per process (of two the busier one), of all other programs, and "
         f"altogether of {figures['machine']['cores']}.\n"

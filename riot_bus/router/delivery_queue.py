@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import BoundedCounts, Emission, Result
+from riot_bus.router.byte_gate import ByteBudget
 from riot_bus.zenoh.convert import Converter, Outlets
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class DeliveryQueue:
         topic: Function that returns the topic of a key.
 
     Attributes:
+        budget: Bytes of large messages that may wait in front of forwarders.
         sessions: The segments' own sessions, once `open` was called.
         outlets: Publishers by segment, once `open` was called.
         converters: Converters of samples to messages, by segment.
@@ -93,6 +95,7 @@ class DeliveryQueue:
         topic: Callable[[str], str],
     ) -> None:
         self.executor = executor
+        self.budget = ByteBudget()
         self.sessions: dict[str, zenoh.Session] = {}
         self.outlets: dict[str, Outlets] = {}
         self.sequence = itertools.count(1)

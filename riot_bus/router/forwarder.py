@@ -16,6 +16,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError, BoundedCounts
+from riot_bus.router.byte_gate import LARGE, ByteGate
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
 from riot_bus.zenoh.convert import FEW, SampleArrival, is_delete, is_droppable
 from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
@@ -38,8 +39,8 @@ _LOG = logging.getLogger(__name__)
 _CHANNEL = 256  # 0.6 ms of traffic at 400,000 messages/s (docs/figures.md); a larger channel may hold more bytes
 _SLICE = 1024  # 2.5 ms at 2.5 us each, by which new messages are delayed; fewer are sent in smaller batches
 _BACKLOG = 8192  # 20 ms of traffic at 400,000 messages/s; droppable messages beyond it are dropped
-_BACKLOG_BYTES = 1 << 26  # 64 MiB for each forwarder; counts instead of `_BACKLOG` for messages above 8 KiB
-_SURPLUS = 64  # `BLOCK` messages beyond the room, until senders wait; also the least room, for large messages
+_BACKLOG_BYTES = 1 << 23  # 8 MiB: more, or larger messages, are left to a `ByteGate`
+_SURPLUS = 64  # `BLOCK` messages beyond the room, until senders wait
 _CACHED_KEYS = 1 << 13  # a route may hold a publisher in each segment; keys may be ever new
 _ATTRIBUTES = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
 _TURN_S = 0.005  # slow interceptors keep the channel full, which blocks Zenoh's threads, for no longer
@@ -108,7 +109,6 @@ class Forwarder:
         self._backlog: deque[zenoh.Sample] = deque()
         self._out: deque[tuple[_KeyRoute, list[bytes | None], dict[str, Any] | None]] = deque()
         self._rewriting: list[_KeyRoute] = []
-        self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
         self._zenoh_error = library.ZError
@@ -120,6 +120,8 @@ class Forwarder:
             allowed_origin=library.Locality.REMOTE,  # what we publish ourselves must not come back
         )
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
+        self._gate = ByteGate(deliveries.budget, self._channel, closed=self._zenoh_error, drop=self._drop)
+        self._guards: list[Any] = []  # the subscriber by which senders wait at the gate, if it is active
         self._thread = self._spawn()
 
     def passed(self) -> Counter[str]:
@@ -156,6 +158,7 @@ class Forwarder:
 
     def close(self) -> None:
         """Forward the messages received so far, then end; safe to call twice."""
+        self._gate.end()
         release(self._subscriber)
         if self._thread is not threading.current_thread():
             while self._thread.is_alive():  # in turns, since a stuck thread is replaced
@@ -172,7 +175,7 @@ class Forwarder:
 
         An idle forwarder may have fetched one message that is not counted yet: call the function twice.
         """
-        due = self.received + _CHANNEL + _SLICE  # what is in the channel, and what is being fetched from it
+        due = self.received + len(self._gate.waiting) + _CHANNEL + _SLICE  # what is in the channel, or being fetched
         return lambda: self.idle() or self.received - len(self._backlog) > due
 
     def take_over(self) -> None:
@@ -190,20 +193,25 @@ class Forwarder:
         return thread
 
     def _run(self, generation: int) -> None:
-        backlog, receive, fill, slice_ = self._backlog, self._channel.recv, self._fill, self._slice
+        backlog, receive, fill, slice_, gate = self._backlog, self._channel.recv, self._fill, self._slice, self._gate
         self._flush()
         while generation == self._generation:
             try:
                 if not backlog:
-                    self.caught_up = True
-                    sample = receive()
+                    self.caught_up = not gate.waiting
+                    samples = gate.receive() if gate.active else (receive(),)
                     self.caught_up = False
-                    backlog.append(sample)
-                    self.received += 1
-                fill()
+                    backlog.extend(samples)
+                    self.received += len(samples)
+                if not gate.active:
+                    release(*self._guards)
+                    self._guards.clear()
+                    fill()
             except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
                 if not backlog:
                     self.caught_up = True
+                    release(*self._guards)
+                    self._guards.clear()
                     return
             try:
                 slice_()
@@ -218,32 +226,43 @@ class Forwarder:
 
     def _fill(self) -> None:
         backlog, fetch = self._backlog, self._channel.try_recv
-        before = len(backlog)
-        backlog.extend(itertools.islice(iter(fetch, None), max(0, min(_SLICE, self._room - before))))
-        if len(backlog) >= self._room:
+        before, size = len(backlog), len(backlog[0].payload)
+        if size > LARGE or size * before > _BACKLOG_BYTES:
+            self._begin_gate()
+            return
+        backlog.extend(itertools.islice(iter(fetch, None), max(0, min(_SLICE, _BACKLOG - before))))
+        if len(backlog) >= _BACKLOG:
             self._shed()
         self.received += len(backlog) - before
 
     def _shed(self) -> None:
         """Receive a few more messages than there is room for, and keep only those that must not be dropped."""
-        most = self._room + _SURPLUS
+        most = _BACKLOG + _SURPLUS
         for _ in range(_SLICE):
             if len(self._backlog) >= most or (sample := self._channel.try_recv()) is None:
                 return
             if is_droppable(sample):
-                key = str(sample.key_expr)
-                if self._deliveries.owner(key) == self.expression:
-                    self.shed.add(key)
+                self._drop(sample)
             else:
                 self._backlog.append(sample)
+
+    def _drop(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if self._deliveries.owner(key) == self.expression:
+            self.shed.add(key)
+
+    def _begin_gate(self) -> None:
+        session = self._deliveries.sessions[self.segment]
+        library, self._gate.active = library_of(session), True
+        handler = library.handlers.Callback(self._gate.admit, indirect=False)
+        origin = library.Locality.REMOTE
+        self._guards.append(session.declare_subscriber(self.expression, handler, allowed_origin=origin))
 
     def _slice(self) -> None:
         if self._former and not self._out:
             self._fold()
         backlog = self._backlog
         first = backlog[0]
-        size = len(first.payload)
-        self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
         attributes, next_sample, routes, out = _ATTRIBUTES, backlog.popleft, self._routes, self._out.append
         last: _KeyRoute | None = None  # the route to whose payloads `also` appends

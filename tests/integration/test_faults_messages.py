@@ -6,9 +6,11 @@ import gc
 import json
 import signal
 import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from riot_bus.control.heap import trim_heap
@@ -238,3 +240,64 @@ def test_a_hundred_thousand_keys_take_bounded_memory_and_are_all_counted() -> No
 class Looks:
     def message(self, event: object) -> None:
         """Look, so that the pipeline has a route for each key."""
+
+
+@pytest.mark.load
+@pytest.mark.parametrize("looks", [False, True])
+def test_a_flood_of_large_messages_takes_bounded_memory_and_all_arrive_in_order(tmp_path: Path, looks: bool) -> None:
+    """Back-pressure begins at 32 MiB; 300 messages of 1 MiB took 300 to 500 MiB as long as 256 could wait."""
+    (tmp_path / "look.py").write_text("class Look:\n    def message(self, event):\n        event.payload\n")
+    more = ["--interceptor", f"{tmp_path}/look.py:Look"] if looks else []
+    with (
+        RouterProcess("--intercept", "cut/**", *more) as router,
+        Puppet(router.endpoints["system"]) as source,
+        Puppet(router.endpoints["unit"]) as sink,
+    ):
+        sink.do("subscribe_by_key", key="cut/x")
+        sink.do("subscribe", key="cut/probe")
+        assert wait_until(lambda: crossed_once(source, sink), 60, interval=0.02)
+        process = psutil.Process(router.process.pid)
+        before, sizes, count = process.memory_info().rss, [0], 300
+        source.start("flood", key="cut/x", count=count, padding=MIB)
+
+        def arrived() -> bool:
+            sizes.append(process.memory_info().rss)
+            return int(sink.do("by_key").get("cut/x", {}).get("count", 0)) == count
+
+        assert wait_until(arrived, 120, interval=0.02)
+        found = sink.do("by_key")["cut/x"]
+        assert (found["different"], found["ordered"]) == (count, True)
+        assert max(sizes) - before < 128 * MIB, [size // MIB for size in (before, max(sizes))]
+
+
+def crossed_once(source: Puppet, sink: Puppet) -> bool:
+    source.do("put_texts", key="cut/probe", payloads=["probe"], congestion="BLOCK")
+    return bool(sink.do("wait", count=1, timeout=0.02))
+
+
+@pytest.mark.load
+def test_large_droppable_messages_in_front_of_an_interceptor_that_blocks_are_counted_when_they_are_dropped() -> None:
+    go_on = threading.Event()
+
+    class Blocks:
+        def message(self, event: object) -> None:
+            assert go_on.wait(120)
+
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Blocks()), budget_s=120) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit")) as sink,
+    ):
+        sink.do("subscribe_by_key", key="cut/x")
+        subscribed(bus, "unit", "cut/x")
+
+        def dropped() -> bool:
+            source.do("flood", key="cut/x", count=20, padding=MIB, congestion="DROP")
+            return bus.losses.messages.get("cut/x", 0) > 20
+
+        assert wait_until(dropped, 120)
+        go_on.set()
+        assert bus.drain(60)
+        assert_balanced(bus)
+        counts = bus.counts()["cut/x"]
+        assert counts.received == counts.forwarded + counts.lost

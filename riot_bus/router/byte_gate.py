@@ -1,0 +1,124 @@
+"""Bounds the bytes of large messages that wait in a router: senders wait at a gate, droppable messages are dropped.
+
+Zenoh's channels are bounded in messages, of whatever size. So while large messages come, a forwarder subscribes a
+second time, with a callback that moves what is in its channel to a gate, counts it, and waits until there is room.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.convert import is_droppable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["LARGE", "ByteBudget", "ByteGate"]
+
+_BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB are as fast with 16 or 64 MiB (docs/figures.md)
+_BUFFER = 1 << 16  # a message that waits keeps a whole receive buffer of Zenoh's, however small it is
+_PORTION = 1 << 20  # bytes that are forwarded at once, as copies
+_MANY, _SOON_S = 64, 0.01  # so many small messages, so soon: the callback slows them down by half
+
+LARGE = 1 << 16
+"""Size above which a callback for each message costs no throughput; Zenoh splits such messages."""
+
+
+class ByteBudget:
+    """The bytes that may wait at all gates of a router together.
+
+    A gate may hold as many as are still free. So one alone takes half of them, and there is always room for one more.
+    """
+
+    def __init__(self, size: int = _BUDGET) -> None:
+        self.changed = threading.Condition()
+        self.free = size
+
+
+class ByteGate:
+    """Keeps the messages that came in through a channel until they are forwarded, in their order.
+
+    Args:
+        budget: Budget of the router.
+        channel: Channel in which messages arrive.
+        closed: Exception that the channel raises when it is closed and empty.
+        drop: Function that drops a droppable message for which there is no room, and counts it.
+    """
+
+    def __init__(
+        self, budget: ByteBudget, channel: Any, *, closed: type[Exception], drop: Callable[[Any], None]
+    ) -> None:
+        self.active = False
+        """Whether messages are counted; set by the forwarder, and unset here when many small ones have come."""
+        self.waiting: deque[Any] = deque()
+        self.held = 0
+        """Bytes that wait, or are being forwarded."""
+        self._budget, self._channel, self._closed, self._drop = budget, channel, closed, drop
+        self._portion, self._last = 0, 0.0  # bytes being forwarded, since when
+        self._receiving = False  # then the forwarder takes the next message itself
+        self._ended = False
+
+    def admit(self, sample: Any) -> None:
+        """Wait until there is room; called for each message by the thread that has received it."""
+        with self._budget.changed:
+            if self.active and not self._receiving:
+                self._take()
+            if not is_droppable(sample):
+                self._budget.changed.wait_for(lambda: self._ended or not self.active or not self._full())
+
+    def receive(self) -> list[Any]:
+        """Wait for messages and return those to forward next; those returned before are forwarded.
+
+        Raises:
+            Exception: The one that the closed channel raises, once nothing waits.
+        """
+        found: list[Any] = []
+        total = largest = 0
+        with self._budget.changed:
+            self._hold(-self._portion)
+            self._portion = 0
+            self._take()
+            while self.waiting and total < _PORTION:
+                found.append(self.waiting.popleft())
+                size = len(found[-1].payload)
+                total, largest = total + size, max(largest, size)
+                self._portion += max(size, _BUFFER)
+            soon, self._last = time.monotonic() - self._last < _SOON_S, time.monotonic()
+            if soon and largest <= LARGE and (len(found) >= _MANY or total >= _PORTION):
+                found.extend(self.waiting)
+                self.waiting.clear()
+                self._hold(-self.held)
+                self.active, self._portion = False, 0
+            self._receiving = not found
+            self._budget.changed.notify_all()
+        if not found:
+            found.append(self._channel.recv())
+            self._receiving = False
+        return found
+
+    def end(self) -> None:
+        """Let senders no longer wait."""
+        with self._budget.changed:
+            self._ended = True
+            self._budget.changed.notify_all()
+
+    def _full(self) -> bool:
+        return self.held > 0 and self.held >= self._budget.free
+
+    def _hold(self, size: int) -> None:
+        self.held += size
+        self._budget.free -= size
+
+    def _take(self) -> None:
+        try:
+            for sample in iter(self._channel.try_recv, None):
+                if self._full() and is_droppable(sample):
+                    self._drop(sample)
+                else:
+                    self.waiting.append(sample)
+                    self._hold(max(len(sample.payload), _BUFFER))
+        except self._closed:
+            pass
