@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +12,9 @@ import typer
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import COMMANDS, add_commands, make_app
+from riot_bus.findings.records import FindingRecord
 from riot_bus.log.writer import LogWriter
+from riot_bus.testing.reports import campaign_at
 from riot_bus.vocabulary.message import Message
 
 
@@ -77,3 +82,40 @@ def test_no_name_in_a_log_commands_a_terminal(words: list[str], tmp_path: Path) 
     assert "\x07" not in said
     table = tmp_path / "a.csv"
     assert "\\x1b" in said + (table.read_text() if table.exists() else "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["findings", "."],
+        ["findings", ".", "--format=json"],
+        ["report", ".", "--format=markdown"],
+        ["report", "findings/one", "--format=text"],
+        ["report", "findings/one", "--format=github"],
+        ["ci", "accept", "."],
+        ["info", "::stop-commands::tok ##[add-mask]riot.mcap"],
+        ["findings", "##vso[task.setvariable variable=PATH]x"],
+    ],
+    ids=" ".join,
+)
+def test_no_text_of_a_finding_commands_what_runs_the_build(words: list[str], tmp_path: Path) -> None:
+    campaign_at("finished", tmp_path)
+    (folder,) = (tmp_path / "findings").iterdir()
+    record = FindingRecord.load(folder).model_copy(
+        update={"id": "::stop-commands::tok", "signature": "x ##[add-mask]r"}
+    )
+    folder = folder.rename(folder.with_name("one"))
+    record.save(folder)
+    env = {**os.environ, "GITHUB_ACTIONS": "true", "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "riot_bus", *words]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, check=False)
+    lines = (done.stdout + done.stderr).decode().splitlines()
+    commands = [line for line in lines if line.lstrip().startswith("::") or re.search(r"##\w*\[", line)]
+    assert lines
+    assert len(commands) == (2 if "--format=github" in words else 0)
+    assert all(re.match(r"::(error|warning|notice) ", line) for line in commands)
+    if "--format=json" in words:
+        assert json.loads(done.stdout)[0]["signature"] == "x ##[add-mask]r"
+    with (tmp_path / "kept").open("wb") as file:  # a file is no output of the build
+        subprocess.run(command, cwd=tmp_path, env=env, stdout=file, stderr=subprocess.DEVNULL, check=False)
+    assert "\u200b" not in (tmp_path / "kept").read_text()
