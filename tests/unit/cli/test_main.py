@@ -116,6 +116,7 @@ def test_no_text_of_a_finding_commands_what_runs_the_build(words: list[str], tmp
     assert all(re.match(r"::(error|warning|notice) ", line) for line in commands)
     if "--format=json" in words:
         assert json.loads(done.stdout)[0]["signature"] == "x ##[add-mask]r"
-    with (tmp_path / "kept").open("wb") as file:  # a file is no output of the build
-        subprocess.run(command, cwd=tmp_path, env=env, stdout=file, stderr=subprocess.DEVNULL, check=False)
-    assert "\u200b" not in (tmp_path / "kept").read_text()
+    if "--format=text" in words:
+        with (tmp_path / "kept").open("wb") as file:  # a file is no output of the build
+            subprocess.run(command, cwd=tmp_path, env=env, stdout=file, check=False)
+        assert (tmp_path / "kept").read_text().startswith("::stop-commands::tok")
