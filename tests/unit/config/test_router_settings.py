@@ -12,7 +12,7 @@ import pytest
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings
 from riot_bus.control.component import client_cfg
-from riot_bus.control.exposure import exposure_warnings
+from riot_bus.control.exposure import bridge_warnings, exposure_warnings
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import load_router, merged, parse_cfg
 from riot_bus.sut.system import load_system
@@ -279,6 +279,11 @@ def test_open_listeners_are_named(config: dict[str, object], warned: list[str]) 
 )
 def test_values_are_json5_or_text(key: str, text: str, value: object) -> None:
     assert value_of(key, text, where="--cfg a") == value
+
+
+def test_open_links_of_a_bridge_are_named_in_the_same_words() -> None:
+    line, _ = bridge_warnings(["udp/0.0.0.0:14550", "tcp/127.0.0.1:5760", "udp/[::1]:14550", "udp/[fe80::1%eth0]:0"])
+    assert line.startswith("a link listens on udp/0.0.0.0:14550: any host that reaches it can read and write every")
 
 
 @pytest.mark.parametrize(
