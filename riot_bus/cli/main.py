@@ -86,12 +86,12 @@ def add_commands(app: typer.Typer, name: str) -> None:
 
 
 def _redact_log() -> None:
-    """Leave secrets out of what is logged, tracebacks included."""
+    """Leave secrets and control characters out of what is logged, tracebacks included."""
     import logging
 
     class Redacting(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
-            return redacted(super().format(record))
+            return escape_control_chars(redacted(super().format(record)), keep="\n\t")
 
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(Redacting())

@@ -33,7 +33,7 @@ def test_one_command_needs_its_module_alone() -> None:
     assert list(typer.main.get_group(make_app("--version")).commands) == list(everything)
 
 
-def test_what_is_logged_shows_no_secret() -> None:
+def test_what_is_logged_shows_no_secret_and_no_control_character() -> None:
     code = """
 import logging, sys
 from riot_bus.cli import main
@@ -45,10 +45,11 @@ except SystemExit:
 try:
     raise ValueError("tls/host:1#key=s3kR1t")
 except ValueError:
-    logging.getLogger("riot_bus.any").exception("no link to %s", "tls/host:1#key=s3kR1t")
+    logging.getLogger("riot_bus.any").exception("no link to %s \\x1b[2J\\x9b", "tls/host:1#key=s3kR1t")
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert "no link to tls/host:1#...\n" in done.stderr
+    assert "no link to tls/host:1#... \\x1b[2J\\x9b\n" in done.stderr, "what a finding names cannot move a cursor"
+    assert "\x1b" not in done.stderr
     assert "ValueError: tls/host:1#..." in done.stderr
     assert "s3kR1t" not in done.stderr
 
