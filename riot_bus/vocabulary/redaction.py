@@ -16,7 +16,7 @@ _BREAK = r"[\s'\"]"
 _QUOTED = {quote: rf"(?s:(?:\\.|[^\\{quote}])*+)" for quote in "'\""}
 _WORD = r"\S*"
 _PUNCTUATION = ",:;)]"
-_COMMAND = r"(?:^|(?<=[\r\n]))[^\S\r\n]*:(?=:)|#(?=#\w*\[)"
+_COMMANDS = r"(?:^|(?<=[\r\n]))[^\S\r\n]*:(?=:)", r"#(?=#\w*\[)"
 _BUILDS = ("GITHUB_ACTIONS", "TF_BUILD", "TEAMCITY_VERSION")
 """Variables that tell what runs a build and obeys its output: GitHub and those like it, Azure Pipelines, TeamCity."""
 
@@ -75,13 +75,13 @@ def escape_control_chars(text: object, *, keep: str = "") -> str:
 def without_commands(text: str) -> str:
     """Return text that no build obeys: where one runs, U+200B is put into `::` at a line's start, and into `##[`.
 
-    A document of JSON says the same afterwards: there, an escape is put into it.
+    A document of JSON says the same afterwards: it has no such line, and an escape in place of the first `#`.
     """
     if not any(map(os.environ.get, _BUILDS)):
         return text
-    if text[:1] in ("{", "["):
-        return re.sub(r"#(?=#\w*\[)", r"\\u0023", text)
-    return re.sub(_COMMAND, "\\g<0>\u200b", text)
+    line, anywhere = _COMMANDS
+    text = re.sub(line, "\\g<0>\u200b", text)
+    return re.sub(anywhere, r"\\u0023" if text[:1] in "{[" else "#\u200b", text)
 
 
 def _escaped(letter: str) -> str:
