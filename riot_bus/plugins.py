@@ -1,6 +1,7 @@
 """Finds plug-ins by entry points: interceptors, codecs, monitors, steps; built-in ones in the same way as others.
 
-A plug-in is imported only when it is named. Other packages cannot override the names of built-in plug-ins.
+A plug-in is imported when it is named; docs/extending.md lists what is imported although nothing names it. Other
+packages cannot override the names of built-in plug-ins.
 """
 
 from __future__ import annotations

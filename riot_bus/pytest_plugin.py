@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from riot_bus.vocabulary.redaction import without_commands
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
@@ -105,7 +107,7 @@ def pytest_runtest_makereport(
             *(f"note:  {text}" for text in notes),
             *(f"{f'{name}:':6} {text}" for name, text in told.items() if text),
         ]
-        report.sections.append(("riot", "\n".join(lines)))
+        report.sections.append(("riot", without_commands("\n".join(lines))))
     return report
 
 
@@ -166,7 +168,7 @@ def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[Ro
         yield one
         problems = one.problems()
         if problems and item.stash[_OUTCOMES].get("call") == "passed":  # a failed call reports them itself
-            pytest.fail("riot: " + "\n".join(problems), pytrace=False)
+            pytest.fail(without_commands("riot: " + "\n".join(problems)), pytrace=False)
 
 
 @pytest.fixture
@@ -180,7 +182,7 @@ def riot_finding(request: pytest.FixtureRequest) -> Callable[..., Reproduction]:
         folder, near = request.path.parent / path, request.path.parent / (system or "riot.toml")
         named = near if system is not None or near.is_file() else None
         found = reproduce_finding(folder, system=named, root=request.config.rootpath, trials=trials)
-        assert found.answer == "fixed", (
+        assert found.answer == "fixed", without_commands(
             f"{found.failed} of {found.trials} trials of {found.log} fail: {found.detail}; "
             f"again: riot reproduce {shlex.quote(str(folder))}"
         )

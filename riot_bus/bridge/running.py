@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from riot_bus.control.exposure import bridge_warnings
 from riot_bus.control.signals import ended_by_signals
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ def run_bridge(
     Raises:
         RiotError: The bridge does not start, or has failed.
     """
+    for line in bridge_warnings(bridge.listens):
+        foreground.warn(f"warning: {line}")
     status: int | None = None
     with ended_by_signals(bridge.stop):
         with bridge, ExitStack() as stack:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import faulthandler
 import gc
+import io
+import os
+import stat
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING
 from riot_bus.cli.fastpath import quick_start, warn
 from riot_bus.findings.steps import STEPS
 from riot_bus.vocabulary.errors import INTERRUPTED, EnvironmentFaultError, RiotError
-from riot_bus.vocabulary.redaction import escape_control_chars, redacted
+from riot_bus.vocabulary.redaction import escape_control_chars, redacted, without_commands
 
 if TYPE_CHECKING:
     import typer
@@ -83,20 +86,31 @@ def add_commands(app: typer.Typer, name: str) -> None:
 
 
 def _redact_log() -> None:
-    """Leave secrets out of what is logged, tracebacks included."""
+    """Leave secrets and control characters out of what is logged, tracebacks included."""
     import logging
 
     class Redacting(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
-            return redacted(super().format(record))
+            return escape_control_chars(redacted(super().format(record)), keep="\n\t")
 
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(Redacting())
 
 
+def _command_free(stream: object) -> None:
+    """Let no text that a stream writes be a command for what runs the build; bytes and files stay as they are."""
+    if isinstance(stream, io.TextIOWrapper) and not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+        plain = stream.write
+        stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # else typer would go around the stream
+        stream.write = lambda text: plain(without_commands(text))  # type: ignore[method-assign]
+
+
 def run() -> None:
     """Entry point of the console scripts."""
     arguments = sys.argv[1:]
+    if without_commands("##[") != "##[":
+        _command_free(sys.stdout)
+        _command_free(sys.stderr)
     gc.disable()  # nothing that is loaded is garbage: searching it takes 4 % of the start-up time
     try:
         if arguments and not arguments[0].startswith("-"):  # else it is a question about riot, and nothing is logged

@@ -1,17 +1,19 @@
-"""Warnings about listeners of a router that are open to the network."""
+"""Warnings about listeners of a router or a bridge that are open to the network."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.config.endpoints import ENCRYPTED
+from riot_bus.config.endpoints import ENCRYPTED, Endpoint
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.config_files import USERS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 
-__all__ = ["exposure_warnings"]
+__all__ = ["bridge_warnings", "exposure_warnings"]
 
 
 def exposure_warnings(settings: RouterSettings) -> list[str]:
@@ -20,14 +22,25 @@ def exposure_warnings(settings: RouterSettings) -> list[str]:
     Loopback and socket files are not reachable from outside. Elsewhere TLS or QUIC, user names with passwords, or
     access control count as a deliberate choice.
     """
+    cure = ", or configure TLS, users or access control (docs/router.md)"
     return [
-        f"segment {name!r} listens on {redacted(str(endpoint))}: any host that reaches it can read and write "
-        "everything; use 127.0.0.1, or configure TLS, users or access control (docs/router.md)"
+        _told(f"segment {name!r}", endpoint, cure)
         for name, segment in settings.segments.items()
         if not _controlled(segment)
         for endpoint in segment.listeners
         if not endpoint.is_local and endpoint.protocol not in ENCRYPTED
     ]
+
+
+def bridge_warnings(listens: Iterable[str]) -> list[str]:
+    """Return one line per endpoint of a bridge's links that every host of the network can use."""
+    endpoints = [Endpoint(*text.split("/", 1)) for text in listens]
+    return [_told("a link", each, "") for each in endpoints if not each.is_local]
+
+
+def _told(what: str, endpoint: Endpoint, cure: str) -> str:
+    reached = "any host that reaches it can read and write everything"
+    return f"{what} listens on {redacted(str(endpoint))}: {reached}; use 127.0.0.1{cure}"
 
 
 def _controlled(segment: SegmentSettings) -> bool:

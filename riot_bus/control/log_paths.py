@@ -69,7 +69,7 @@ def safe_path(folder: Path, text: str) -> Path:
 def _create(path: Path) -> Path:
     """Create a file that did not exist, so that no file of another program is overwritten."""
     try:
-        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW, 0o644))
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW, 0o600))
     except FileExistsError:
         raise ConfigError(f"{path} exists already", where="record", hint="choose another name") from None
     except OSError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Protocol
 
+from riot_bus.vocabulary.redaction import escape_control_chars
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from contextlib import AbstractContextManager
@@ -63,10 +65,10 @@ class Foreground:
             self._say(line)
 
     def warn(self, line: str) -> None:
-        """Print a line of diagnostics; a progress line is ended first."""
+        """Print a line of diagnostics, without control characters; a progress line is ended first."""
         if self._shown is not None:
             self._shown.progress("")
-        self._warn(line)
+        self._warn(escape_control_chars(line, keep="\n\t"))
 
     def warn_of_errors(self, pipeline: Pipeline | None) -> None:
         """Print which interceptors of a pipeline have raised exceptions, how often, and the first one of each."""

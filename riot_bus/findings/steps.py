@@ -147,9 +147,10 @@ def find_step(name: str) -> ChainStep:
     hint = f"its entry point has to name a riot_bus.findings.steps.ChainStep whose name is {name!r}"
     if not isinstance(found, ChainStep) or found.name != name:
         raise ConfigError(f"step {name!r} is {found!r}", where=plugins.STEPS.targets()[name], hint=hint)
-    if name in further_steps() and found.kind.FILE in {step.kind.FILE for step in STEPS}:
-        where, hint = plugins.STEPS.targets()[name], f"choose another FILE for its record {found.kind.__name__}"
-        raise ConfigError(f"step {name!r} writes {found.kind.FILE}, as a built-in step does", where=where, hint=hint)
+    if name in further_steps() and found.kind.FILE not in {f"{name}.json"} - {step.kind.FILE for step in STEPS}:
+        where, hint = plugins.STEPS.targets()[name], f"FILE of its record {found.kind.__name__} is how reports find it"
+        text = f"step {name!r} writes {found.kind.FILE}, not a {name}.json of its own"
+        raise ConfigError(text, where=where, hint=hint)
     return found
 
 

@@ -140,10 +140,11 @@ def _processes(links: Mapping[Link, str]) -> dict[str, Started]:
 
 
 def _started(pid: int) -> Started | None:
+    """Return how a process of this user was started; None for others, whose commands this one does not repeat."""
     import psutil
 
     with suppress(psutil.Error, OSError):
         process = psutil.Process(pid)
-        command = tuple(process.cmdline())
-        return Started(pid, command, process.cwd()) if command else None
+        command, own = tuple(process.cmdline()), process.uids().effective == os.geteuid()
+        return Started(pid, command, process.cwd()) if command and own else None
     return None

@@ -13,7 +13,7 @@ from riot_bus.log.writer import LogWriter
 from riot_bus.new_file import new_file
 from riot_bus.types.capabilities import ConvertsFiles
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, install_hint
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -142,5 +142,5 @@ def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
         if isinstance(each, ConvertsFiles) and file.suffix in each.archives:
             return each
     known = archive_endings(adapters)
-    hint = did_you_mean(file.suffix, known) or "its adapter is not installed; .tlog: pip install 'riot-bus[mavlink]'"
+    hint = did_you_mean(file.suffix, known) or f"its adapter is not installed; .tlog: {install_hint('mavlink')}"
     raise ConfigError(f"unknown kind of file {file.suffix!r}", where=str(file), hint=hint)

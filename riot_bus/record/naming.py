@@ -69,7 +69,7 @@ class Naming:
             if first and self._overwrite and not self.bag:
                 return path
             try:
-                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644))
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600))
             except FileExistsError:
                 if first:
                     self._number = 0

@@ -269,7 +269,8 @@ def load(directory: Path) -> FindingView:
     finding = FindingRecord.load(directory)
     steps: list[tuple[ChainStep, Artefact | None]] = [(STEPS[0], finding)]
     steps += [(step, read(step.kind)) for step in STEPS[1:] if not finding.whole_system]
-    for name in further_steps() if not finding.whole_system else ():
+    done = [name for name in further_steps() if (directory / f"{name}.json").exists() and not finding.whole_system]
+    for name in done:  # others are not imported
         try:
             step = find_step(name)
         except RiotError as error:

@@ -1,6 +1,7 @@
 """A campaign as annotations of GitHub Actions, and as Markdown for the summary of the job.
 
-An annotation is a line of output that the runner takes as a command; untrusted text cannot begin one.
+An annotation is a line of output that the runner takes as a command. It is written as bytes: in texts, commands are
+disarmed (`vocabulary.redaction.without_commands`).
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ class GithubReport:
     file = ""
     summary_variable = "GITHUB_STEP_SUMMARY"
 
-    def render_campaign(self, view: CampaignView) -> str:
+    def render_campaign(self, view: CampaignView) -> bytes:
         """Return a command line for each finding that counts, up to a limit, worst first, and one for the result."""
-        return "".join(f"{line}\n" for line in _commands(view))
+        return "".join(f"{line}\n" for line in _commands(view)).encode()
 
     def render_summary(self, view: CampaignView) -> str:
         """Return what is appended to the file of `summary_variable`."""

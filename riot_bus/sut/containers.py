@@ -48,7 +48,8 @@ def container_commands(
 ) -> tuple[list[str], list[str]]:
     """Return the commands that run and remove a container with this machine's network.
 
-    The first one runs it to its end, with its output and status; its process 1 forwards signals.
+    The first one runs it to its end, with its output and status; its process 1 forwards signals. It has to be executed
+    with the variables, whose values are on no command line, as every user of this machine sees those.
 
     Args:
         container: Settings of the container in riot.toml, with placeholders filled in.
@@ -63,23 +64,26 @@ def container_commands(
         EnvironmentFaultError: The program that reads compose files does not answer.
     """
     engine = engine_of(container)
-    words = ["--rm", "--name", name, *(f"--env={key}={value}" for key, value in env.items())]
-    words += [f"--volume={folder}:{folder}", *container.options]
+    words = ["--rm", "--name", name]
+    own = [f"--volume={folder}:{folder}", *container.options]
     if container.service is None:
-        run = [engine, "run", "--network=host", "--init", *words, container.image, *command]
+        words += [f"--env={key}" for key in env]
+        run = [engine, "run", "--network=host", "--init", *words, *own, container.image, *command]
     else:
         program = (engine, "compose") if os.path.basename(engine) == "docker" else (f"{engine}-compose",)
         compose = container.compose or ""
-        changed = _as_run(container.service, program, cwd / compose)
+        changed = _as_run(container.service, program, cwd / compose, list(env))
         (override := folder / f"{name}.compose.yaml").write_text(changed, encoding="utf-8")
         files = [compose, str(override)]
         run = [*program, *(word for file in files for word in ("-f", file)), "run", "--no-deps", "-T"]
-        run += [*words, container.service, *command]
+        run += [*words, *own, container.service, *command]
     return run, ["sh", "-c", _REMOVE, engine, name]
 
 
-def _as_run(service: str, program: tuple[str, ...], compose: Path) -> str:
+def _as_run(service: str, program: tuple[str, ...], compose: Path, variables: list[str]) -> str:
     """Return a compose file with the settings of a service that riot runs, to be read after the service's own file.
+
+    Variables are named there, since not each program takes `--env=NAME` without a value.
 
     The service has this machine's network, where all other services of the file have the address of this machine.
     """
@@ -91,7 +95,7 @@ def _as_run(service: str, program: tuple[str, ...], compose: Path) -> str:
     services = _services(program, str(compose), changed)
     hosts = json.dumps([f"{each}:127.0.0.1" for each in services])
     lines = ["services:", f"  {json.dumps(service)}:", "    network_mode: host", "    init: true"]
-    lines += [f"    extra_hosts: {hosts}"]
+    lines += [f"    extra_hosts: {hosts}", f"    environment: {json.dumps(variables)}"]
     lines += ["    networks: !reset null"] if services.get(service) else []
     lines += ["x-podman: { in_pod: false }"]  # else podman-compose leaves an empty pod, and prints its number
     return "\n".join(lines) + "\n"

@@ -129,7 +129,7 @@ class Launcher:
         fixed: bool = False,
         fork: Fork | str | None = None,
         limits: Mapping[str, float] | None = None,
-        held: bool = False,
+        script: str | None = None,
         teardown: Sequence[str] = (),
         undoes: bool = False,
         relayed: bool = False,
@@ -145,7 +145,7 @@ class Launcher:
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: Description of its fork server, or the reason why it has none; None to execute its command.
             limits: Resource limits (see `resource_limits.Guard`); None for no limits.
-            held: Whether its standard input stays open until it or riot ends; else it has none.
+            script: Text on its standard input, which then stays open until it or riot ends; None for no input.
             teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to
                 `<directory>/<name>.teardown`.
             undoes: Whether to run the teardown only if the component ends with a status other than 0, or is killed.
@@ -161,7 +161,8 @@ class Launcher:
         request |= {"stdout": str(stdout), "stderr": str(stderr)}
         request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
-        request |= {"held": held, "teardown": list(teardown), "undoes": undoes, "torn_down_within": TORN_DOWN_WITHIN_S}
+        request |= {"script": script, "teardown": list(teardown), "undoes": undoes}
+        request["torn_down_within"] = TORN_DOWN_WITHIN_S
         request["teardown_output"] = os.devnull if directory is None else str(directory / f"{name}.teardown")
         with self._lock:
             self._send(request | {"fork": self._told(fork) if isinstance(fork, Fork) else None})

@@ -196,7 +196,7 @@ class ComponentStarter:
                 fixed=fixed,
                 fork=fork,
                 limits=None if unlimited or limits == "off" else limits.model_dump(),
-                held=start.held,
+                script=start.script,
                 teardown=start.teardown,
                 relayed=start.relayed,
             )

@@ -20,8 +20,8 @@ __all__ = ["CONNECTION_LOST", "Start", "ssh_command", "start_of"]
 CONNECTION_LOST = 255
 """Status of `ssh` when the connection, not the command, has failed."""
 _OPTIONS = ("BatchMode=yes", "ExitOnForwardFailure=yes", "ServerAliveInterval=5", "ServerAliveCountMax=3")
-_THERE = "exec 3<&0; {{ cat <&3; kill -9 0; }} >/dev/null 2>&1 & cd {cwd} && env {command} </dev/null 3<&-; exit $?"
-"""All of the process group is killed when standard input ends, as it does with the connection."""
+_THERE = "exec 3<&0; {{ cat <&3; kill -9 0; }} >/dev/null 2>&1 & cd {cwd} && {own}env {call} </dev/null 3<&-; exit $?\n"
+"""Script there. All of the process group is killed when standard input ends, as it does with the connection."""
 
 
 class Start(NamedTuple):
@@ -32,7 +32,8 @@ class Start(NamedTuple):
         teardown: Command that is executed when `argv` has ended; empty for none.
         engine: Program that runs the component's container, such as `docker`; empty if it runs in none.
         container: Name of the container; empty if it runs in none.
-        held: Whether the standard input of `argv` stays open, so that the component ends with the connection.
+        script: Text on the standard input of `argv`, which then stays open, so that the component ends with the
+            connection; None if it has no input.
         relayed: Whether `argv` passes on the component's status as a shell does: 128 plus the number of a signal.
         lost: Status of `argv` that means that the container's engine or the connection has failed, not the component;
             None if there is none.
@@ -42,7 +43,7 @@ class Start(NamedTuple):
     teardown: Sequence[str] = ()
     engine: str = ""
     container: str = ""
-    held: bool = False
+    script: str | None = None
     relayed: bool = False
     lost: int | None = None
 
@@ -80,8 +81,8 @@ def start_of(
             remove = ["sh", "-c", f"{shlex.join(remove)}; {shlex.join(component.teardown)}"]
         return Start(run, remove, engine_of(component.container), called, relayed=True, lost=ENGINE_FAILED)
     if component.ssh is not None:
-        words = ssh_command(component.ssh, endpoint, there, command=argv, env=env, cwd=component.cwd)
-        return Start(words, component.teardown, held=True, relayed=True, lost=CONNECTION_LOST)
+        words, script = ssh_command(component.ssh, endpoint, there, command=argv, env=env, cwd=component.cwd)
+        return Start(words, component.teardown, script=script, relayed=True, lost=CONNECTION_LOST)
     if component.attach is not None:
         return Start(attached_command(int(component.attach.rpartition(":")[2])), component.teardown, lost=1)
     return Start(argv, component.teardown)
@@ -89,10 +90,11 @@ def start_of(
 
 def ssh_command(
     remote: RemoteHost, endpoint: str, there: str, *, command: Sequence[str], env: Mapping[str, str], cwd: str
-) -> list[str]:
-    """Return the command that executes a component's command on another machine, where it finds the segment.
+) -> tuple[list[str], str]:
+    """Return what executes a component's command on another machine, where it finds the segment.
 
-    Its standard input has to stay open as long as the component is to run.
+    It is a command and the script on its standard input, which has to stay open as long as the component is to run. So
+    no value of a variable is on a command line, which every user of either machine could see.
 
     Args:
         remote: The other machine.
@@ -110,6 +112,6 @@ def ssh_command(
         raise ConfigError(f"ssh forwards TCP alone, and the segment listens at {endpoint}", where="[components] ssh")
     options = [word for option in _OPTIONS for word in ("-o", option)]
     forward = f"{there.removeprefix('tcp/')}:{address}"
-    words = shlex.join([*(f"{key}={value}" for key, value in env.items()), *command])
-    executed = f"sh -c {shlex.quote(_THERE.format(cwd=shlex.quote(cwd), command=words))}"
-    return ["ssh", "-T", *options, "-R", forward, *remote.options, remote.host, executed]
+    own = f"export {shlex.join(f'{key}={value}' for key, value in env.items())} && " if env else ""
+    script = _THERE.format(cwd=shlex.quote(cwd), own=own, call=shlex.join(command))
+    return ["ssh", "-T", *options, "-R", forward, *remote.options, remote.host, "sh"], script

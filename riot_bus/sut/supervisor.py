@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import fcntl
 import json
 import math
 import os
@@ -170,13 +171,17 @@ class Supervisor:
         self.reap()  # a forked one may have ended before it was known
 
     def execute(self, request: dict[str, Any]) -> int:
-        """Execute a component's command; with `held`, its standard input ends when the component or this one does."""
+        """Execute a component; its standard input, if it has a `script`, ends when it or this process does."""
         with contextlib.ExitStack() as files, contextlib.ExitStack() as undo:
             stdin = subprocess.DEVNULL
-            if request["held"]:
+            if request["script"] is not None:
                 stdin, held = os.pipe()
                 files.callback(os.close, stdin)
                 undo.callback(os.close, held)
+                script = os.fsencode(request["script"])
+                if len(script) > fcntl.fcntl(held, fcntl.F_GETPIPE_SZ):  # nobody reads yet, so all of it has to fit
+                    fcntl.fcntl(held, fcntl.F_SETPIPE_SZ, len(script))
+                os.write(held, script)
             out, err = (files.enter_context(open(request[name], "ab")) for name in ("stdout", "stderr"))
             process = subprocess.Popen(
                 request["argv"],

@@ -7,7 +7,7 @@
         capabilities = (ParsesTokens,)
         tokens = ("@toy/node/1",)
 
-Needs pytest and Hypothesis: pip install 'riot-bus[testing]'.
+Needs pytest and Hypothesis: the extra `testing`.
 """
 
 from __future__ import annotations

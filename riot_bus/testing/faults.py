@@ -3,7 +3,7 @@ r"""Conformance tests for kinds of faults in injection plans, for their authors 
     class TestMine(FaultConformance):
         table = 'fault = "mine"\nstrength = 3'
 
-Needs pytest: pip install 'riot-bus[testing]'.
+Needs pytest: the extra `testing`.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
         def make(self):
             return Mine(every=3)
 
-Needs pytest: pip install 'riot-bus[testing]'.
+Needs pytest: the extra `testing`.
 """
 
 from __future__ import annotations

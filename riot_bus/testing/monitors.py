@@ -5,7 +5,7 @@
         passing = [("odom", {"speed": 1.0})]
         failing = [("odom", {"speed": 99.0})]
 
-Needs pytest: pip install 'riot-bus[testing]'.
+Needs pytest: the extra `testing`.
 """
 
 from __future__ import annotations

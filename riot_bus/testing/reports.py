@@ -3,7 +3,7 @@
     class TestMine(ReportConformance):  # CampaignReportConformance, if it has `render_campaign`
         report = MyReport
 
-Needs pytest: pip install 'riot-bus[testing]'.
+Needs pytest: the extra `testing`.
 """
 
 from __future__ import annotations

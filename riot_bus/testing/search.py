@@ -3,7 +3,7 @@
     class TestMine(SearchConformance):
         method = MyMethod
 
-Needs pytest: pip install 'riot-bus[testing]'.
+Needs pytest: the extra `testing`.
 """
 
 from __future__ import annotations

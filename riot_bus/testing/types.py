@@ -4,7 +4,7 @@
         kind = MyType()
         payloads = (b"...", b"...")
 
-Needs pytest and Hypothesis: pip install 'riot-bus[testing]'.
+Needs pytest and Hypothesis: the extra `testing`.
 """
 
 from __future__ import annotations

@@ -52,7 +52,10 @@ class Bridge(ABC):
         failure: Error that ended the bridge by itself.
         ended: Event that is set as soon as the bridge has to end.
         problems: Lines about problems, each of them once, the oldest first.
+        listens: Endpoints, such as `udp/0.0.0.0:14550`, at which others reach its links without Zenoh.
     """
+
+    listens: Sequence[str] = ()
 
     def __init__(self, *, warn: Callable[[str], None] = _LOG.warning) -> None:
         self.failure: RiotError | None = None

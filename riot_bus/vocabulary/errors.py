@@ -25,6 +25,7 @@ __all__ = [
     "PayloadError",
     "RiotError",
     "did_you_mean",
+    "install_hint",
     "needs_extra",
     "require_package",
 ]
@@ -62,7 +63,12 @@ class MissingExtraError(ConfigError):
     """An optional dependency is not installed: install the extra named in the hint."""
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"the Python package {package!r} is not installed", hint=f"pip install 'riot-bus[{extra}]'")
+        super().__init__(f"the Python package {package!r} is not installed", hint=install_hint(extra))
+
+
+def install_hint(extra: str) -> str:
+    """Return how an extra is installed: not by name, which anybody could register on PyPI before riot_bus does."""
+    return f"pip install '.[{extra}]' in a checkout, or 'FILE.whl[{extra}]': riot_bus is not on PyPI yet"
 
 
 @contextmanager

@@ -1,10 +1,11 @@
-"""Sanitising of texts before they are stored or shown: no secrets of endpoints, no control characters."""
+"""Sanitising of texts before they are stored or shown: no secrets, no control characters, no commands for builds."""
 
 from __future__ import annotations
 
+import os
 import re
 
-__all__ = ["escape_control_chars", "redacted"]
+__all__ = ["escape_control_chars", "redacted", "without_commands"]
 
 # Compiled at first use: every command imports this module, but few need the patterns.
 _MARK = r"(?a:#|(?:password|private_key_base64|private_key_pem)=(?!@))"
@@ -15,6 +16,9 @@ _BREAK = r"[\s'\"]"
 _QUOTED = {quote: rf"(?s:(?:\\.|[^\\{quote}])*+)" for quote in "'\""}
 _WORD = r"\S*"
 _PUNCTUATION = ",:;)]"
+_COMMANDS = r"(?:^|(?<=[\r\n]))[^\S\r\n]*:(?=:)", r"#(?=#\w*\[)"
+_BUILDS = ("GITHUB_ACTIONS", "TF_BUILD", "TEAMCITY_VERSION")
+"""Variables that tell what runs a build and obeys its output: GitHub and those like it, Azure Pipelines, TeamCity."""
 
 
 def redacted(text: str) -> str:
@@ -66,6 +70,18 @@ def escape_control_chars(text: object, *, keep: str = "") -> str:
     if plain.isprintable():
         return plain
     return "".join(each if each.isprintable() or each in keep else _escaped(each) for each in plain)
+
+
+def without_commands(text: str) -> str:
+    """Return text that no build obeys: where one runs, U+200B is put into `::` at a line's start, and into `##[`.
+
+    A document of JSON says the same afterwards: it has no such line, and an escape in place of the first `#`.
+    """
+    if not any(map(os.environ.get, _BUILDS)):
+        return text
+    line, anywhere = _COMMANDS
+    text = re.sub(line, "\\g<0>\u200b", text)
+    return re.sub(anywhere, r"\\u0023" if text[:1] in "{[" else "#\u200b", text)
 
 
 def _escaped(letter: str) -> str:

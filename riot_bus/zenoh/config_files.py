@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.config.endpoints import ENCRYPTED, Endpoint, parse_endpoint
 from riot_bus.config.toml_file import place_of
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.config_keys import check_config, leaves, value_of, value_of_file
 
 if TYPE_CHECKING:
@@ -82,10 +84,13 @@ def settings_of_text(key: str, text: str, root: Path, *, where: str) -> dict[str
         where: Name of the option, for errors.
 
     Raises:
-        ConfigError: Zenoh does not know the key or rejects its value, or a file is missing or readable by others.
+        ConfigError: Zenoh does not know the key or rejects its value, a file is missing or readable by others, or a
+            secret is on the command line.
     """
     if not text.startswith("@"):
         value = value_of(key, text, where=where)
+        for leaf in leaves({key: value}):
+            _check_unseen(leaf, f"{key}={text}", where=where)
     elif key in FILE_KEYS:
         raise ConfigError(f"{key} is the path of a file", where=where, hint="leave the @ out")
     else:
@@ -122,16 +127,26 @@ def endpoint_files(text: str, root: Path, *, where: str) -> str:
     """Return an endpoint with the paths in its config part made absolute: `tls/host:1#root_ca_certificate_file=x`.
 
     Raises:
-        ConfigError: A file does not exist, or holds a secret and may be read by others.
+        ConfigError: A file does not exist, or holds a secret and may be read by others, or a secret is on the command
+            line.
     """
     endpoint = parse_endpoint(text)
     parameters = endpoint.parameters
+    for key, value in parameters.items():
+        _check_unseen(key, f"{key}={value}", where=where)
     if not any(key.endswith("_file") for key in parameters):
         return text
     for key, value in parameters.items():
         if key.endswith("_file"):
             parameters[key] = str(_existing(value, root, where=f"{where}: {key}", secret=_is_secret(key)))
     return str(endpoint.with_parameters(parameters))
+
+
+def _check_unseen(key: str, written: str, *, where: str) -> None:
+    """Refuse a secret that was written on this program's command line; from the environment, it may be as it is."""
+    if redacted(f"{key}=.") != f"{key}=." and any(written in word for word in sys.argv):
+        hint = "name a file that holds it (docs/router.md#secrets), or set the option's environment variable"
+        raise ConfigError(f"{key} is a secret, and all users of a machine see command lines", where=where, hint=hint)
 
 
 def _is_secret(key: str) -> bool:

@@ -11,7 +11,7 @@ import time
 import warnings
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, install_hint
 from riot_bus.vocabulary.selector import check_wildcards
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def canonical(expressions: Sequence[str]) -> list[str]:
         except zenoh.ZError as error:
             hint = "write chunks joined by '/', with * for one chunk and ** for any number, such as 'robot/*/odom'"
             if text.startswith("/"):
-                hint += "; for names of ROS 2 topics: pip install 'riot-bus[ros2]'"
+                hint += f"; for names of ROS 2 topics: {install_hint('ros2')}"
             raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
         check_wildcards(result[-1])
     return list(dict.fromkeys(result))

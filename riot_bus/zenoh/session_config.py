@@ -87,9 +87,9 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
         extra: Further keys; they win.
 
     Raises:
-        ConfigError: A file that the endpoint names does not exist, or holds a secret and may be read by others.
+        ConfigError: As for `endpoint_files`.
     """
-    if "_file=" in endpoint:
+    if "_file=" in endpoint or "private_key" in endpoint:
         endpoint = endpoint_files(endpoint, Path.cwd(), where="endpoint")
     return {
         "mode": "client",

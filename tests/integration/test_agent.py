@@ -466,11 +466,14 @@ def test_the_documented_router_of_a_fleet(bus: str, logs: Path, tmp_path: Path) 
     for ending in ("pem", "key"):
         (tmp_path / f"router.{ending}").rename(tmp_path / f"server.{ending}")
 
+    for user in ("robot", "alice", "viewer"):
+        write_private(tmp_path / user, user[0])
+
     def login(user: str, option: str = "--cfg") -> list[str]:
         return [
             f"{option}=transport/link/tls/root_ca_certificate={tmp_path / 'authority.pem'}",
             f"{option}=transport/auth/usrpwd/user={user}",
-            f"{option}=transport/auth/usrpwd/password={user[0]}",
+            f"{option}=transport/auth/usrpwd/password=@{tmp_path / user}",
         ]
 
     with Process("router", f"--system={tmp_path / 'riot.toml'}", "--name=fleet", "--no-bypass-watch") as router:

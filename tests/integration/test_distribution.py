@@ -15,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.errors import install_hint
 from riot_bus.vocabulary.message import Message
 from tests.unit.report.conftest import rover
 
@@ -179,4 +180,4 @@ def test_without_its_extra_a_command_names_it(bare: Path, work: Path, words: str
     code, _, err = outcome(bare / "riot", *words.split(), cwd=work)
     assert code == 2, err
     assert named in err
-    assert f"pip install 'riot-bus[{extra}]'" in err
+    assert install_hint(extra) in err

@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from riot_bus.control.remote import ask
@@ -48,6 +49,20 @@ def arrived(sink: Puppet, key: str, count: int) -> list[bytes]:
 
     assert wait_until(enough, 60), found
     return found
+
+
+def test_a_router_on_sockets_in_a_folder_of_its_user_listens_nowhere_else(tmp_path: Path) -> None:
+    folder = tmp_path / "own"
+    folder.mkdir(mode=0o700)
+    endpoints = {name: f"unixsock-stream/{folder / name}" for name in ("system", "unit")}
+    with running(endpoints=endpoints, cwd=tmp_path) as router:
+        router.endpoints = endpoints
+        with components(router):
+            ask(endpoints["system"], None, "record/start")
+        listening = [each.laddr for each in psutil.Process(router.process.pid).net_connections("inet")]
+        assert not listening
+        (log,) = tmp_path.glob("*.mcap")
+        assert log.stat().st_mode & 0o777 == 0o600
 
 
 def test_the_sockets_of_a_router_that_was_killed_are_removed_by_the_next_one(tmp_path: Path) -> None:

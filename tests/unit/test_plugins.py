@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shutil
+import sys
 import tomllib
 from importlib import import_module
 from importlib.metadata import EntryPoint, distribution
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from riot_bus import plugins
+from riot_bus.cli.main import make_app
+from riot_bus.log.writer import LogWriter
 from riot_bus.plugins import CODECS, KINDS, MONITORS
+from riot_bus.testing.reports import campaign_at
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.message import Message
 
 DECLARED = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
 
@@ -59,10 +67,66 @@ def test_a_package_that_is_broken_says_so_and_a_missing_extra_keeps_its_hint(plu
         MONITORS.load("lacking")
 
 
-def test_nothing_is_imported_before_it_is_named(plugin_package) -> None:
-    plugin_package("raise OSError('imported')\n", "riot_bus.types", mine="Mine")
-    assert "mine" in CODECS.targets()
-    assert CODECS.load("json") is not None
+FOREIGN = """
+with open({mark!r}, "a") as stream:
+    stream.write("{group} ")
+class Foreign:
+    name = "foreign"
+    def topic(self, key): return None
+    def key_expression(self, topic): return None
+    def type_named(self, name): return None
+    def type_of_schema(self, schema): return None
+    def load(self, files): pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "loaded"),
+    [
+        ("findings .", ""),
+        ("findings . --format=json", ""),
+        ("report . --format=sarif", ""),
+        ("report findings/planner-crash-1f3a --format=text", ""),
+        ("report findings/planner-crash-1f3a --format=html", ""),
+        ("compare . .", ""),
+        ("info a.mcap", ""),
+        ("info a.mcap --fields", "adapters"),
+        ("types a.mcap", "adapters"),
+        ("show a.mcap", "adapters"),
+        ("diff a.mcap a.mcap", "adapters"),
+        ("edit a.mcap b.mcap --keep k", ""),
+        ("show named.mcap", "adapters types"),
+        ("report named --format=text", "steps"),
+        ("dict list", "dictionaries"),
+        ("interceptors", "interceptors"),
+    ],
+)
+def test_exactly_this_is_imported_though_no_user_names_it(
+    words: str, loaded: str, tmp_path: Path, plugin_package, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mark = tmp_path / "imported"
+    for kind in KINDS:
+        plugin_package(FOREIGN.format(mark=str(mark), group=kind.group), kind.group, foreign="Foreign")
+    campaign_at("finished", tmp_path)
+    shutil.copytree(tmp_path / "findings" / "planner-crash-1f3a", tmp_path / "named")
+    (tmp_path / "named" / "foreign.json").write_text("{}")  # a record of a finding names the step
+    for name, encoding in (("a", "json"), ("named", "application/foreign")):  # an encoding in a log names the codec
+        with LogWriter(tmp_path / f"{name}.mcap", registry=TypeRegistry()) as writer:
+            writer.write(Message(1, "k", b"[1]", encoding=encoding))
+    mark.unlink(missing_ok=True)
+    for module in [name for name in sys.modules if name.startswith("package_of_others_")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(make_app(words.split()[0]), words.split())
+    assert done.exit_code == 0 or loaded == "dictionaries", done.output  # a class is no folder of dictionaries
+    found = mark.read_text().split() if mark.exists() else []
+    assert sorted(found) == [f"riot_bus.{each}" for each in loaded.split()]
+
+
+def test_the_page_lists_what_is_imported() -> None:
+    page = " ".join((Path(__file__).parents[2] / "docs" / "extending.md").read_text().split())
+    assert "imported only when it is named, but for [adapters](adapters.md#how-adapters-are-found), wherever" in page
+    assert "dictionaries, wherever values are chosen; codecs, in `riot init`" in page
 
 
 def test_a_checkout_that_is_not_installed_reads_its_own_declaration(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -195,3 +195,20 @@ def subsets(whole: set[str]) -> Iterator[set[str]]:
     yield whole
     for each in whole:
         yield whole - {each}
+
+
+def own_programs(tree: ast.Module) -> Iterator[list[str]]:
+    """Yield the command lists that start our own Python, with each word that is no literal text as "..."."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) == "sys.executable":
+            yield [ast.literal_eval(each) if isinstance(each, ast.Constant) else "..." for each in node.elts[1:]]
+
+
+def test_no_module_of_the_working_folder_is_imported_by_what_riot_starts() -> None:
+    found = {name: commands for name, tree in sources().items() if (commands := list(own_programs(tree)))}
+    assert {"riot_bus.doctor.conformance.conductor", "riot_bus.sut.existing_tests.packages"} <= set(found)
+    scripts = {"riot_bus.sut.launcher"}  # a script's own folder is searched, not the working folder
+    for name, commands in found.items():
+        for words in commands:
+            assert ("-P" in words) == (name not in scripts), (name, words)
+            assert bool({"-m", "-c"} & set(words)) == (name not in scripts), (name, words)

@@ -93,6 +93,8 @@ class MavlinkBridge(LinkedBridge):
                 insert = None if number else partial(side.insert, link=JSON_LINK)  # JSON reaches all segments
                 fields = options.mirror == "fields"
                 side.mirror = Mirror(side.port, form, fields=fields, streams=side.streams, insert=insert)
+        listening = (spec for spec in self._plan.links if spec.kind in LISTENS)
+        self.listens = [f"{spec.kind.partition(' ')[0]}/{spec.where}" for spec in listening]
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
         self.loop = Loop()

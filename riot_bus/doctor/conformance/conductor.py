@@ -46,7 +46,7 @@ class _Child:
         self.name, self.life = name, life
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - lives as long as the process
         self._process = subprocess.Popen(
-            [sys.executable, "-m", _CHILD, scenario.name, name, str(life), json.dumps(config)],
+            [sys.executable, "-P", "-m", _CHILD, scenario.name, name, str(life), json.dumps(config)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

@@ -82,7 +82,7 @@ class McapFile:
         self._missing = b""  # definitions of a chunk that could not be written
         self._end = 0
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         except OSError as error:
             raise ConfigError(f"cannot write the log: {error.strerror}", where=str(path)) from error
         try:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["CacheAnswer", "Upstream"]
 
 _TIMEOUT_S = 2.0  # live messages wait as long for a cache that never answers
+_MOST_BYTES = 1 << 28  # of the answers to a query: what a reader of logs holds at most (`LogLimits.held`)
+_SAMPLE_BYTES = 1 << 10  # of an answer besides its payload, generously: its Python objects
 _CHANNEL = 1 << 16  # answers until the next look; a full channel would block a thread of Zenoh's
 _PAUSE_S = 0.001  # about a round trip (docs/figures.md: 0.39 ms one way); doubles with each look
 _LONGEST_PAUSE_S = 0.05  # about 40 looks until a query times out; nothing waits for the answers
@@ -29,7 +31,7 @@ class CacheAnswer(NamedTuple):
 
     Attributes:
         samples: Number and sample, the oldest first.
-        complete: Whether all queried caches have answered in time.
+        complete: Whether all queried caches have answered in time, and no answer was left out for want of room.
         asked: Whether there is a cache at all.
     """
 
@@ -59,12 +61,14 @@ class Upstream:
         """
         zenoh = library_of(self._sessions[source.segment])
         samples: list[tuple[int, Any]] = []
-        failed: list[Any] = []
+        failed, room = False, _MOST_BYTES
         caller = threading.get_ident()
 
         def take(reply: Any) -> None:
-            if reply.ok is None:
-                failed.append(reply.err)
+            nonlocal failed, room
+            room -= 0 if reply.ok is None else len(reply.ok.payload) + _SAMPLE_BYTES
+            if reply.ok is None or room < 0:
+                failed = True
             elif (known := source_of(source.segment, reply.ok)) is not None:
                 samples.append((known[1], reply.ok))
 

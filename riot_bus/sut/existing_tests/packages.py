@@ -24,7 +24,7 @@ _LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so a 
 
 def riot_command() -> list[str]:
     """Return the command that starts this same riot again, whatever `PYTHONPATH` the user's ROS environment sets."""
-    return [sys.executable, "-E", "-m", "riot_bus"]
+    return [sys.executable, "-E", "-P", "-m", "riot_bus"]
 
 
 def is_colcon_test(command: Sequence[str]) -> bool:

@@ -90,5 +90,5 @@ def test_a_storage_that_cannot_be_used_is_told(url: str, wrong: str) -> None:
 
 def test_without_optuna_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(MissingExtraError, match=r"riot-bus\[study\]"):
+    with pytest.raises(MissingExtraError, match=r"'\.\[study\]'"):
         Study("sqlite:///x.db", "name")

@@ -19,6 +19,7 @@ class Quiet:
     """A bridge that bridges nothing."""
 
     failure = None
+    listens = ()
 
     def __init__(self) -> None:
         self._ended = threading.Event()

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +12,9 @@ import typer
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import COMMANDS, add_commands, make_app
+from riot_bus.findings.records import FindingRecord
 from riot_bus.log.writer import LogWriter
+from riot_bus.testing.reports import campaign_at
 from riot_bus.vocabulary.message import Message
 
 
@@ -28,7 +33,7 @@ def test_one_command_needs_its_module_alone() -> None:
     assert list(typer.main.get_group(make_app("--version")).commands) == list(everything)
 
 
-def test_what_is_logged_shows_no_secret() -> None:
+def test_what_is_logged_shows_no_secret_and_no_control_character() -> None:
     code = """
 import logging, sys
 from riot_bus.cli import main
@@ -40,10 +45,11 @@ except SystemExit:
 try:
     raise ValueError("tls/host:1#key=s3kR1t")
 except ValueError:
-    logging.getLogger("riot_bus.any").exception("no link to %s", "tls/host:1#key=s3kR1t")
+    logging.getLogger("riot_bus.any").exception("no link to %s \\x1b[2J\\x9b", "tls/host:1#key=s3kR1t")
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert "no link to tls/host:1#...\n" in done.stderr
+    assert "no link to tls/host:1#... \\x1b[2J\\x9b\n" in done.stderr, "what a finding names cannot move a cursor"
+    assert "\x1b" not in done.stderr
     assert "ValueError: tls/host:1#..." in done.stderr
     assert "s3kR1t" not in done.stderr
 
@@ -77,3 +83,41 @@ def test_no_name_in_a_log_commands_a_terminal(words: list[str], tmp_path: Path) 
     assert "\x07" not in said
     table = tmp_path / "a.csv"
     assert "\\x1b" in said + (table.read_text() if table.exists() else "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["findings", "."],
+        ["findings", ".", "--format=json"],
+        ["report", ".", "--format=markdown"],
+        ["report", "findings/one", "--format=text"],
+        ["report", "findings/one", "--format=github"],
+        ["ci", "accept", "."],
+        ["info", "::stop-commands::tok ##[add-mask]riot.mcap"],
+        ["findings", "##vso[task.setvariable variable=PATH]x"],
+    ],
+    ids=" ".join,
+)
+def test_no_text_of_a_finding_commands_what_runs_the_build(words: list[str], tmp_path: Path) -> None:
+    campaign_at("finished", tmp_path)
+    (folder,) = (tmp_path / "findings").iterdir()
+    record = FindingRecord.load(folder).model_copy(
+        update={"id": "::stop-commands::tok", "signature": "x ##[add-mask]r"}
+    )
+    folder = folder.rename(folder.with_name("one"))
+    record.save(folder)
+    env = {**os.environ, "GITHUB_ACTIONS": "true", "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "riot_bus", *words]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, check=False)
+    lines = (done.stdout + done.stderr).decode().splitlines()
+    commands = [line for line in lines if line.lstrip().startswith("::") or re.search(r"##\w*\[", line)]
+    assert lines
+    assert len(commands) == (2 if "--format=github" in words else 0)
+    assert all(re.match(r"::(error|warning|notice) ", line) for line in commands)
+    if "--format=json" in words:
+        assert json.loads(done.stdout)[0]["signature"] == "x ##[add-mask]r"
+    if "--format=text" in words:
+        with (tmp_path / "kept").open("wb") as file:  # a file is no output of the build
+            subprocess.run(command, cwd=tmp_path, env=env, stdout=file, check=False)
+        assert (tmp_path / "kept").read_text().startswith("::stop-commands::tok")

@@ -4,18 +4,21 @@ import re
 import subprocess
 import sys
 import textwrap
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings
-from riot_bus.control.exposure import exposure_warnings
+from riot_bus.control.component import client_cfg
+from riot_bus.control.exposure import bridge_warnings, exposure_warnings
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import load_router, merged, parse_cfg
 from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_keys import leaves, value_of
+from riot_bus.zenoh.session_config import client_config
 
 TLS = "transport/link/tls"
 FULL = """
@@ -276,6 +279,49 @@ def test_open_listeners_are_named(config: dict[str, object], warned: list[str]) 
 )
 def test_values_are_json5_or_text(key: str, text: str, value: object) -> None:
     assert value_of(key, text, where="--cfg a") == value
+
+
+def test_open_links_of_a_bridge_are_named_in_the_same_words() -> None:
+    line, _ = bridge_warnings(["udp/0.0.0.0:14550", "tcp/127.0.0.1:5760", "udp/[::1]:14550", "udp/[fe80::1%eth0]:0"])
+    assert line.startswith("a link listens on udp/0.0.0.0:14550: any host that reaches it can read and write every")
+
+
+@pytest.mark.parametrize(
+    ("option", "refused"),
+    [
+        ("transport/auth/usrpwd/password=wonder", True),
+        ("/transport/auth/usrpwd/password=wonder", True),
+        ('transport/auth/usrpwd={user:"a",password:"wonder"}', True),
+        ("transport/link/tls/connect_private_key_base64=AAAA", True),
+        ("transport/auth/usrpwd/user=alice", False),
+    ],
+)
+def test_a_secret_is_refused_on_a_command_line_not_in_the_environment(
+    option: str, monkeypatch: pytest.MonkeyPatch, *, refused: bool
+) -> None:
+    assert client_cfg([option]), "from RIOT_CLIENT_CFG"
+    for words in (["ctl", "--cfg", option], ["play", f"--cfg={option}"], ["doctor", "--identity", f"robot:{option}"]):
+        monkeypatch.setattr("sys.argv", ["riot", *words])
+        with pytest.raises(ConfigError, match="see command lines") if refused else nullcontext():
+            client_cfg([option])
+
+
+def test_a_segment_takes_no_secret_from_a_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    option = "system:transport/link/tls/listen_private_key_base64=AAAA"
+    assert merged(RouterSettings(), RouterOptions(cfg=(option,))), "from RIOT_CFG"
+    monkeypatch.setattr("sys.argv", ["riot", "router", f"--cfg={option}"])
+    with pytest.raises(ConfigError, match="see command lines") as problem:
+        merged(RouterSettings(), RouterOptions(cfg=(option,)))
+    assert "AAAA" not in str(problem.value)
+
+
+def test_a_key_in_an_endpoint_is_refused_on_a_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    endpoint = "tls/127.0.0.1:1#connect_private_key_base64=AAAA"
+    assert client_config(endpoint)["connect/endpoints"] == [endpoint]
+    monkeypatch.setattr("sys.argv", ["riot", "ctl", "-e", endpoint])
+    with pytest.raises(ConfigError, match="connect_private_key_base64 is a secret") as problem:
+        client_config(endpoint)
+    assert "AAAA" not in str(problem.value)
 
 
 def test_values_that_zenoh_refuses() -> None:

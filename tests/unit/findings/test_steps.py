@@ -152,7 +152,7 @@ def test_events_are_lines_on_stdout(installed: Path, one: Bench) -> None:
     [
         ("size = riot_size:ODD", "step 'size' is 'no step'"),
         ("other = riot_size:SIZE", "step 'other' is ChainStep"),
-        ("thief = riot_size:THIEF", "step 'thief' writes rule.json, as a built-in step does"),
+        ("thief = riot_size:THIEF", "step 'thief' writes rule.json, not a thief.json of its own"),
         ("size = riot_size:NONE", "step 'size' cannot be loaded"),
         ("size = riot_none:SIZE", "step 'size' cannot be loaded"),
     ],
@@ -165,6 +165,8 @@ def test_a_step_that_cannot_be_used_is_told_and_spoils_no_report(
     (name,) = further_steps()
     with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
         find_step(name)
+    assert f"step {name}" not in view.load(one.folder).broken, "nothing of it is there, so it is not loaded"
+    (one.folder / f"{name}.json").write_text("{}")
     assert f"step {name}" in view.load(one.folder).broken
     assert "cannot be used" in write_report(one.folder).read_text()
 

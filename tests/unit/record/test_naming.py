@@ -17,7 +17,9 @@ def naming(**options: Any) -> Naming:
 def test_files_are_numbered_and_existing_ones_left_alone(tmp_path: Path) -> None:
     (tmp_path / "run-2.mcap").write_bytes(b"precious")
     names = naming(output=tmp_path / "run.mcap")
-    assert [names.next().name for _ in range(3)] == ["run.mcap", "run-3.mcap", "run-4.mcap"]
+    made = [names.next() for _ in range(3)]
+    assert [path.name for path in made] == ["run.mcap", "run-3.mcap", "run-4.mcap"]
+    assert {path.stat().st_mode & 0o777 for path in made} == {0o600}
     (tmp_path / "run.mcap").unlink()
     assert names.next().name == "run-5.mcap"
     assert (tmp_path / "run-2.mcap").read_bytes() == b"precious"

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -62,9 +63,9 @@ def test_a_campaign_is_reported_as_it_goes_on(tmp_path: Path) -> None:
     (result,) = json.loads((one.out / "riot.sarif").read_text())["runs"][0]["results"]
     assert result["ruleId"] == "hang"
     (said,) = one.said
-    assert isinstance(said, str)
-    assert said.startswith("::error file=")
-    assert "::notice title=riot::1 finding in" in said
+    assert isinstance(said, bytes)
+    assert said.startswith(b"::error file=")
+    assert b"::notice title=riot::1 finding in" in said
     assert [path.name for path in one.xml.parent.iterdir()] == ["riot.xunit.xml"], "no half of a file is left"
 
 
@@ -136,7 +137,7 @@ def test_why_the_work_ended_is_told(error: BaseException, told: str, tmp_path: P
     with pytest.raises(type(error)), one.follower:
         raise error
     assert told in one.xml.read_text()
-    assert one.said == [f"::error title=riot::{told}\n"]
+    assert one.said == [f"::error title=riot::{told}\n".encode()]
 
 
 def test_the_summary_of_a_job_is_added_to_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,31 +195,32 @@ def test_known_findings_do_not_count_and_what_was_played_again_is_told(tmp_path:
     entry = KnownFinding.of(FindingRecord.load(folder), since="2026-03-01")
     known = KnownFindings(tmp_path / "b.json").updated([entry])
     asked = [asked_report("markdown", out=one.out), asked_report("github", out=one.out)]
-    said: list[str | bytes] = []
+    said: list[Any] = []
     with ReportFollower(asked, one.out, said.append, known=known) as follower:
         follower(FindingReplayed(str(folder), "hang", "fixed", "fixed (known): hang", 0, 3))
         follower(FindingReplayed(str(folder), "hang", "still failing", "", 3, 3))
     page, commands = said
     assert "known: since 2026-03-01" in str(page)
     assert str(page).count("fixed (known): hang") == 1
-    assert str(commands).startswith("::notice title=riot::1 known finding in ")
-    assert str(commands).endswith("%0Afixed (known): hang\n")
+    assert isinstance(commands, bytes)
+    assert commands.startswith(b"::notice title=riot::1 known finding in ")
+    assert commands.endswith(b"%0Afixed (known): hang\n")
 
 
 @pytest.mark.parametrize(("lenient", "level"), [(True, "warning"), (False, "error")])
 def test_surroundings_that_fail_are_an_error_unless_they_are_excused(
     tmp_path: Path, *, lenient: bool, level: str
 ) -> None:
-    said: list[str | bytes] = []
+    said: list[Any] = []
     follower = ReportFollower([asked_report("github", out=tmp_path)], tmp_path, said.append, lenient=lenient)
     with pytest.raises(EnvironmentFaultError), follower:
         raise EnvironmentFaultError("no port")
-    assert str(said[0]).startswith(f"::{level} title=riot::not ")
+    assert bytes(said[0]).startswith(f"::{level} title=riot::not ".encode())
     said.clear()
     follower = ReportFollower([asked_report("github", out=tmp_path)], tmp_path, said.append, lenient=lenient)
     with pytest.raises(ConfigError), follower:
         raise ConfigError("no such unit")
-    assert str(said[0]).startswith("::error title=riot::not finished (no such unit)")
+    assert bytes(said[0]).startswith(b"::error title=riot::not finished (no such unit)")
 
 
 def test_each_unit_has_its_reports(tmp_path: Path) -> None:

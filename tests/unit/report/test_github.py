@@ -21,7 +21,7 @@ COMMAND = re.compile(r"::(?P<name>[a-z]+) (?P<properties>[^:]*)::(?P<message>.*)
 def commands(view: CampaignView) -> list[tuple[str, dict[str, str], str]]:
     """Return commands as GitHub's runner reads them: name, properties, message."""
     found = []
-    for line in GithubReport().render_campaign(view).splitlines():
+    for line in GithubReport().render_campaign(view).decode().splitlines():
         match = COMMAND.fullmatch(line)
         assert match, line
         pairs = (part.partition("=")[::2] for part in match["properties"].split(","))

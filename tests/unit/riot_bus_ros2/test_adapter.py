@@ -2,7 +2,7 @@ import pytest
 
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, install_hint
 from riot_bus_ros2 import adapter as adapter_module
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.sources import HUMBLE, from_distribution
@@ -178,7 +178,7 @@ def test_without_rosbags(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="'rosbags' is not installed") as caught:
         Ros2Adapter()
-    assert caught.value.hint == "pip install 'riot-bus[ros2]'"
+    assert caught.value.hint == install_hint("ros2")
 
 
 def key_of(name, wanted, topic="x"):

@@ -26,7 +26,7 @@ def test_an_image_is_run_in_the_network_of_this_machine(tmp_path: Path) -> None:
     run, remove = container_commands(
         container, "riot-1-planner", command=["plan", "-v"], env=ENV, folder=tmp_path, cwd=tmp_path
     )
-    options = ["--rm", "--name", "riot-1-planner", "--env=GAIN=2", "--env=NAME=a b", f"--volume={tmp_path}:{tmp_path}"]
+    options = ["--rm", "--name", "riot-1-planner", "--env=GAIN", "--env=NAME", f"--volume={tmp_path}:{tmp_path}"]
     assert run == [
         *("podman", "run", "--network=host", "--init"),
         *options,
@@ -40,6 +40,7 @@ AS_RUN = """services:
     network_mode: host
     init: true
     extra_hosts: ["map:127.0.0.1", "planner:127.0.0.1"]
+    environment: ["GAIN", "NAME"]
 """
 
 
@@ -64,12 +65,13 @@ def test_a_service_is_run_alone_and_in_the_network_of_this_machine(
     compose = [engine(tmp_path, answer, words[0]), *words[1:]]
     program = compose[0].removesuffix("-compose")
     container = Container(image="planner", compose="stack.yaml", service="planner", engine=program)
-    run, _ = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path, cwd=there)
+    run, _ = container_commands(container, "riot-1-planner", command=[], env=ENV, folder=tmp_path, cwd=there)
     changed = tmp_path / "riot-1-planner.compose.yaml"
     assert run[: len(compose)] == compose
     rest = run[len(compose) :]
     assert rest[:7] == ["-f", "stack.yaml", "-f", str(changed), "run", "--no-deps", "-T"]
     assert rest[-1] == "planner"
+    assert not [word for word in rest if word.startswith("--env") or "a b" in word]
     assert changed.read_text() == f"{AS_RUN}{reset}x-podman: {{ in_pod: false }}\n"
 
 

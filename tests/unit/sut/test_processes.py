@@ -167,7 +167,7 @@ def test_what_is_torn_down_when_riot_is_killed(tmp_path: Path) -> None:
         "launcher = Launcher()\n"
         "words = ['sh', '-c', 'cat; touch held']\n"
         "teardown = ['sh', '-c', 'sleep 0.3; touch torn']\n"
-        "p = launcher.start('part', words, env=dict(os.environ), cwd=d, directory=d, held=True, teardown=teardown)\n"
+        "p = launcher.start('part', words, env=dict(os.environ), cwd=d, directory=d, script='', teardown=teardown)\n"
         "print(p.pid, flush=True); time.sleep(60)"
     )
     root = str(Path(__file__).resolve().parents[3])
@@ -187,6 +187,13 @@ def test_what_is_torn_down_when_riot_is_killed(tmp_path: Path) -> None:
     owner.stdout.close()
     assert wait_until((tmp_path / "torn").exists, WAIT_S)
     assert not psutil.pid_exists(pid)
+
+
+def test_a_script_arrives_whole_though_it_is_longer_than_a_pipe(launcher: Launcher, tmp_path: Path) -> None:
+    around = {"env": dict(os.environ), "cwd": tmp_path, "directory": tmp_path}
+    process = launcher.start("part", ["sh"], **around, script=f"x={'y' * 300_000}; echo ${{#x}}; exit 3\n")
+    assert launcher.wait([process], timeout=WAIT_S)
+    assert (process.status, process.printed()) == (3, "300000\n")
 
 
 def test_a_status_that_is_relayed(launcher: Launcher, tmp_path: Path) -> None:

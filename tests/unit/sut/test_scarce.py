@@ -12,6 +12,7 @@ import pytest
 
 from riot_bus.sut.scarce import held
 from riot_bus.sut.system import SystemFile, load_system
+from riot_bus.vocabulary.errors import ConfigError
 
 HOLDS = """
 import sys, time
@@ -72,3 +73,17 @@ def test_who_needs_nothing_does_not_wait_and_what_a_killed_process_had_is_free(f
     with held(file, ["one"]):
         assert other.wait(60) != 0
     other.stdout.close()
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_what_another_user_made_first_is_refused_at_once(file: SystemFile, tmp_path: Path, *, below: bool) -> None:
+    with held(file, ["one"]):
+        pass
+    (root,) = tmp_path.glob("riot-resources-*")
+    (folder,) = root.iterdir()
+    (folder / "sim.queue").unlink()
+    (folder / "sim.queue").symlink_to(tmp_path / "made-for-another")
+    (folder if below else root).chmod(0o777)  # as if another one had made it so that we can enter it
+    with pytest.raises(ConfigError, match="others may write there"), held(file, ["one"]):
+        pass
+    assert not (tmp_path / "made-for-another").exists()

@@ -46,18 +46,27 @@ def test_a_container_is_removed_before_anything_else_is_torn_down(tmp_path: Path
     tool.chmod(0o755)
     teardown = ("sh", "-c", f"echo 'at last' >> {told}")
     made = start(Component(container=Container(image="box", engine=str(tool)), teardown=teardown), tmp_path)
-    assert (made.engine, made.relayed, made.held, made.lost) == (str(tool), True, False, 125)
+    assert (made.engine, made.relayed, made.script, made.lost) == (str(tool), True, None, 125)
     assert made.container == "riot-12ab-planner"
-    assert "--env=A=1" in made.argv
+    assert "--env=A" in made.argv
     subprocess.run(made.teardown, check=True)
     assert told.read_text() == f"kill {made.container}\nrm -f {made.container}\nat last\n"
 
 
 def test_another_machine_is_told_by_a_standard_input_that_stays_open(tmp_path: Path) -> None:
     made = start(Component(command=("plan",), ssh=RemoteHost(host="robot"), cwd="work"), tmp_path)
-    assert (made.argv[0], made.held, made.relayed, made.lost) == ("ssh", True, True, 255)
-    assert "cd work" in made.argv[-1]
-    assert "env A=1 plan" in made.argv[-1]
+    assert (made.argv[0], made.argv[-1], made.relayed, made.lost) == ("ssh", "sh", True, 255)
+    assert made.script is not None
+    assert "cd work && export A=1 && env plan" in made.script
+
+
+def test_no_value_of_a_variable_is_on_a_command_line(tmp_path: Path) -> None:
+    secret = {"API_TOKEN": "s3cret"}
+    for kind in ({"container": Container(image="box", engine="docker")}, {"ssh": RemoteHost(host="robot")}):
+        component = Component(command=("plan",), **kind)  # type: ignore[arg-type]
+        around = {"endpoint": ENDPOINT, "there": ENDPOINT, "folder": tmp_path, "cwd": tmp_path}
+        made = start_of(component, "one", argv=["plan"], env=secret, **around)  # type: ignore[arg-type]
+        assert "s3cret" not in repr([made.argv, made.teardown])
 
 
 def test_what_runs_already_is_found_by_its_port(tmp_path: Path) -> None:
@@ -66,7 +75,7 @@ def test_what_runs_already_is_found_by_its_port(tmp_path: Path) -> None:
     assert made.lost == 1
 
 
-def command(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> list[str]:
+def command(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> tuple[list[str], str]:
     return ssh_command(
         RemoteHost(host="robot", options=("-p", "22")), ENDPOINT, THERE, command=words, env=env or {}, cwd=cwd
     )
@@ -75,8 +84,12 @@ def command(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> l
 def run(*words: str, env: dict[str, str] | None = None, cwd: str = ".") -> subprocess.Popen[str]:
     """Execute what the other machine would, in a session of its own as there."""
     pipe = subprocess.PIPE
-    there = command(*words, env=env, cwd=cwd)[-1]
-    return subprocess.Popen(["sh", "-c", there], stdin=pipe, stdout=pipe, text=True, start_new_session=True)
+    argv, script = command(*words, env=env, cwd=cwd)
+    process = subprocess.Popen(["sh", "-c", argv[-1]], stdin=pipe, stdout=pipe, text=True, start_new_session=True)
+    assert process.stdin is not None
+    process.stdin.write(script)
+    process.stdin.flush()
+    return process
 
 
 def ended(process: subprocess.Popen[str]) -> str:
@@ -90,7 +103,7 @@ def ended(process: subprocess.Popen[str]) -> str:
 
 
 def test_the_port_of_the_segment_leads_back() -> None:
-    words = command("plan")
+    words, _ = command("plan")
     assert words[0] == "ssh"
     assert words[words.index("-R") + 1] == "127.0.0.1:15001:127.0.0.1:41234"
     assert words[-4:-1] == ["-p", "22", "robot"]
@@ -100,10 +113,10 @@ def test_the_port_of_the_segment_leads_back() -> None:
 
 
 def test_words_and_variables_arrive_as_they_are(tmp_path: Path) -> None:
-    show = "import os, sys; print(sys.argv[1:], os.environ['NAME'], os.getcwd()); sys.exit(3)"
+    show = "import os, sys; print(sys.argv[1:], os.environ['NAME'], os.getcwd(), sys.stdin.read()); sys.exit(3)"
     words = ["a b", "$HOME", "'", '"']
-    process = run(sys.executable, "-c", show, *words, env={"NAME": "it's $x"}, cwd=str(tmp_path))
-    assert ended(process) == f"{words} it's $x {os.path.realpath(tmp_path)}\n"
+    process = run(sys.executable, "-c", show, *words, env={"NAME": "it's\n$x"}, cwd=str(tmp_path))
+    assert ended(process) == f"{words} it's\n$x {os.path.realpath(tmp_path)} \n"
     assert process.returncode == 3
 
 

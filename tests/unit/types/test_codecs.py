@@ -1,3 +1,4 @@
+import re
 import sys
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from riot_bus.types.codecs import Codecs
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, install_hint
 from tests.unit.types.proto_samples import SET, every
 
 SET_DATA = SET.SerializeToString()
@@ -142,10 +143,10 @@ def test_protobuf_by_file_encoding_and_log(tmp_path):
 
 def test_protobuf_without_the_library(monkeypatch, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"riot-bus\[protobuf\]"):
+    with pytest.raises(MissingExtraError, match=re.escape(install_hint("protobuf"))):
         TypeRegistry(definitions=[tmp_path / "types.desc"])
     kind = TypeRegistry().type_of("k", encoding="application/protobuf;test.Every")
-    assert "riot-bus[protobuf]" in kind.opaque(b"")
+    assert install_hint("protobuf") in kind.opaque(b"")
     registry = TypeRegistry()
     assert "not installed" in registry.add_schema("k", Schema("test.Every", "protobuf", SET_DATA), "protobuf").opaque(
         b""

@@ -359,7 +359,7 @@ def test_files_that_are_none(tmp_path, data):
 
 def test_without_the_library(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"riot-bus\[protobuf\]"):
+    with pytest.raises(MissingExtraError, match=r"'\.\[protobuf\]'"):
         ProtobufTypes()
 
 

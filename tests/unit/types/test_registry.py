@@ -267,5 +267,5 @@ def test_a_broken_adapter(plugin_package):
 def test_a_missing_extra_counts_only_when_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "ros2" not in [adapter.name for adapter in load_adapters()]
-    with pytest.raises(MissingExtraError, match=r"riot-bus\[ros2\]"):
+    with pytest.raises(MissingExtraError, match=r"'\.\[ros2\]'"):
         load_adapters(["ros2"])

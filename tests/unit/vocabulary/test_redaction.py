@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import json
+import re
+
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
-from riot_bus.vocabulary.redaction import redacted
+from riot_bus.vocabulary.redaction import redacted, without_commands
 
 
 @pytest.mark.parametrize(
@@ -73,3 +76,38 @@ def test_nor_of_one_that_is_not_quoted(before: str, after: str) -> None:
 def test_long_texts_take_no_longer_than_they_are_long() -> None:
     for part in ("#", "tls/a#;", "'tls/a#\\", "a:", "tcp/a:", "password=", "//a:", "'#"):
         redacted(part * 100_000)  # by backtracking this would not end
+
+
+def obeyed(text: str) -> bool:
+    """Return whether a build obeys a text: actions/runner reads lines, trims them, and looks for `##[` anywhere."""
+    lines = re.split(r"\r\n|\n|\r", text)
+    return any(line.lstrip().startswith("::") or re.search(r"##\w*\[", line) for line in lines)
+
+
+@pytest.mark.parametrize("variable", ["GITHUB_ACTIONS", "TF_BUILD", "TEAMCITY_VERSION"])
+@given(
+    pieces=st.lists(st.sampled_from([":", "::", "#", "##", "[", "vso[", "x", " ", "\t", "\n", "\r", "\x85", "\u3000"]))
+)
+@example(pieces=["::stop-commands::tok"])
+@example(pieces=["x ##[add-mask]riot"])
+@example(pieces=["[", "\n", "::", "x", "##", "["])
+def test_no_text_is_a_command_where_a_build_runs(variable: str, pieces: list[str]) -> None:
+    text = "".join(pieces)
+    with pytest.MonkeyPatch.context() as patch:
+        for each in ("GITHUB_ACTIONS", "TF_BUILD", "TEAMCITY_VERSION"):
+            patch.delenv(each, raising=False)
+        assert without_commands(text) == text
+        patch.setenv(variable, "true")
+        shown = without_commands(text)
+        assert not obeyed(shown)
+        assert shown.replace("\u200b", "").replace("\\u0023", "#") == text
+        assert obeyed(text) or shown == text, "only commands are changed"
+        document = json.dumps({"a": [text]}, indent=1)
+        assert not obeyed(without_commands(document))
+        assert json.loads(without_commands(document)) == {"a": [text]}
+
+
+def test_disarming_takes_linear_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TF_BUILD", "True")
+    for piece in (" ", "\n", "#", ":", "#a", " \n:"):
+        assert len(without_commands(piece * 1_000_000)) >= 1_000_000

@@ -10,7 +10,7 @@ import pytest
 
 from riot_bus.log.tables.export import export_table
 from riot_bus.log.writer import LogWriter
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError, install_hint
 from riot_bus.vocabulary.message import Message
 from tests.log_mutants import COUNT, START, foreign
 
@@ -225,7 +225,7 @@ def test_without_pyarrow(log, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="pyarrow") as caught:
         export_table(log, FIELDS, tmp_path / "a.parquet")
-    assert "riot-bus[export]" in (caught.value.hint or "")
+    assert install_hint("export") in (caught.value.hint or "")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from riot_bus.router.advanced.proxy_publisher import StoreFilter
+from riot_bus.router.advanced.proxy_publisher import ProxyPublisher, StoreFilter
 
 
 def sample(number: int | None, *, zid: str = "ours", entity: int = 1) -> Any:
@@ -35,3 +35,14 @@ def test_caches_are_told_apart_and_others_samples_pass() -> None:
     assert not only_stored(sample(0, entity=1))
     assert not only_stored(sample(5, zid="theirs"))
     assert not only_stored(sample(None))
+
+
+def test_a_heartbeat_that_claims_everything_costs_few_puts() -> None:
+    puts: list[bytes] = []
+    proxy = ProxyPublisher.__new__(ProxyPublisher)
+    proxy._cache, proxy._next = SimpleNamespace(put=puts.append), 5
+    proxy.skip(3)
+    assert (len(puts), proxy._next) == (3, 8)
+    proxy.skip((1 << 32) - 1)
+    assert len(puts) == 3 + 256
+    assert proxy._next == 8 + 256

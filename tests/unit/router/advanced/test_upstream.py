@@ -5,6 +5,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import zenoh
 
 from riot_bus.router.advanced.source import AdvancedSource
@@ -26,9 +27,9 @@ class Session:
             callback.drop()
 
 
-def answer(number: int | None, *, zid: str = "abc", error: bool = False) -> Any:
+def answer(number: int | None, *, zid: str = "abc", error: bool = False, size: int = 0) -> Any:
     info = None if number is None else SimpleNamespace(source_id=SimpleNamespace(zid=zid, eid=7), source_sn=number)
-    sample = SimpleNamespace(source_info=info, timestamp=None, key_expr="k")
+    sample = SimpleNamespace(source_info=info, timestamp=None, key_expr="k", payload=zenoh.ZBytes(b"x" * size))
     return SimpleNamespace(ok=None, err="timeout") if error else SimpleNamespace(ok=sample, err=None)
 
 
@@ -65,6 +66,14 @@ def test_what_does_not_tell_its_publisher_is_left_out() -> None:
 def test_a_question_that_was_not_answered_in_time_is_not_complete() -> None:
     found, _ = ask(answer(1), answer(None, error=True))
     assert len(found.samples) == 1
+    assert (found.complete, found.asked) == (False, True)
+
+
+@pytest.mark.parametrize("size", [0, 5000])
+def test_answers_for_which_there_is_no_room_are_left_out_and_told(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("riot_bus.router.advanced.upstream._MOST_BYTES", 100_000)
+    found, _ = ask(*(answer(number, size=size) for number in range(200)))
+    assert len(found.samples) == (100_000 // (size + 1024))
     assert (found.complete, found.asked) == (False, True)
 
 
