@@ -224,7 +224,7 @@ def _count(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo]) -> No
     lengths = block.lengths()
     for number, rows in block.by_channel():
         source, count = sources.get(number), len(rows)
-        if source is None or not count:
+        if source is None:
             continue
         topic = topics[source.key]
         if source.role == "original":

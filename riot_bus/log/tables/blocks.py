@@ -62,11 +62,11 @@ class LoadedBlock:
     def by_channel(self) -> Iterator[tuple[int, NDArray[np.int64]]]:
         """Yield each channel, and the indices of its messages, without a look at all messages for each channel."""
         order = np.argsort(self.channels, kind="stable")
+        order = order[self.times[order] >= 0]
         channels = self.channels[order]
         ends = np.flatnonzero(channels[1:] != channels[:-1]) + 1
         for begin, end in pairwise([0, *ends.tolist(), len(order)] if len(order) else ()):
-            rows = order[begin:end]
-            yield int(channels[begin]), rows[self.times[rows] >= 0]
+            yield int(channels[begin]), order[begin:end]
 
     def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return numbers that sort messages, of any block, by their place in the file."""

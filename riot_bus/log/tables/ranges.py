@@ -148,7 +148,7 @@ def field_ranges(
     for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=1, largest=reader.limits.chunk):
         for number, rows in block.by_channel():
             feed = feeds.get(number)
-            if feed is None or not len(rows):
+            if feed is None:
                 continue
             source = feed.source
             topic = found.setdefault(source.key, TopicFields(source.topic, source.key, source.schema.name))
