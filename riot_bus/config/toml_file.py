@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.given_files import given_text
+from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.toml_text import parse_toml
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 __all__ = ["MistakeError", "explained", "line_of", "place_of", "read_toml"]
-
-_LARGEST = 1 << 20  # as of plans; the largest of our own has 6 kB
 
 
 class MistakeError(ValueError):
@@ -40,7 +38,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         ConfigError: It cannot be read, or is not TOML.
     """
     try:
-        text = given_text(path, most=_LARGEST)
+        text = given_text(path, most=MOST_TOML)
     except OSError as error:
         raise ConfigError(
             f"cannot read the system file: {error.strerror}",

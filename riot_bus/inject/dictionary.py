@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING
 
+from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.inject.dictionary_file import TYPES, RawEntry, binds, check_type, eligible, plain_value, read_file
 from riot_bus.inject.mutations import Mutation, read_mutations
 from riot_bus.plugins import DICTIONARIES
@@ -192,7 +193,7 @@ def installed_files() -> Iterator[tuple[str, str]]:
 def own_text(path: Path) -> str:
     """Return the text of one of the user's own dictionary files; raises ConfigError if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return given_text(path, most=MOST_TOML)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read the dictionary: {error}", where=str(path)) from error
 

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
 from riot_bus.inject.mutations import HexBytes
@@ -115,7 +116,7 @@ def read_plan(path: Path | str) -> tuple[Injection, ...]:
 def plan_text(path: Path) -> str:
     """Return the text of an injection plan; raises ConfigError if the file cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return given_text(path, most=MOST_TOML)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(f"cannot read the injection plan: {reason}", where=str(path)) from error

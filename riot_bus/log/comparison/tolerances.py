@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
+from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.types.brittle import STAMPS, is_brittle, why_brittle
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.field_pattern import names_field
@@ -169,7 +170,7 @@ def read_tolerances(path: Path) -> TopicTolerances:
         ConfigError: It cannot be read, or contains something else.
     """
     try:
-        document = parse_toml(path.read_text(encoding="utf-8"), where=str(path))
+        document = parse_toml(given_text(path, most=MOST_TOML), where=str(path))
     except OSError as error:
         raise ConfigError(f"cannot read the tolerances: {error.strerror}", where=str(path)) from None
     except UnicodeDecodeError as error:

@@ -39,6 +39,9 @@ COMMANDS = [
     ["edit", "good.mcap", "BAD", "out.mcap"],
     ["play", "BAD"],
     ["backchain", "BAD", "--to", "/a:b"],
+    ["edit", "good.mcap", "out.mcap", "--inject", "BAD"],
+    ["diff", "good.mcap", "good.mcap", "--tolerances", "BAD"],
+    ["backchain", "good.mcap", "--to", "/a:b", "--system", "BAD"],
     ["fleet", "index", "BAD", "--catalogue", "catalogue.sqlite"],
 ]
 
