@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 from riot_bus.agent.request import PlayRequest, RecordRequest, parse_request
 from riot_bus.control.commands import Command, CommandRequest, answer
+from riot_bus.inject.plan import parse_plan
 from riot_bus.log.reader import LogReader
 from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, RiotError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import key_matches, parse_selector
+from riot_bus.vocabulary.toml_text import parse_toml
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import Framer
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -105,6 +108,17 @@ def control(data: bytes) -> None:
     json.loads(made)
 
 
+def toml(data: bytes) -> None:
+    """Read a text as TOML, as Python does unless it is refused, then as an injection plan."""
+    text = data.decode("utf-8", "replace")
+    try:
+        document = parse_toml(text, where="x")
+        assert repr(document) == repr(tomllib.loads(text))  # which can show each integer
+        parse_plan(text, name="x")
+    except RiotError as error:
+        json.dumps(str(error))
+
+
 def _told(request: CommandRequest) -> dict[str, Any]:
     return {"arguments": request.arguments(), "name": request.name()}
 
@@ -121,7 +135,9 @@ def _request(payload: bytes) -> dict[str, Any]:
     return {}
 
 
-TARGETS: dict[str, Callable[[bytes], None]] = {each.__name__: each for each in (cdr, mcap, mavlink, selector, control)}
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    each.__name__: each for each in (cdr, mcap, mavlink, selector, control, toml)
+}
 """All targets by name."""
 
 
@@ -166,6 +182,12 @@ def _mavlink_seeds() -> list[bytes]:
 
 
 _SEEDS: dict[str, Callable[[], list[bytes]]] = {
+    "toml": lambda: [
+        b'[[inject]]\ntopic = "/odom"\nfield = "a.b[3]"\nvalue = nan\nwhere = "x > 3 and y == \'z\'"\nend = 4.0',
+        b'[[inject]]\ntopic = "a/**"\nfield = "v"\nsignal = { center = 1.0, amplitude = 2e3, choices = [0xff, "x"] }\n',
+        b'a . "b.\\"" . \'c\' = [ 1979-05-27, """\n""", { x.y = -1_000 } ] # c\n[[t.u]]\n',
+        b"a." * 20 + b"a = 0x" + b"f" * 20,
+    ],
     "cdr": _cdr_seeds,
     "mcap": _mcap_seeds,
     "mavlink": _mavlink_seeds,
