@@ -213,17 +213,17 @@ class RouterService:
 
         What was intercepted for the plan alone is so no longer once no other change is in progress.
         """
-        former = status.plan_row(self.plan)
+        former = self._interception.plan
         with self._clearing:
             cleared, self._cleared = self._cleared, threading.Event()
             cleared.set()
         self.bus.forget()
-        if self._interception.plan is not None:
+        if former is not None:
             self._soon(self._forget_cleared).join(_SOON_S)
-        return {"intercepted": self._interception.intercepted, "plan": None, "former": former}
+        return {"intercepted": self._interception.intercepted, "plan": None, "former": status.plan_row(former)}
 
     def _forget_cleared(self) -> None:
-        if self.plan is None:
+        if self._interception.plan is None:
             self._interception.set_plan(None)
 
     def _soon(self, change: Callable[[], object]) -> threading.Thread:
@@ -271,12 +271,6 @@ class RouterService:
     # -- what is going on ---------------------------------------------------------------------------------------------
 
     @property
-    def plan(self) -> InjectionPlan | None:
-        """The plan that is carried out."""
-        plan = self._interception.plan
-        return None if plan is None or plan.injector.ended() else plan
-
-    @property
     def topics(self) -> list[str]:
         """What is intercepted, as it was written."""
         return self._interception.topics
@@ -308,7 +302,7 @@ class RouterService:
             "intercepted": [self._registry.topic(each) for each in bus.intercepted],
             "services": [self._registry.topic(each) for each in bus.services],
             "interceptors": status.interceptor_rows(bus.executor.pipeline),
-            "plan": status.plan_row(self.plan),
+            "plan": status.plan_row(self._interception.plan),
             "recording": self._recordings.status(),
             "counts": counts,
             "losses": status.loss_rows(bus.losses),
@@ -333,7 +327,7 @@ class RouterService:
     def _metadata(self) -> dict[str, str]:
         segments = (f"{name}={','.join(map(redacted, each.listen))}" for name, each in self.settings.segments.items())
         metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
-        plan = self.plan
+        plan = self._interception.plan
         return metadata | ({"plan": plan.text} if plan is not None else {})
 
 

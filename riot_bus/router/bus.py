@@ -329,7 +329,8 @@ class Bus:
     def _retire(self, expression: str) -> None:
         for forwarder in self._forwarders.pop(expression):
             forwarder.close()
-            self._retired.append(forwarder)
+            if forwarder.received or forwarder.shed:  # else each change would make counting slower
+                self._retired.append(forwarder)
 
     def _forget(self) -> None:
         for source in self._present_sources():

@@ -84,7 +84,7 @@ class Interception:
         plan: InjectionPlan | None,
         registry: TypeRegistry,
     ) -> None:
-        self.plan = plan
+        self._plan = plan
         self.keys = list(dict.fromkeys(keys))
         self._bus = bus
         self._interceptors = tuple(interceptors)
@@ -99,6 +99,11 @@ class Interception:
     def topics(self) -> list[str]:
         """All topics and keys to intercept, as the user wrote them."""
         return self._wanted(self.keys, self.plan)
+
+    @property
+    def plan(self) -> InjectionPlan | None:
+        """The plan that is carried out; one that has ended is given up at the next change."""
+        return None if self._plan is None or self._plan.injector.ended() else self._plan
 
     def interceptors(self, plan: InjectionPlan | None) -> list[object]:
         """Return all interceptors, including the injector of this plan."""
@@ -122,20 +127,20 @@ class Interception:
         return self._change(self.keys, plan)
 
     def _change(self, keys: list[str], plan: InjectionPlan | None) -> list[str]:
-        bus, former = self._bus(), (self.keys, self.plan, self.expressions, self.services)
+        bus, former = self._bus(), (self.keys, self._plan, self.expressions, self.services)
         expressions, services = self._needed((self.expressions, self.services), keys, plan)
-        if plan is not self.plan:
+        if plan is not self._plan:
             bus.set_interceptors(self.interceptors(plan))
         try:
             if (expressions, services) != (self.expressions, self.services):
                 bus.set_intercept(expressions, services=services)
         except RiotError:
-            self.keys, self.plan, self.expressions, self.services = former
-            if plan is not self.plan:
-                bus.set_interceptors(self.interceptors(self.plan))
+            self.keys, self._plan, self.expressions, self.services = former
+            if plan is not self._plan:
+                bus.set_interceptors(self.interceptors(self._plan))
             bus.set_intercept(self.expressions, services=self.services)  # else the segments would stay apart
             raise
-        self.keys, self.plan, self.expressions, self.services = keys, plan, expressions, services
+        self.keys, self._plan, self.expressions, self.services = keys, plan, expressions, services
         return self.intercepted
 
     @property

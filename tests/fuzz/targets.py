@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -15,6 +16,7 @@ from riot_bus.agent.request import PlayRequest, RecordRequest, parse_request
 from riot_bus.chain.scan import ScanRule
 from riot_bus.chain.testcases import load_case_template
 from riot_bus.control.commands import Command, CommandRequest, answer
+from riot_bus.inject.plan import parse_plan
 from riot_bus.log.reader import LogReader
 from riot_bus.report.finding_view import load
 from riot_bus.report.markdown import MarkdownReport
@@ -23,6 +25,7 @@ from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, RiotError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import key_matches, parse_selector
+from riot_bus.vocabulary.toml_text import parse_toml
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import Framer
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -137,6 +140,17 @@ def finding(data: bytes) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
+def toml(data: bytes) -> None:
+    """Read a text as TOML, as Python does unless it is refused, then as an injection plan."""
+    text = data.decode("utf-8", "replace")
+    try:
+        document = parse_toml(text, where="x")
+        assert repr(document) == repr(tomllib.loads(text))  # which can show each integer
+        parse_plan(text, name="x")
+    except RiotError as error:
+        json.dumps(str(error))
+
+
 def _told(request: CommandRequest) -> dict[str, Any]:
     return {"arguments": request.arguments(), "name": request.name()}
 
@@ -154,7 +168,7 @@ def _request(payload: bytes) -> dict[str, Any]:
 
 
 TARGETS: dict[str, Callable[[bytes], None]] = {
-    each.__name__: each for each in (cdr, mcap, mavlink, selector, control, finding)
+    each.__name__: each for each in (cdr, mcap, mavlink, selector, control, finding, toml)
 }
 """All targets by name."""
 
@@ -205,6 +219,12 @@ def _finding_seeds() -> list[bytes]:
 
 
 _SEEDS: dict[str, Callable[[], list[bytes]]] = {
+    "toml": lambda: [
+        b'[[inject]]\ntopic = "/odom"\nfield = "a.b[3]"\nvalue = nan\nwhere = "x > 3 and y == \'z\'"\nend = 4.0',
+        b'[[inject]]\ntopic = "a/**"\nfield = "v"\nsignal = { center = 1.0, amplitude = 2e3, choices = [0xff, "x"] }\n',
+        b'a . "b.\\"" . \'c\' = [ 1979-05-27, """\n""", { x.y = -1_000 } ] # c\n[[t.u]]\n',
+        b"a." * 20 + b"a = 0x" + b"f" * 20,
+    ],
     "cdr": _cdr_seeds,
     "mcap": _mcap_seeds,
     "mavlink": _mavlink_seeds,

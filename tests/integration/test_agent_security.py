@@ -93,6 +93,7 @@ def test_a_flood_of_questions_does_not_hold_up_a_stop(bus: str, hub: str, logs: 
         assert len(took) >= seconds / 2, took  # each of them was answered
 
 
+@pytest.mark.load
 def test_slow_questions_do_not_hold_up_urgent_ones(bus: str, hub: str, logs: Path) -> None:
     plan = '[[inject]]\ntopic = "a/x"\nfield = "v"\nvalue = 1\n' * 10_000  # is read, then refused as too many
     request = json.dumps({"operation": "0" * 8, "logs": ["log.mcap"], "inject": plan, "on_lost_controller": "continue"})

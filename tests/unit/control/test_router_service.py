@@ -198,6 +198,10 @@ def test_the_keys_of_a_router_are_counted_over_all_questions(router: RouterServi
     router.intercept_add([f"cut/{number}" for number in range(200)])  # `cut/**` includes them, so none is a new cut
     with pytest.raises(ConfigError, match="more than 256 key expressions"):
         router.intercept_add([f"cut/more{number}" for number in range(100)])
+    for _ in range(3):
+        assert router.intercept_add(["k/1", "k/2"]) == ["cut/**", "k/1", "k/2"]
+        assert router.intercept_remove(["k/1", "k/2"]) == ["cut/**"]
+    assert router.bus._retired == []  # else `status` took longer after each change
     with pytest.raises(ConfigError, match="more than 256 key expressions"):
         router.plan_load("".join(PLAN.format(f"cut/plan{number}") for number in range(100)), "p")
 
