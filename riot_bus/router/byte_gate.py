@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 __all__ = ["LARGE", "ByteBudget", "ByteGate"]
 
-_BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB are as fast with 16 or 64 MiB (docs/figures.md)
+_BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB cost as much with 16 or 64 MiB (docs/figures.md)
 _BUFFER = 1 << 16  # a message that waits keeps a whole receive buffer of Zenoh's, however small it is
 _PORTION = 1 << 20  # bytes that are forwarded at once, as copies
-_MANY, _SOON_S = 64, 0.01  # so many small messages, so soon: the callback slows them down by half
+_MANY, _SOON_S = 64, 0.01  # so many small messages in so short a time: see `LARGE`
 
 LARGE = 1 << 16
-"""Size above which a callback for each message costs no throughput; Zenoh splits such messages."""
+"""Size above which a message counts; a callback for each smaller one costs throughput (half of it at 32 KiB)."""
 
 
 class ByteBudget:

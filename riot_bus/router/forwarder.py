@@ -39,7 +39,7 @@ _LOG = logging.getLogger(__name__)
 _CHANNEL = 256  # 0.6 ms of traffic at 400,000 messages/s (docs/figures.md); a larger channel may hold more bytes
 _SLICE = 1024  # 2.5 ms at 2.5 us each, by which new messages are delayed; fewer are sent in smaller batches
 _BACKLOG = 8192  # 20 ms of traffic at 400,000 messages/s; droppable messages beyond it are dropped
-_BACKLOG_BYTES = 1 << 23  # 8 MiB: more, or larger messages, are left to a `ByteGate`
+_BACKLOG_BYTES = 1 << 23  # 8 MiB, as `_BACKLOG` of 1 KiB: more, or larger messages, are left to a `ByteGate`
 _SURPLUS = 64  # `BLOCK` messages beyond the room, until senders wait
 _CACHED_KEYS = 1 << 13  # a route may hold a publisher in each segment; keys may be ever new
 _ATTRIBUTES = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
@@ -230,7 +230,8 @@ class Forwarder:
         if size > LARGE or size * before > _BACKLOG_BYTES:
             self._begin_gate()
             return
-        backlog.extend(itertools.islice(iter(fetch, None), max(0, min(_SLICE, _BACKLOG - before))))
+        most = min(_SLICE, _BACKLOG - before, _BACKLOG_BYTES // (size + 1))
+        backlog.extend(itertools.islice(iter(fetch, None), max(0, most)))
         if len(backlog) >= _BACKLOG:
             self._shed()
         self.received += len(backlog) - before
