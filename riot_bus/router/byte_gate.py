@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.convert import is_droppable
@@ -20,8 +21,8 @@ __all__ = ["LARGE", "ByteBudget", "ByteGate"]
 
 _BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB cost as much with 16 or 64 MiB (docs/figures.md)
 _BUFFER = 1 << 16  # a message that waits keeps a whole receive buffer of Zenoh's, however small it is
-_PORTION = 1 << 20  # bytes that are forwarded at once, as copies
-_MANY, _SOON_S = 64, 0.01  # so many small messages in so short a time: see `LARGE`
+_PORTION = 1 << 22  # bytes that are forwarded at once, as copies: four messages of 1 MiB, or 64 small ones
+_SOON_S = 0.01  # a portion of small messages in so short a time is a flood of them: see `LARGE`
 
 LARGE = 1 << 16
 """Size above which a message counts; a callback for each smaller one costs throughput (half of it at 32 KiB)."""
@@ -39,23 +40,14 @@ class ByteBudget:
 
 
 class ByteGate:
-    """Keeps the messages that came in through a channel until they are forwarded, in their order.
-
-    Args:
-        budget: Budget of the router.
-        channel: Channel in which messages arrive.
-        closed: Exception that the channel raises when it is closed and empty.
-        drop: Function that drops a droppable message for which there is no room, and counts it.
-    """
+    """Keeps what came in through a channel until it is forwarded, in order; `drop` gets what there is no room for."""
 
     def __init__(
         self, budget: ByteBudget, channel: Any, *, closed: type[Exception], drop: Callable[[Any], None]
     ) -> None:
-        self.active = False
-        """Whether messages are counted; set by the forwarder, and unset here when many small ones have come."""
+        self.active = False  # set by the forwarder, and unset here in a flood of small messages
         self.waiting: deque[Any] = deque()
-        self.held = 0
-        """Bytes that wait, or are being forwarded."""
+        self.held = 0  # bytes that wait or are being forwarded
         self._budget, self._channel, self._closed, self._drop = budget, channel, closed, drop
         self._portion, self._last = 0, 0.0  # bytes being forwarded, since when
         self._receiving = False  # then the forwarder takes the next message itself
@@ -70,24 +62,19 @@ class ByteGate:
                 self._budget.changed.wait_for(lambda: self._ended or not self.active or not self._full())
 
     def receive(self) -> list[Any]:
-        """Wait for messages and return those to forward next; those returned before are forwarded.
-
-        Raises:
-            Exception: The one that the closed channel raises, once nothing waits.
-        """
+        """Wait for messages and return those to forward next, as those returned before are; raise `closed` at the end."""
         found: list[Any] = []
-        total = largest = 0
+        largest = 0
         with self._budget.changed:
             self._hold(-self._portion)
             self._portion = 0
             self._take()
-            while self.waiting and total < _PORTION:
+            while self.waiting and self._portion < _PORTION:
                 found.append(self.waiting.popleft())
-                size = len(found[-1].payload)
-                total, largest = total + size, max(largest, size)
-                self._portion += max(size, _BUFFER)
+                largest = max(largest, len(found[-1].payload))
+                self._portion += _weight(found[-1])
             soon, self._last = time.monotonic() - self._last < _SOON_S, time.monotonic()
-            if soon and largest <= LARGE and (len(found) >= _MANY or total >= _PORTION):
+            if soon and largest <= LARGE and self._portion >= _PORTION:
                 found.extend(self.waiting)
                 self.waiting.clear()
                 self._hold(-self.held)
@@ -113,12 +100,14 @@ class ByteGate:
         self._budget.free -= size
 
     def _take(self) -> None:
-        try:
+        with suppress(self._closed):
             for sample in iter(self._channel.try_recv, None):
                 if self._full() and is_droppable(sample):
                     self._drop(sample)
                 else:
                     self.waiting.append(sample)
-                    self._hold(max(len(sample.payload), _BUFFER))
-        except self._closed:
-            pass
+                    self._hold(_weight(sample))
+
+
+def _weight(sample: Any) -> int:
+    return max(len(sample.payload), _BUFFER)
