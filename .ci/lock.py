@@ -22,9 +22,9 @@ LOCK = ROOT / "requirements.lock"
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("x86_64", "aarch64")
 GLIBC = ("manylinux2014", *(f"manylinux_2_{minor}" for minor in range(17, 29)))
-# `all` repeats the others. antlr4-python3-runtime 4.7, which stl wants, has no wheel; pip
+# `all` repeats the others, and `study` is much for few. antlr4-python3-runtime 4.7, which stl wants, has no wheel; pip
 # resolves with wheels only.
-UNLOCKED = ("all", "stl")
+UNLOCKED = ("all", "stl", "study")
 BESIDE = ("editables", "pip")  # what hatchling needs for an editable installation, and what installs it
 HEAD = """\
 # What bootstrap.py installs, for Python 3.11 to 3.13 on Linux, x86_64 and aarch64.

@@ -203,7 +203,7 @@ def activation(seeds: int, scenarios: Sequence[str], *, mirror: bool) -> list[di
     methods: dict[str, Callable[..., int | None]] = {"riot": portfolio}
     for name in PEERS:
         if name == "TPE" and find_spec("optuna") is None:
-            print("TPE is left out: optuna is not installed")
+            print("TPE is left out: optuna is not installed (extra study)")
             continue
         for scale, space in {"plain": Plain, "asinh": Encoding}.items():
             if (name, scale) != ("dictionary", "asinh"):  # its values are no places on a scale

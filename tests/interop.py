@@ -114,10 +114,11 @@ FOXGLOVE = Environment(
 )
 RTAMT = Environment("rtamt", ("rtamt==0.4.10",), "import rtamt", pythons=("3.11", "3.12"))
 """Its parser has no wheel, so requirements.lock cannot have it; tests put it on their own path (`importable`)."""
+OPTUNA = Environment("optuna", ("optuna==5.0.0",), "import optuna", options=("--only-binary=:all:",))
 """Much for few, so requirements.lock has it not; tests put its folder on their own path, too."""
 MKDOCS = Environment("mkdocs", ("mkdocs-material==9.8.2",), "import material", options=("--only-binary=:all:",))
 """What builds the site of the documentation."""
-ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT, MKDOCS)
+ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT, OPTUNA, MKDOCS)
 
 
 def require(environment: Environment) -> Path:

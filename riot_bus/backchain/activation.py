@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from riot_bus.backchain.varied import Dimension, Recombination
 from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from riot_bus.backchain.fir import Floats
     from riot_bus.backchain.proposers import Proposer, SearchMethod
     from riot_bus.vocabulary.trial import Progress
 
-__all__ = ["Activation", "Evaluation", "activate"]
+__all__ = ["Activation", "Evaluation", "SharedHistory", "activate"]
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
@@ -94,6 +94,20 @@ class Activation:
         return f"activated after {counted(self.runs, 'run')} with {text}"
 
 
+class SharedHistory(Protocol):
+    """History by which several searches share the outcomes of their runs."""
+
+    def add(
+        self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
+    ) -> None:
+        """Add runs of this search: points, their evaluations, and the fields that points name."""
+        ...
+
+    def take(self) -> Sequence[tuple[Mapping[str, float], Evaluation]]:
+        """Return the runs of other searches that this one has not received yet: points and evaluations."""
+        ...
+
+
 def activate(
     fields: Sequence[SearchField],
     evaluate: Callable[[Sequence[Mapping[str, float]]], Sequence[Evaluation]],
@@ -105,10 +119,11 @@ def activate(
     families: Sequence[Sequence[Dimension]] = (),
     promising: Sequence[Mapping[str, float]] = (),
     progress: Progress | None = None,
+    shared: SharedHistory | None = None,
 ) -> Activation:
     """Search for external values that make the failure happen (RIOT II-D).
 
-    Deterministic for equal seeds and evaluations. No point is evaluated twice.
+    Deterministic for equal seeds and evaluations, unless `shared` is given. No point is evaluated twice.
 
     Args:
         fields: Fields that may be set; best only those that permeability has left.
@@ -121,6 +136,8 @@ def activate(
         promising: Points that failed in other runs; a few are tried first, if within the fields' ranges, with other
             fields at their usual values.
         progress: Called after each batch.
+        shared: History that receives all runs and gives those of other searches: they only guide this search, and
+            points that failed there are tried first.
 
     Raises:
         ConfigError: All methods need more fields, and the star probes did not suffice.
@@ -139,13 +156,18 @@ def activate(
     for one in islice(allowed, _PROMISING):
         search.promise(one)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
+    known = [*fields, *(each.search for family in families for each in family)]
     while len(history) < budget:
+        for point, evaluation in shared.take() if shared is not None else ():
+            search.learn(point, evaluation)
         batch = search.batch(min(parallelism, budget - len(history)))
         if not batch:
             break
         points = [wanted.point for wanted in batch]
         evaluations = evaluate(points)
         history += zip(points, evaluations, strict=True)
+        if shared is not None:
+            shared.add(points, evaluations, known)
         best = _nearest(history)
         if progress is not None:
             near = "no distance yet" if best is None else f"nearest {best:.3g}"
@@ -193,6 +215,16 @@ class _Turns:
         self._asked = constant
         self._turn = 0
         self._promised: list[Mapping[str, float]] = []
+
+    def learn(self, point: Mapping[str, float], evaluation: Evaluation) -> None:
+        """Take a run of another search: a point that failed is tried next, one that varies in time is ignored."""
+        constant = self._searches[0]
+        if point.keys() != {field.name for field in constant.encoding.fields} or constant.knows(point):
+            return
+        if evaluation.failed:
+            self.promise(point)
+        else:
+            constant.learn(point, evaluation.distance)
 
     def promise(self, point: Mapping[str, float]) -> None:
         """Queue a point to be tried next."""
@@ -330,6 +362,10 @@ class _Search:
     def knows(self, point: Mapping[str, float]) -> bool:
         """Return whether a point was evaluated."""
         return self._key(point) in self._known
+
+    def learn(self, point: Mapping[str, float], distance: float | None) -> None:
+        """Take the distance of a point that another search evaluated."""
+        self.tell(_Proposal(point, self.encoding.encode(point)), distance)
 
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return the next method; until constant fields have reduced the distance, every other turn combines them."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
+from riot_bus.backchain.study import Study
 from riot_bus.chain.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
@@ -31,7 +33,9 @@ _NONE_ODD = "the unit failed with values that are not finite only, and no field 
 _ONLY_ODD = "all failing trials of the unit had a value that is not finite, so only such values were tried"
 
 
-def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = ()) -> ActivationRecord:
+def activation(
+    step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = (), study: str = ""
+) -> ActivationRecord:
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
     If runs of the whole system cannot show the failure, nothing is searched, and the record says why.
@@ -41,9 +45,11 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         folder: Folder of the finding.
         budget: Runs of the whole system for the search; at most as many more repeat failing points.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
+        study: Storage of optuna studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
+            of others for the same finding, rule, fields, code and settings; empty for none.
 
     Raises:
-        ConfigError: An earlier step has not been done, or there is no such method.
+        ConfigError: An earlier step has not been done, or there is no such method or storage.
         InconclusiveError: No external field is permeable, so there is nothing to search.
     """
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of an earlier search
@@ -74,6 +80,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         return _not_tested(_NONE_ODD)
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
+    shared = Study(study, _study_name(system, names)) if study else None
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
@@ -85,6 +92,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
             families=system.varied.families,
             promising=permeable.failing,
             progress=step.progress,
+            shared=shared,
         )
     if result.found is None:
         result = result.followed_by(system.search_each(odd[: budget - result.runs]))
@@ -145,3 +153,10 @@ def _replayed(system: DrivenSystem, point: Mapping[str, float]) -> Replay:
 
 def _not_tested(why: str) -> ActivationRecord:
     return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
+
+
+def _study_name(system: DrivenSystem, names: Sequence[str]) -> str:
+    """Return a name that is shared by searches in which points and distances have the same meaning."""
+    fields = [(repr(field.search_field()), field.choices) for field in map(system.fields.__getitem__, names)]
+    same = repr((system.step.workspace.fingerprint, system.record.rule, sorted(system.record.scale.items()), fields))
+    return f"{system.finding.system} {system.finding.id} {hashlib.sha256(same.encode()).hexdigest()[:12]}"

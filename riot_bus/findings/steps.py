@@ -119,6 +119,7 @@ ACTIVATE = ChainStep(
     (
         StepOption("budget", 200, "Runs of the whole system for the search; at most as many more confirm it.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
+        StepOption("study", "", "Share the search as an Optuna study in this database, such as sqlite:///studies.db."),
     ),
     whole_system=True,
 )

@@ -29,6 +29,7 @@ from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
+from tests.interop import OPTUNA, importable
 from tests.tiers import scaled
 from tests.unit.chain.machine import (
     COUNT,
@@ -642,6 +643,19 @@ def test_messages_that_are_late_or_lost_are_inputs(tmp_path: Path, slow: dict[st
     assert hangs(ageing(read_log(one.folder / "activation.mcap"))) is not None
     assert "panel:#" in record.text
     assert not (one.folder / "region").exists(), "no log has such fields"
+
+
+def test_a_search_may_be_shared_as_a_study(tmp_path: Path, slow: dict[str, Any]) -> None:
+    importable(OPTUNA, "optuna")
+    url = f"sqlite:///{tmp_path / 'studies.db'}"
+    first = ready(tmp_path, slow, ("panel:knob", 0.9), system_fails=never_hangs)
+    record = activation(first.run(), first.folder, budget=30, study=url)
+    assert (record.found, record.runs) == (None, 30)
+    import optuna
+
+    (study,) = optuna.get_all_study_summaries(url)
+    assert study.n_trials == 30
+    assert study.study_name.startswith("machine hang-drive-1 ")
 
 
 def test_what_was_found_is_kept_where_the_time_ends_while_its_region_is_measured(
