@@ -106,7 +106,7 @@ def read_file(text: str, *, where: str) -> DictionaryFile:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of dictionary files, as it is in `docs/dictionary.schema.json`."""
+    """Return the JSON Schema of dictionary files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **DictionaryFile.model_json_schema()}
 
 
