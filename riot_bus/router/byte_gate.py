@@ -62,7 +62,7 @@ class ByteGate:
                 self._budget.changed.wait_for(lambda: self._ended or not self.active or not self._full())
 
     def receive(self) -> list[Any]:
-        """Wait for messages and return those to forward next, as those returned before are; raise `closed` at the end."""
+        """Wait for messages and return those to forward next, as those before are forwarded; may raise `closed`."""
         found: list[Any] = []
         largest = 0
         with self._budget.changed:
