@@ -308,7 +308,7 @@ def test_a_huge_or_missing_file(tmp_path):
         RuleGuard(path)
     with path.open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(ConfigError, match="it is not a rule"):
+    with pytest.raises(ConfigError, match="this file has more than"):
         RuleGuard(path)
 
 
