@@ -73,7 +73,9 @@ def given_bytes(path: Path, *, inside: Path | None = None, most: int = MOST_TEXT
     with given_file(path, inside=inside).open("rb") as stream:
         content = stream.read(most + 1)
     if len(content) > most:
-        raise ConfigError(f"this file has more than {most} bytes", where=str(path), hint="riot reads no larger file of this kind")
+        raise ConfigError(
+            f"this file has more than {most} bytes", where=str(path), hint="riot reads no larger file of this kind"
+        )
     return content
 
 

@@ -30,7 +30,7 @@ riot found this failure; the finding is the folder of this file. The test plays 
 fresh processes of {component}, as `riot reproduce` does: it fails as long as the failure occurs, and passes once
 it is fixed.
 
-    pytest {name}
+    pytest PATH/{name}
 
 It needs only riot_bus and the component that it tests, which the riot.toml of the working folder describes, or the
 one that RIOT_SYSTEM names. To use it in a test suite, copy the whole folder there and rename this file to

@@ -22,6 +22,13 @@ def login(role: str) -> dict[str, str]:
     return {"transport/auth/usrpwd/user": USERS[role], "transport/auth/usrpwd/password": role}
 
 
+def options_of(role: str, folder: Path) -> list[str]:
+    """Return the options of an agent that log it in, with its password in a file."""
+    write_private(folder / f"{role}.password", role)
+    given = {**login(role), "transport/auth/usrpwd/password": f"@{folder / f'{role}.password'}"}
+    return [f"--fleet-cfg={key}={value}" for key, value in given.items()]
+
+
 def secured(tmp_path: Path, rules: Mapping[str, Any]) -> ZenohProcess:
     users = tmp_path / "users.txt"
     write_private(users, "".join(f"{user}:{role}\n" for role, user in USERS.items()))

@@ -20,7 +20,9 @@ def plain_system(
 ) -> Iterator[dict[str, int]]:
     """Run `node.py ROLE WORDS...` for each role in a folder, until all are ready; yields their process ids."""
     shutil.copy(NODE, folder / "node.py")
-    usual = {name: value for name, value in environment_of_others().items() if not name.startswith("ZENOH_")}
+    usual = {
+        name: value for name, value in environment_of_others().items() if not name.startswith(("ZENOH_", "KMP_"))
+    }  # scikit-learn sets some
     with contextlib.ExitStack() as stack:
         pids = {}
         for role, more in words.items():

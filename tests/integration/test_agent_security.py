@@ -20,7 +20,7 @@ from riot_bus.agent.remote_operation import RemoteOperation, ask_robot
 from riot_bus.control.remote import ForgedAnswerError, Remote
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
-from tests.integration.access_tools import login, new_rules, secured
+from tests.integration.access_tools import login, new_rules, options_of, secured
 from tests.integration.agent_tools import agent, fleet
 from tests.integration.play_tools import MS, numbered, write
 from tests.integration.zenoh_process import ZenohProcess
@@ -204,7 +204,7 @@ def test_secrets_are_in_nothing_that_others_read(bus: str, hub: str, logs: Path)
 def test_the_rules_let_each_role_do_what_it_needs(bus: str, logs: Path, tmp_path: Path) -> None:
     with secured(tmp_path, new_rules()) as router:
         hub = router.locators[0]
-        options = [f"--fleet-cfg={key}={value}" for key, value in login("agent").items()]
+        options = options_of("agent", tmp_path)
         with agent(logs, bus, hub, *options) as robot:
             assert ask_robot(hub, "r7", "status", config=login("viewer"))["busy"] is False
             assert ask_robot(hub, "r7", "logs", config=login("viewer"))["count"] >= 0
@@ -218,7 +218,7 @@ def test_the_rules_let_each_role_do_what_it_needs(bus: str, logs: Path, tmp_path
 def test_the_rules_keep_a_viewer_from_playing_the_robot(bus: str, logs: Path, tmp_path: Path) -> None:
     with secured(tmp_path, new_rules()) as router:
         hub = router.locators[0]
-        options = [f"--fleet-cfg={key}={value}" for key, value in login("agent").items()]
+        options = options_of("agent", tmp_path)
         with agent(logs, bus, hub, *options), open_client(hub, config=login("viewer")) as viewer:
             asked: list[str] = []
             things: list[Any] = [

@@ -65,9 +65,14 @@ def write_finding(rover: Path) -> Path:
 def pytest_says(folder: Path) -> tuple[int, str]:
     paths = os.pathsep.join(str(ROOT / name) for name in ("", "adapters", "dictionaries"))
     (file,) = folder.glob("riot_test_*.py")
-    command = [sys.executable, "-m", "pytest", file.name, "-q", "-p", "no:cacheprovider", "--rootdir=."]
+    command = [sys.executable, "-m", "pytest", str(file), "-q", "-p", "no:cacheprovider", "--rootdir=."]
     done = subprocess.run(
-        command, cwd=folder, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, timeout=200
+        command,
+        cwd=folder.parents[2],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=200,
     )
     return done.returncode, done.stdout + done.stderr
 
