@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sysconfig
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.analyze import Analysis, analyze_all
@@ -12,33 +10,13 @@ from riot_bus.chain.robustness import test_unit, tested
 from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
 
-__all__ = ["demo", "example_places", "find_example"]
+__all__ = ["demo"]
 
 _TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
-
-
-def example_places() -> list[Path]:
-    """Return the folders that riot's own examples may be in: beside this package, or where the wheel put them."""
-    wheel = Path(sysconfig.get_path("data")) / "share" / "riot_bus" / "examples"
-    return [Path(__file__).resolve().parents[2] / "examples", wheel.resolve()]
-
-
-def find_example(name: str) -> Path:
-    """Return the riot.toml of an example.
-
-    Raises:
-        ConfigError: It is in neither place.
-    """
-    places = example_places()
-    for place in places:
-        if (place / name / "riot.toml").is_file():
-            return place / name / "riot.toml"
-    raise ConfigError(f"the example {name!r} is not installed", hint=f"looked in {', '.join(map(str, places))}")
 
 
 def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None = None) -> dict[str, Any]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import shlex
+import sysconfig
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.demo import example_places
 from riot_bus.findings.records import FindingRecord, shortest_log
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
@@ -20,7 +20,7 @@ from riot_bus.vocabulary.errors import ConfigError, RiotError
 if TYPE_CHECKING:
     from riot_bus.sut.system import SystemFile
 
-__all__ = ["described", "system_of"]
+__all__ = ["described", "find_example", "system_of"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_COMMANDS = 8  # a line for each; the file has all of them
@@ -52,7 +52,7 @@ def system_of(recorded: str | None, folder: Path, *, named: Path | None = None, 
     if not own.is_file():
         nor = f", and no {own}" if recorded else ""
         raise ConfigError(f"there is no {_NAME} in {root.absolute()}{nor}", hint="name yours with --system FILE")
-    if any(own.resolve().is_relative_to(place) for place in example_places()):
+    if any(own.resolve().is_relative_to(place) for place in _example_places()):
         return own
     if _same_project(own, folder, root):
         _LOG.warning("riot: starting what %s describes, with which this was found", own)
@@ -115,3 +115,22 @@ def described(folder: Path, *, named: Path | None = None) -> tuple[SystemFile | 
         with LogReader(log) as reader:
             learn_types(reader, registry)
     return file, registry
+
+
+def _example_places() -> list[Path]:
+    """Return the folders that riot's own examples may be in: beside this package, or where the wheel put them."""
+    wheel = Path(sysconfig.get_path("data")) / "share" / "riot_bus" / "examples"
+    return [Path(__file__).resolve().parents[2] / "examples", wheel.resolve()]
+
+
+def find_example(name: str) -> Path:
+    """Return the riot.toml of an example.
+
+    Raises:
+        ConfigError: It is in neither place.
+    """
+    places = _example_places()
+    for place in places:
+        if (place / name / "riot.toml").is_file():
+            return place / name / "riot.toml"
+    raise ConfigError(f"the example {name!r} is not installed", hint=f"looked in {', '.join(map(str, places))}")

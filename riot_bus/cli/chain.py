@@ -199,7 +199,7 @@ def demo(
 ) -> None:
     """Run all steps on the example rover, from a nominal recording to the inputs that make the system fail."""
     from riot_bus.chain.demo import demo as run_demo
-    from riot_bus.chain.demo import find_example
+    from riot_bus.chain.systems import find_example
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.text import summary
 

@@ -199,19 +199,17 @@ class Forwarder:
             try:
                 if not backlog:
                     self.caught_up = not gate.waiting
-                    samples = gate.receive() if gate.active else (receive(),)
+                    backlog.extend(gate.receive() if gate.active else (receive(),))
                     self.caught_up = False
-                    backlog.extend(samples)
-                    self.received += len(samples)
+                    self.received += len(backlog)
                 if not gate.active:
-                    release(*self._guards)
-                    self._guards.clear()
+                    if self._guards:
+                        self._end_gate()
                     fill()
             except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
                 if not backlog:
                     self.caught_up = True
-                    release(*self._guards)
-                    self._guards.clear()
+                    self._end_gate()
                     return
             try:
                 slice_()
@@ -258,6 +256,10 @@ class Forwarder:
         handler = library.handlers.Callback(self._gate.admit, indirect=False)
         origin = library.Locality.REMOTE
         self._guards.append(session.declare_subscriber(self.expression, handler, allowed_origin=origin))
+
+    def _end_gate(self) -> None:
+        release(*self._guards)
+        self._guards.clear()
 
     def _slice(self) -> None:
         if self._former and not self._out:

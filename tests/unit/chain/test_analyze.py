@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 from riot_bus.chain.absence import other_cause
 from riot_bus.chain.analyze import analyze, analyze_all
-from riot_bus.chain.demo import demo, find_example
+from riot_bus.chain.demo import demo
+from riot_bus.chain.systems import find_example
 from riot_bus.cli.main import make_app
 from riot_bus.events import AnalysisFinished, FindingWritten, StepFinished, StepStarted, StepStopped
 from riot_bus.findings.records import Artefact, MinimalRecord

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.demo import find_example
-from riot_bus.chain.systems import described, system_of
+from riot_bus.chain.systems import described, find_example, system_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import ConfigError
 
