@@ -11,6 +11,7 @@ from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.entry import ENDING
 from riot_bus.fleet.index import index
 from riot_bus.fleet.query import parse_query
+from riot_bus.given_files import leads_out
 from riot_bus.log.limits import tight_limits
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
@@ -139,12 +140,11 @@ class Library:
         return found
 
     def _inside(self, path: Path, name: str) -> Path:
-        found = path.resolve()
-        if not found.is_relative_to(self.folder):
+        if leads_out(path, self.folder):
             raise ConfigError(
                 f"{name!r} is outside of the folder of logs", where="logs", hint="links that lead out are refused too"
             )
-        return found
+        return path.resolve()
 
     def _name(self, entry: LogEntry) -> str:
         return entry.place.removeprefix(f"{self.folder}/")

@@ -300,12 +300,16 @@ class _UnitRun:
             self._explain(workspace)
 
     def _share_nominal(self, workspace: Workspace) -> None:
-        """Take the recording in another unit's folder, by a hard link, if one is needed and missing here."""
+        """Take the recording in another unit's folder, by a hard link or a copy, if one is needed and missing here."""
         file, own = workspace.context.file, self.folder / NOMINAL
         if file.system.nominal or file.unit[self.unit].log or own.exists():
             return
         if other := next(iter(sorted(self.folder.parent.glob(f"*/{NOMINAL}"))), None):
-            own.hardlink_to(other)
+            own.unlink(missing_ok=True)  # a link to nothing
+            try:
+                own.hardlink_to(other)
+            except OSError:  # a file system without hard links
+                shutil.copyfile(other, own)
 
     def _play_known(self, workspace: Workspace) -> None:
         """Replay earlier findings: first fixed ones, then those not in the baseline, then those known to fail."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["described", "find_example", "system_of"]
 
 _LOG = logging.getLogger(__name__)
-_MOST_COMMANDS = 8  # a line for each; the file has all of them
+_MOST_COMMANDS = 8  # a few lines of a terminal; the file has all of them
 _NAME = "riot.toml"
 
 
@@ -79,6 +79,9 @@ def _commands(path: Path) -> list[str]:
     except RiotError:
         return []
     found = [f"{name} (a monitor)" for name in file.monitor_files]
+    clock = file.system.clock
+    resets = [file.system.reset, clock.reset if clock is not None else None, *(one.reset for one in file.unit.values())]
+    found += [f"`{shlex.join(one.command)}` (a reset)" for one in resets if one is not None and one.command]
     for name, one in zip([*file.components, *file.unit], file.programs, strict=True):
         ways = {"setup": one.setup, "command": one.command, "ready": one.ready.command}
         ways |= {"stop": one.stop_command, "teardown": one.teardown}
@@ -92,7 +95,7 @@ def _commands(path: Path) -> list[str]:
 def described(folder: Path, *, named: Path | None = None) -> tuple[SystemFile | None, TypeRegistry]:
     """Return the system file of a finding, to be read alone, and the types of its messages, also those in its log.
 
-    Of what the file names, installed adapters and codecs are loaded, and nothing else. It is None if it cannot be used.
+    Of what the file names, installed adapters and codecs are loaded, and nothing else. It is None if it cannot be read.
 
     Args:
         folder: Folder of the finding.

@@ -32,7 +32,7 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
     long = _LONG_KEY.search(text) or _LONG_INTEGER.search(text)
     if long is not None:
         place = f"{where}:{text.count(chr(10), 0, long.start()) + 1}"
-        hint = f"a key has at most {_MOST_PARTS} parts, and an integer 64 bits"
+        hint = f"a key has at most {_MOST_PARTS} parts, and an integer 1,024 digits"
         raise ConfigError(f"{long[0][:40]!r}... is too long", where=place, hint=hint)
     try:
         return tomllib.loads(text)

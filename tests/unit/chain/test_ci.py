@@ -240,6 +240,8 @@ def test_each_unit_gets_its_share_of_what_is_left(tmp_path: Path) -> None:
         return Workspace(tmp_path / "riot.toml", folder, runners=machine)
 
     known = KnownFindings.load(tmp_path / "riot-baseline.json")
+    (tmp_path / "out/twin").mkdir(parents=True)
+    (tmp_path / "out/twin/nominal.mcap").symlink_to("nothing")
     result = run_ci(["drive", "twin"], opened, out=tmp_path / "out", known=known, plan=replace(CHANGE, trials=8))
     assert seen == [("drive", tmp_path / "out" / "drive"), ("twin", tmp_path / "out" / "twin")]
     verdicts = [unit.view.verdict for unit in result.units]

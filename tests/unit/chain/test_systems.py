@@ -14,6 +14,7 @@ from riot_bus.vocabulary.errors import ConfigError
 EVIL = """
 [system]
 types = {"pos" = "json"}
+reset = {command = ["%(canary)s.reset"]}
 [components.planner]
 command = ["sh", "-c", "echo started >> %(canary)s"]
 setup = ["sh", "-c", "echo setup >> %(canary)s"]
@@ -48,7 +49,14 @@ def test_what_a_stranger_s_file_would_start_is_told_and_not_started(theirs: Path
     with pytest.raises(ConfigError) as caught:
         chosen(theirs, root=tmp_path / "work")
     text = str(caught.value)
-    for part in ("bug-77/riot.toml", "m.py (a monitor)", "(setup of planner)", "(command of planner)", "RAN.engine"):
+    for part in (
+        "bug-77/riot.toml",
+        "m.py (a monitor)",
+        "(setup of planner)",
+        "(command of planner)",
+        "RAN.engine",
+        "(a reset)",
+    ):
         assert part in text
     assert "--system" in text
     assert not (tmp_path / "RAN").exists()
