@@ -32,12 +32,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from riot_bus.campaign.campaign import run_campaign
 from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.malformed import malformations
-from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, targets_of
+from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
-from riot_bus.campaign.targets import with_observed
+from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.sut.unit_trial import behaviour_of
+from riot_bus.trial.unit_trial import behaviour_of
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message

@@ -21,16 +21,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.workspace import Workspace
-from riot_bus.log.comparison.compare import Wishes
-from riot_bus.log.comparison.opening import compare_logs, propose_tolerances
-from riot_bus.log.comparison.parts import TopicDifference
-from riot_bus.log.comparison.tolerances import TopicTolerances
-from riot_bus.log.editing.edit import edit
-from riot_bus.log.editing.options import EditOptions
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
+from riot_bus_logtools.comparison.compare import Wishes
+from riot_bus_logtools.comparison.opening import compare_logs, propose_tolerances
+from riot_bus_logtools.comparison.parts import TopicDifference
+from riot_bus_logtools.comparison.tolerances import TopicTolerances
+from riot_bus_logtools.editing.edit import edit
+from riot_bus_logtools.editing.options import EditOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 TYPES = {"cmd_vel": "geometry_msgs/msg/TwistStamped"}

@@ -21,8 +21,8 @@ import msgpack
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from riot_bus.types.model import MessageType
-from riot_bus.types.protobuf.source import ProtobufTypes
 from riot_bus.types.registry import TypeRegistry
+from riot_bus_protobuf.source import ProtobufTypes
 
 ROUNDS, BATCH = 200, 10
 FIELD = "speed"

@@ -14,8 +14,8 @@ from common import rate
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.log.editing.edit import edit
-from riot_bus.log.editing.options import EditOptions
+from riot_bus_logtools.editing.edit import edit
+from riot_bus_logtools.editing.options import EditOptions
 
 TOPICS = 8
 BEGIN = 1_700_000_000 * 10**9

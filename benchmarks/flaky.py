@@ -20,14 +20,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.findings.steps import MINIMIZE, RELEVANCE, RULES
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import exact_interval
-from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation

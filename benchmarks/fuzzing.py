@@ -30,10 +30,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from riot_bus.backchain.activation import activate
-from riot_bus.chain.driven_system import DrivenSystem
-from riot_bus.chain.external import ExternalField, external_fields
-from riot_bus.chain.robustness import test_unit, tested
-from riot_bus.chain.workspace import StepRun, Workspace
+from riot_bus.chain.base.external import ExternalField, external_fields
+from riot_bus.chain.base.workspace import StepRun, Workspace
+from riot_bus.chain.steps.robustness import test_unit, tested
+from riot_bus.chain.whole.driven_system import DrivenSystem
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.steps import MINIMIZE, PERMEABILITY, RELEVANCE, RULES
 from riot_bus.statistics.rates import exact_interval

@@ -25,7 +25,7 @@ from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.sut.context import open_system
+from riot_bus.trial.context import open_system
 from riot_bus.vocabulary.message import Message
 
 ROUNDS, BATCH, TARGET_US = 300, 50, 30.0

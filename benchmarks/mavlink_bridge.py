@@ -34,9 +34,9 @@ from typing import Any, Self
 
 import psutil
 
+from riot_bus_bridges.links.packets import Packets
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
-from riot_bus_mavlink.links.packets import Packets
 
 WAYS = (
     "sockets alone",

@@ -22,9 +22,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.backchain.alignment import Piece, held_variants, response_of
-from riot_bus.backchain.backtrack import backtrack
-from riot_bus.backchain.dependence import dependences
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
 from riot_bus.graph.history import record
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic
@@ -32,6 +29,9 @@ from riot_bus.log.layout import GRAPH
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
+from riot_bus_fleet.evidence.alignment import Piece, held_variants, response_of
+from riot_bus_fleet.evidence.backtrack import backtrack
+from riot_bus_fleet.evidence.dependence import dependences
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

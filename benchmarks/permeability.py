@@ -23,8 +23,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from riot_bus.chain.permeability import permeability
-from riot_bus.chain.workspace import StepRun, Workspace
+from riot_bus.chain.base.workspace import StepRun, Workspace
+from riot_bus.chain.steps.permeability import permeability
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples/rover"

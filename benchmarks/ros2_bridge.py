@@ -28,7 +28,7 @@ import psutil
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from riot_bus.sut.ros_bridge import free_domains  # noqa: E402 - found by the path above
+from riot_bus.processes.ros_domains import free_domains  # noqa: E402 - found by the path above
 from tests.interop import ROS2, provide  # noqa: E402 - lies beside this folder
 from tests.ros2_env import ros2_environment  # noqa: E402 - lies beside this folder
 

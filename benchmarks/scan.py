@@ -19,7 +19,6 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from riot_bus.chain.scan import Scanner, ScanRule
 from riot_bus.findings.records import ProportionRecord, RuleRecord
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
@@ -28,6 +27,7 @@ from riot_bus.log.tables.table import columns
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
+from riot_bus_fleet.scan import Scanner, ScanRule
 
 TYPE, BEGIN, STEP = "geometry_msgs/msg/Twist", 1_700_000_000 * 10**9, 10**6
 NAMES = ("/a:linear.x", "/b:linear.x")

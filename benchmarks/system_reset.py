@@ -15,9 +15,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from riot_bus.sut.local import Pool
-from riot_bus.sut.system import RunPace
-from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.pool.local import Pool
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase, Verdict
 

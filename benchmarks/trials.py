@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message

@@ -20,7 +20,7 @@ import numpy as np
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.varied import VariedInputs
-from riot_bus.chain.driven_system import least_distance
+from riot_bus.chain.whole.driven_system import least_distance
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule

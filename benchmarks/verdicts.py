@@ -22,8 +22,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from tests.systems.misbehaviour.catalogue import FAULTY, ROBUST, build, missing, write
 

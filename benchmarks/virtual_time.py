@@ -19,13 +19,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from riot_bus.chain.external import driving_log
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.external import driving_log
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import read_log
-from riot_bus.sut.local import Pool
-from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.pool.local import Pool
+from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.trial import TestCase
 
 ROVER = Path(__file__).resolve().parents[1] / "examples" / "rover"

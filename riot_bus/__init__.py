@@ -15,12 +15,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.base.workspace import Workspace
     from riot_bus.findings.steps import STEPS, ChainStep, find_step
     from riot_bus.inject.apply import inject_log
     from riot_bus.interceptors.parsing import from_text
-    from riot_bus.log.editing.edit import edit
-    from riot_bus.log.editing.options import EditOptions
     from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.table import columns, iter_columns
     from riot_bus.log.writer import LogWriter
@@ -45,8 +43,6 @@ _MODULES = {
     "findings.steps": "STEPS ChainStep find_step",
     "inject.apply": "inject_log",
     "interceptors.parsing": "from_text",
-    "log.editing.edit": "edit",
-    "log.editing.options": "EditOptions",
     "log.reader": "LogReader",
     "log.tables.table": "columns iter_columns",
     "log.writer": "LogWriter",
@@ -73,7 +69,6 @@ __all__ = [
     "ChainStep",
     "ConfigError",
     "Curve",
-    "EditOptions",
     "Formula",
     "InconclusiveError",
     "Injection",
@@ -93,7 +88,6 @@ __all__ = [
     "Verdict",
     "Workspace",
     "columns",
-    "edit",
     "find_step",
     "from_text",
     "inject_log",

@@ -10,23 +10,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = [
-    "AnalysisFinished",
-    "CampaignFinished",
-    "CampaignStarted",
-    "FindingReplayed",
-    "FindingWritten",
-    "Listener",
-    "Listeners",
-    "RunEvent",
-    "StepFinished",
-    "StepProgress",
-    "StepStarted",
-    "StepStopped",
-    "TimeLeft",
-    "TrialFinished",
-]
-
 _LOG = logging.getLogger(__name__)
 
 

@@ -9,17 +9,6 @@ from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = [
-    "MOST_TEXT",
-    "MOST_TOML",
-    "given_bytes",
-    "given_file",
-    "given_folder",
-    "given_text",
-    "leads_out",
-    "private_folder",
-]
-
 MOST_TOML = 1 << 20
 """Most bytes of a TOML file: the largest of our own has 23 kB, and Python parses 1 MiB in 5 s at the worst."""
 MOST_TEXT = 64 << 20

@@ -14,8 +14,6 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["new_file", "new_file_mode", "whole_file", "write_whole"]
-
 _STATUS = Path("/proc/self/status")
 
 

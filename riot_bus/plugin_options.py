@@ -14,8 +14,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["REQUIRED", "check_known", "explained_option", "instance_of", "options_of"]
-
 PluginT = TypeVar("PluginT")
 
 REQUIRED = dataclasses.MISSING

@@ -16,21 +16,6 @@ from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
-__all__ = [
-    "ADAPTERS",
-    "BRIDGES",
-    "CODECS",
-    "DICTIONARIES",
-    "FAULTS",
-    "INTERCEPTORS",
-    "KINDS",
-    "MONITORS",
-    "REPORTS",
-    "SEARCHES",
-    "STEPS",
-    "PluginKind",
-]
-
 _DISTRIBUTION = "riot-bus"
 
 
@@ -78,17 +63,49 @@ class PluginKind(NamedTuple):
 
 
 ADAPTERS = PluginKind("adapter", "riot_bus.adapters")
-BRIDGES = PluginKind("bridge", "riot_bus.bridges")
 CODECS = PluginKind("codec", "riot_bus.types")
+COMMANDS = PluginKind("command", "riot_bus.commands")
 DICTIONARIES = PluginKind("dictionary", "riot_bus.dictionaries")
 FAULTS = PluginKind("fault kind", "riot_bus.faults")
+HOOKS = PluginKind("extension hook", "riot_bus.hooks")
 INTERCEPTORS = PluginKind("interceptor", "riot_bus.interceptors")
+LISTENERS = PluginKind("adapter that listens to links", "riot_bus.listeners")
 MONITORS = PluginKind("monitor", "riot_bus.monitors")
 REPORTS = PluginKind("report format", "riot_bus.reports")
+RULE_FORMS = PluginKind("form of a rule", "riot_bus.rule_forms")
 SEARCHES = PluginKind("search method", "riot_bus.search")
 STEPS = PluginKind("step", "riot_bus.steps")
 
-KINDS = (ADAPTERS, BRIDGES, CODECS, DICTIONARIES, FAULTS, INTERCEPTORS, MONITORS, REPORTS, SEARCHES, STEPS)
+KINDS = (
+    ADAPTERS,
+    CODECS,
+    COMMANDS,
+    DICTIONARIES,
+    FAULTS,
+    HOOKS,
+    INTERCEPTORS,
+    LISTENERS,
+    MONITORS,
+    REPORTS,
+    RULE_FORMS,
+    SEARCHES,
+    STEPS,
+)
+
+
+def hook(name: str, extension: str) -> Any:
+    """Return what an extension offers to riot itself, such as the workers of a cluster: see `riot_bus.plugin`.
+
+    Args:
+        name: Name of the hook, an entry point of the group `riot_bus.hooks`.
+        extension: Package of riot that has it, for errors.
+
+    Raises:
+        ConfigError: The extension is not installed, or cannot be imported.
+    """
+    if name not in HOOKS.targets():
+        raise ConfigError(f"this needs {extension}", hint=f"install {extension}: it is an extension of riot")
+    return HOOKS.load(name)
 
 
 @cache

@@ -21,7 +21,7 @@ from riot_bus.vocabulary.redaction import without_commands
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
-    from riot_bus.chain.reproduce import Reproduction
+    from riot_bus.chain.steps.reproduce import Reproduction
     from riot_bus.testing.fixture import RouterTest
     from riot_bus.testing.live_router import LiveRouter, LiveSegment
 

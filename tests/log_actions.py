@@ -118,15 +118,15 @@ def columns(path: Path) -> dict[str, Any]:
 
 def export(path: Path) -> None:
     """Write a table."""
-    from riot_bus.log.tables.export import export_table
+    from riot_bus_logtools.export.export import export_table
 
     export_table(path, ["/twist:x", "/twist:y"], path.with_suffix(".csv"), force=True)
 
 
 def edit(path: Path) -> dict[str, Any]:
     """Write what can be read into another log, as it is and changed."""
-    from riot_bus.log.editing.edit import edit
-    from riot_bus.log.editing.options import EditOptions
+    from riot_bus_logtools.editing.edit import edit
+    from riot_bus_logtools.editing.options import EditOptions
 
     out = path.with_name(f"edited-{path.name}")
     edit(EditOptions(inputs=[path], output=out, force=True))
@@ -139,9 +139,9 @@ def edit(path: Path) -> dict[str, Any]:
 
 def salvage(path: Path) -> None:
     """Take what there is of damaged chunks."""
-    from riot_bus.log.editing.edit import edit
-    from riot_bus.log.editing.options import EditOptions
     from riot_bus.log.reader import LogReader
+    from riot_bus_logtools.editing.edit import edit
+    from riot_bus_logtools.editing.options import EditOptions
 
     with LogReader(path, salvage=True) as reader:
         for _ in reader.messages():
@@ -151,7 +151,7 @@ def salvage(path: Path) -> None:
 
 def diff(path: Path) -> None:
     """Compare it with itself, and with the one before."""
-    from riot_bus.log.comparison.opening import compare_logs
+    from riot_bus_logtools.comparison.opening import compare_logs
 
     former = path.with_name(f"former-{path.name}")
     try:

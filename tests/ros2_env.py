@@ -28,7 +28,7 @@ def ros2_environment(domain: int, folder: Path) -> dict[str, str]:
     """Return the variables of a process that uses ROS 2 in one domain, on this machine alone.
 
     Args:
-        domain: Of `riot_bus.sut.ros_bridge.free_domains`, so that nobody else uses it.
+        domain: Of `riot_bus.processes.ros_domains.free_domains`, so that nobody else uses it.
         folder: For its log files.
     """
     foreign = ("ROS_", "RMW_", "FASTDDS_", "FASTRTPS_", "RCUTILS_", "AMENT_", "ZENOH_", "RIOT_", "PYTHON", "_ROS_")

@@ -7,7 +7,6 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.types.capabilities import HeardSystem
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean, require_package
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
@@ -20,13 +19,11 @@ from riot_bus_mavlink.signing import Signer, read_key
 from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.types.capabilities import ParameterRequest
     from riot_bus.vocabulary.message import Message
     from riot_bus_mavlink.definitions import MessageTable
-
-__all__ = ["MavlinkAdapter"]
 
 _OPTIONS = ("dialect", "key_file", "template")
 _COMPONENT = re.compile(r"([1-9][0-9]{0,2})/([1-9][0-9]{0,2})", re.ASCII)
@@ -144,20 +141,6 @@ class MavlinkAdapter:
     def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:
         """Set parameters of a component by PARAM_SET; see `riot_bus_mavlink.parameters`."""
         return set_parameters(request, dialect=self.dialect, keys=self.template)
-
-    def listen(
-        self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]
-    ) -> HeardSystem:
-        """Listen to MAVLink links for some seconds; `unit` is the id of a system."""
-        from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_lines, sketch_toml
-        from riot_bus_mavlink.survey import listen
-
-        if unit is not None and not (unit.isascii() and unit.isdigit()):
-            raise ConfigError(f"{unit!r} is not the id of a system", where="--unit", hint="a number from 1 to 255")
-        survey, specs = listen(links, self.dialect, seconds=seconds, warn=warn)
-        found = sketch(survey, specs, self.dialect, seconds=seconds, unit=None if unit is None else int(unit))
-        origin = f"what came over {', '.join(links)} within {seconds:g} s"
-        return HeardSystem(sketch_toml(found, origin=origin), sketch_json(found), sketch_lines(found))
 
     def _parse_schema(self, schema: Schema) -> MavlinkType | None:
         here = self.type_named(schema.name)

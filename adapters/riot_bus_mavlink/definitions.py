@@ -10,19 +10,6 @@ from riot_bus_mavlink.frame import load_crc
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = [
-    "LONGEST_PAYLOAD",
-    "SIZES",
-    "DialectError",
-    "EnumEntry",
-    "EnumTable",
-    "FieldText",
-    "MessageTable",
-    "Param",
-    "Place",
-    "make_message",
-]
-
 LONGEST_PAYLOAD = 255  # a frame tells the length of its payload in one byte
 
 SIZES = {

@@ -14,8 +14,6 @@ from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["DEFAULT", "Dialect", "dialect_names", "load_dialect"]
-
 DEFAULT = "all"
 """The dialect that contains all others that pymavlink ships."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable, Param
 
-__all__ = ["allows_nan", "exceptional_values", "invalid_values", "why_brittle"]
-
 _COMMANDS = "MAV_CMD"
 _MOST_VALID = 24  # pymavlink's fields use only four enums with more values, which are thinned out
 _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_(MAX|MIN)")

@@ -15,28 +15,6 @@ from riot_bus.vocabulary.errors import PayloadError, needs_extra
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-__all__ = [
-    "ENCODING",
-    "HEADER_SIZE",
-    "KIND",
-    "LONGEST",
-    "SIGNATURE",
-    "SIGNED",
-    "V1",
-    "V2",
-    "Frame",
-    "Framer",
-    "StreamCounts",
-    "checksum_fits",
-    "frame_length",
-    "is_plain",
-    "load_crc",
-    "pack_frame",
-    "parse_frame",
-    "seal",
-    "trimmed",
-]
-
 ENCODING = "application/octet-stream;mavlink"
 """The encoding of frames on the bus, the same as in mavlink-server."""
 

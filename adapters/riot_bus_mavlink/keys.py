@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["TEMPLATE", "KeyTemplate", "Parsed"]
-
 TEMPLATE = "mavlink_raw/{link}/{sysid}/{compid}/{MESSAGE}"
 
 _PARTS = {

@@ -23,11 +23,9 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import SuggestedValue
     from riot_bus.types.payloads import Gathered, Payloads
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
-
-__all__ = ["PREFIX", "MavlinkType"]
 
 PREFIX = "mavlink/"
 """Prefix of type names, as in `mavlink/HEARTBEAT`."""

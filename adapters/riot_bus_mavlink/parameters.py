@@ -20,12 +20,10 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import ParameterRequest
     from riot_bus.types.port import PortPublisher
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
-
-__all__ = ["ParameterKind", "packed", "set_parameters", "unpacked"]
 
 ItemT = TypeVar("ItemT")
 

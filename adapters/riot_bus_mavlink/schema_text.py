@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.definitions import EnumTable, MessageTable
     from riot_bus_mavlink.xml_files import DialectFile
 
-__all__ = ["ENCODING", "parse_schema", "schema_of"]
-
 ENCODING = "mavlink"
 """The encoding of payloads (one frame each) and of schemas in MCAP."""
 

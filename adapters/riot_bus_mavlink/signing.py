@@ -13,8 +13,6 @@ from riot_bus.given_files import given_bytes
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame
 
-__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "time_of"]
-
 KEY_BYTES = 32  # SHA-256 of a passphrase (MAVLink 2, message signing)
 _HASH_BYTES = 6  # of the signature, 48 bits of SHA-256
 _MOST_TICKS = (1 << 48) - 1  # a signature has 48 bits for its timestamp

@@ -11,10 +11,8 @@ from riot_bus.types.model import parse_path, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_mavlink.definitions import MessageTable, Place
-
-__all__ = ["CODES", "HEADER", "NumberSlot", "Slot", "TextSlot", "find_slot", "slots_of"]
 
 CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",

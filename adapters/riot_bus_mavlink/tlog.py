@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.keys import KeyTemplate
 
-__all__ = ["LINK", "TlogReader", "TlogRecord", "TlogUnpacker", "tlog_record"]
-
 LINK = "tlog"
 """The name of the link over which messages of a telemetry log come."""
 _TIME = 8

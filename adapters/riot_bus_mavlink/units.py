@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["values_of_unit"]
-
 _Values = tuple[tuple[float, str], ...]
 
 _BASES: dict[str, _Values] = {

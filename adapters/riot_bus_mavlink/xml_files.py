@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from xml.etree.ElementTree import Element
 
-__all__ = ["DialectFile", "parse_dialect"]
-
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,127}")
 _TYPE = re.compile(r"([a-z0-9_]+)(?:\[([0-9]{1,3})\])?")
 _POWER = re.compile(r"([0-9]{1,2})\*\*([0-9]{1,2})")

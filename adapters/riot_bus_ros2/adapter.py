@@ -44,8 +44,6 @@ if TYPE_CHECKING:
         Stamp,
     )
 
-__all__ = ["Ros2Adapter"]
-
 _CALL_TYPES = {REQUEST: "_Request", REPLY: "_Response"}
 _MOST_PARSED = 1 << 21
 """Most bytes of all definitions in a log, whose parser needs up to 10 s for 1 MiB. The 163 message types of Kilted that

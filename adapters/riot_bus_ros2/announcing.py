@@ -13,8 +13,6 @@ from riot_bus_ros2.tokens import Node, parse_token
 if TYPE_CHECKING:
     from riot_bus.types.capabilities import Role
 
-__all__ = ["EXPRESSIONS", "announcement_of"]
-
 EXPRESSIONS = ("**/@ros2_lv/**", ros2dds.TOKENS)
 """Key expressions of all tokens, also of sessions with a Zenoh namespace; no `**` matches what begins with `@`."""
 

@@ -12,8 +12,6 @@ from typing import Literal, NamedTuple
 from riot_bus.types.capabilities import Stamp
 from riot_bus.vocabulary.errors import PayloadError
 
-__all__ = ["Attachment", "build_attachment", "parse_attachment", "stamp_of"]
-
 _V2 = struct.Struct("<qqB16s")
 _V1 = struct.Struct("<16sq17sq11sB16s")
 _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")

@@ -37,10 +37,8 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import MessagePart
     from riot_bus.types.fields import FieldType
     from riot_bus.types.payloads import Gathered, Payloads
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_ros2.store import TypeStore
-
-__all__ = ["CdrType"]
 
 _CACHED_PLANS = 4096
 _ENCAPSULATIONS = {

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     Positions = NDArray[np.int64]
     Mask = NDArray[np.bool_]
 
-__all__ = ["elements", "gather"]
-
 _FEW = 32  # fewer payloads than this are walked faster one by one
 _FAR = 1 << 40  # largest step over fields of fixed size that cannot overflow int64
 _STRIDE = 1 << 30  # times a count of 32 bits it cannot overflow int64

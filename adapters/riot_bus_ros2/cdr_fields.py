@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus_ros2.definitions import Field
 
-__all__ = ["list_fields", "list_parts"]
-
 _MOST_NAMED = 1000  # fields and constants of a message whose values get names: each field is compared with all of these
 _DEEPEST = 64  # types of Jazzy are nested up to 6 deep; ends those that contain themselves
 Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]

@@ -21,27 +21,8 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.hashes import PLACEHOLDER
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_ros2.store import TypeStore
-
-__all__ = [
-    "PRIMITIVES",
-    "Array",
-    "Jump",
-    "Node",
-    "Number",
-    "Opaque",
-    "Struct",
-    "Text",
-    "compile_type",
-    "joined",
-    "length_of",
-    "over",
-    "pass_table",
-    "pass_through",
-    "skip_elements",
-    "then",
-]
 
 ORIGIN = 4
 _MAX_DEPTH = 64

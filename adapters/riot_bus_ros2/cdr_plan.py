@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import FieldPath
     from riot_bus_ros2.cdr_layout import Data, Step, Unpack
 
-__all__ = ["Element", "FieldPlan", "Move", "Way", "find_way", "make_plan"]
-
-
 _FEW_PARTS = 64  # grows with the square: 64 parts keep 2,000 moves, 1,000 would keep 500,000
 
 

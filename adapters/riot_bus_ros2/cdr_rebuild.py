@@ -28,10 +28,8 @@ from riot_bus_ros2.cdr_layout import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_ros2.cdr_layout import Data, Unpack
-
-__all__ = ["rebuild", "resized", "with_text"]
 
 
 def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Scalar]], bytes],

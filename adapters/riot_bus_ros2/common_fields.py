@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["UNITS", "allows_non_finite"]
-
 _VELOCITY = {"linear": "m/s", "angular": "rad/s"}
 _ACCELERATION = {"linear": "m/s^2", "angular": "rad/s^2"}
 _METRES = {"x": "m", "y": "m", "z": "m"}

@@ -5,8 +5,6 @@ rosbags' stores hold the messages of these packages, but no services.
 
 from __future__ import annotations
 
-__all__ = ["ACTIONS", "SERVICES"]
-
 SERVICES = {
     "action_msgs/srv/CancelGoal": "GoalInfo goal_info\n---\nint8 return_code\nGoalInfo[] goals_canceling\n",
     "composition_interfaces/srv/ListNodes": "---\nstring[] full_node_names\nuint64[] unique_ids\n",

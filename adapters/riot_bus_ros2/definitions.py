@@ -16,20 +16,6 @@ if TYPE_CHECKING:
 
     Definition = tuple[Constdefs, Fielddefs]
 
-__all__ = [
-    "KINDS",
-    "DefinitionError",
-    "Field",
-    "fields_of",
-    "interface_of",
-    "normal_name",
-    "parse_file",
-    "parse_idl",
-    "parse_msg",
-    "parse_recorded",
-    "references",
-]
-
 KINDS = ("msg", "srv", "action")
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4  # rosbags' Nodetype
 _MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node; Jazzy's longest have 4 kB

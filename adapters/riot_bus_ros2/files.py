@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.store import TypeStore
 
-__all__ = ["load_files"]
-
 _SUFFIXES = tuple(f".{kind}" for kind in KINDS)
 
 

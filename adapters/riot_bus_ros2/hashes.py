@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from riot_bus_ros2.definitions import Definition, Field
 
-__all__ = ["BASE_IDS", "BOUNDED", "COLLECTIONS", "NESTED", "PLACEHOLDER", "type_hash"]
-
 PLACEHOLDER = "structure_needs_at_least_one_member"
 """The field that rosidl gives to messages without any."""
 NESTED = 1

@@ -9,24 +9,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = [
-    "ACTION_PARTS",
-    "NO_HASH",
-    "SERVICES",
-    "DataKey",
-    "action_of",
-    "action_parts",
-    "action_type",
-    "build_data_key",
-    "dds_type",
-    "is_topic",
-    "is_topic_expression",
-    "key_expression",
-    "name_of_expression",
-    "parse_data_key",
-    "ros_type",
-]
-
 NO_HASH = "TypeHashNotSupported"
 
 _CHUNK = r"[^/\s#?$*@][^/\s#?$*]*"

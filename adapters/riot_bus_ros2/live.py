@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     Version = Literal[1, 2]
 
-__all__ = ["SERVICE", "ask_nodes", "described", "question", "services_of"]
-
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 _ENDING = "/get_type_description"
 _MOST_NODES = 8  # a node that does not answer takes 2 s (`_ANSWER_S` of riot_bus.zenoh.type_learner)

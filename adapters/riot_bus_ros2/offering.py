@@ -26,20 +26,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import RecordedTopic
 
-__all__ = [
-    "CLOCK_TOPIC",
-    "CLOCK_TYPE",
-    "NODE",
-    "clock_of",
-    "clock_payload",
-    "full_name",
-    "identity_of",
-    "offer_of",
-    "offer_on",
-    "ros_type_of",
-    "server_tokens",
-]
-
 NODE = "riot_play"
 """Name of the ROS node that a player appears as."""
 

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import Announcement, ParameterRequest
     from riot_bus.types.port import SegmentAccess
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus_ros2.store import TypeStore
-
-__all__ = ["refused_by", "request_of", "set_parameters"]
 
 ItemT = TypeVar("ItemT")
 

@@ -13,22 +13,6 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "AUTOMATIC",
-    "BEST_EFFORT",
-    "BY_TOPIC",
-    "FOREVER",
-    "KEEP_ALL",
-    "KEEP_LAST",
-    "LATCHED",
-    "RELIABLE",
-    "USUAL_DEPTH",
-    "VOLATILE",
-    "Duration",
-    "RosQos",
-    "parse_offered",
-]
-
 Duration = tuple[int, int]
 """Seconds and nanoseconds."""
 

@@ -19,18 +19,6 @@ from typing import Literal, get_args
 
 from riot_bus_ros2.qos import RosQos
 
-__all__ = [
-    "TOKENS",
-    "BridgeQos",
-    "BridgeToken",
-    "BridgeTokenKind",
-    "build_bridge_token",
-    "key_of",
-    "name_of",
-    "parse_bridge_token",
-    "request_attachment",
-]
-
 TOKENS = "@/*/@ros2_lv/**"
 """Key expression of the tokens of all bridges."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import Announcement, RecordedTopic, Stamp
     from riot_bus.types.model import MessageType
 
-__all__ = ["Ros2DdsAdapter"]
-
 _MOST_TYPES = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens, so this bounds memory
 
 

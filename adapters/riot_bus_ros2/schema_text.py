@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus_ros2.definitions import Definition, Field
 
-__all__ = ["schema_text"]
-
 _LINE = "=" * 80
 _PLAIN = re.compile(r"[\w./:+-](?:[\w ./:+-]*[\w./:+-])?")
 

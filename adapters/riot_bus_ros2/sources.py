@@ -22,17 +22,6 @@ if TYPE_CHECKING:
 
     Source = Callable[[str], Definition | None]
 
-__all__ = [
-    "DISTROS",
-    "HUMBLE",
-    "OLDER",
-    "from_ament",
-    "from_common_services",
-    "from_distribution",
-    "read_interface",
-    "rosbags_store",
-]
-
 HUMBLE = "ros2_humble"
 """The last distribution without hashes in keys."""
 DISTROS = ("ros2_kilted", "ros2_lyrical")

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.sources import Source
 
-__all__ = ["TypeStore"]
-
 _LONGEST = 1 << 12  # a guess: rosbags generates and compiles a line of code for each element
 _OF_USER = 2  # number of sources before the distributions
 _MOST_TOLD = 1 << 12  # a guess: nodes may describe any number of types, and each takes a store

@@ -21,17 +21,6 @@ from riot_bus_ros2.qos import RosQos
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = [
-    "TOKENS",
-    "EndpointKind",
-    "Node",
-    "NodeEndpoint",
-    "build_token",
-    "details_of",
-    "parse_token",
-    "profiles_of",
-]
-
 TOKENS = "@ros2_lv/**"
 """Key expression of all tokens of a network without a Zenoh namespace."""
 

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.backchain.proposers import Proposer, SearchMethod
     from riot_bus.vocabulary.trial import Progress
 
-__all__ = ["Activation", "Evaluation", "SharedHistory", "activate"]
-
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
 _REPEATS = 30

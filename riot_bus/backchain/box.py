@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Box", "Place", "RegionSample", "fit_box"]
-
 Place = tuple[float, ...]
 """Value of each field."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.backchain.encoding import Encoding
     from riot_bus.backchain.fir import Floats
 
-__all__ = ["CoordinateSearch"]
-
 _REACHES = (0.2, 0.35, 0.07)
 """Steps, as shares of a field's encoded range; the next one only if no field comes nearer with the previous one."""
 _FEW = 4

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
 
-__all__ = ["Encoding", "SearchField"]
-
 _DIGITS = 3  # steps of a thousandth of the distance from nominal: finer ones make no difference
 _FEW = 16  # a guess: modes have fewer values; counts and other quantities have more
 

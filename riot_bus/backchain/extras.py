@@ -9,8 +9,6 @@ from riot_bus.vocabulary.errors import needs_extra
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["strong_components", "student_reach"]
-
 
 def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int]:
     """Return the number of the strongly connected component of each node.

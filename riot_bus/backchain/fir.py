@@ -17,19 +17,6 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.injection import Signal
 
-__all__ = [
-    "Floats",
-    "Grid",
-    "Ints",
-    "LagColumns",
-    "RunColumns",
-    "fit_terms",
-    "fitted",
-    "lag_grid",
-    "memory_of",
-    "standardise",
-]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

@@ -10,8 +10,6 @@ from riot_bus.backchain.extras import strong_components
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-__all__ = ["ComponentTopics", "Hop", "TopicGraph"]
-
 _DEEPEST = 200
 """Most hops on one path of a tree that follows each topic once; real systems have a tenth of that."""
 

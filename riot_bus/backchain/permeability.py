@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Signal
     from riot_bus.vocabulary.trial import Progress, Series
 
-__all__ = ["Effect", "FieldDrive", "PermeabilityEdge", "PermeabilityResult", "Run", "Skipped", "analyse", "may_latch"]
-
 _MIN_SAMPLES = 8
 _ROUNDS = 8
 _CLEAR = 0.5

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
 
-__all__ = ["PORTFOLIO", "Evolution", "Forest", "History", "Proposer", "SearchMethod", "Simplex", "proposers"]
-
 _TREES = 40  # a guess: the forest is fitted anew for each proposal; not measured
 _CANDIDATES = 300  # a guess: 225 near the best points, 75 anywhere
 _FIT_LIMIT = 600  # three times the default budget; bounds the fit in long or shared searches

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.backchain.encoding import SearchField
     from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["FIT", "Region", "map_region"]
-
 _STRIDE = 4.0
 _ROUNDS = 20
 FIT = 0.9

@@ -11,8 +11,6 @@ from riot_bus.backchain.fir import Floats, fit_terms, fitted, memory_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["CHANNELS", "Effect", "residuals", "responses"]
-
 Effect = Literal["level", "change", "spread"]
 """Aspect of an internal field that follows an external one: its value, its innovations, or how much it varies."""
 

@@ -13,8 +13,6 @@ from riot_bus.backchain.fir import Floats, Ints, fit_terms, fitted
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Share", "estimate"]
-
 _TERMS = 4  # as in responses.py: the selected fields explain as much as in the test
 _FEWEST_GROUPS = 4  # Student's t: 3.2 standard errors with four groups, 4.3 with three, 12.7 with two
 

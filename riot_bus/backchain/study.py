@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.encoding import SearchField
 
-__all__ = ["Study"]
-
 _HINT = "a file of SQLite, such as sqlite:///studies.db, is enough for one machine"
 
 _BY, _FAILED = "riot_bus search", "failed"

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
 
-__all__ = ["Dimension", "Drive", "Recombination", "VariedInputs"]
-
 _PARTS = 3
 """Parts of a run: enough for a pulse that another value follows."""
 _WAVE_POINTS, _MOST_PERIODS = 16, 40

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["AppliesTo", "applied", "misfits", "naming_nothing", "never_applied"]
-
 
 @dataclass(frozen=True, slots=True)
 class AppliesTo:

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["CampaignResult", "run_campaign"]
-
 _ROUND = 8
 """Trials that are chosen together, so that one worker runs the same trials as eight."""
 _DRAWN = 4

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
 
-__all__ = ["CONFIRMATIONS", "GAP_NS", "join_logs", "more_nominal", "repeat", "repeat_in_order"]
-
 GAP_NS = 1_000_000
 """Nanoseconds between the end of a log and the start of the next, when logs are joined."""
 

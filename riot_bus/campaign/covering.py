@@ -24,8 +24,6 @@ from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
-__all__ = ["Covering", "failure_rates", "is_hang"]
-
 _LARGEST = 256
 """Most variations in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
 _MOST_MISSED = 3

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
-__all__ = ["Effects"]
-
 
 @dataclass(slots=True)
 class Effects:

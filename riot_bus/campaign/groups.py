@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Group", "groups_of", "parts_by_topic"]
-
 _ELEMENTS = 4  # a guess: the first, the last and two between; each multiplies the mutations
 _MOST_PLACES = 16  # four elements in each of two nested arrays
 _MOST_BYTES = 1 << 26  # as in schedule.py: what a change may add to all messages of a trial

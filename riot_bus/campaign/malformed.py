@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message, Scalar
 
-__all__ = ["malformations"]
-
 _LATER_ELEMENT = re.compile(r"\[[1-9]\d*\]")
 _LONG = 1000
 """Added elements of a long array: more than most buffers hold, though each may have kilobytes."""

@@ -19,8 +19,6 @@ from riot_bus.vocabulary.trial import Outcome, Verdict
 if TYPE_CHECKING:
     from riot_bus.campaign.variations import Placed, Variation
 
-__all__ = ["Novelties"]
-
 _MOST = 16
 """Most novelties that are pursued: a unit that shows something new each time would give an endless number."""
 _MOST_VALUES = 24

@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import Target, any_names, family_of, targets_of
+from riot_bus.campaign.targets import Target, any_names, family_of
 from riot_bus.campaign.variations import Variation, moves_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import SuggestedValue
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
-
-__all__ = ["Schedule", "Target", "message_faults", "positions_of", "targets_of"]
 
 _POLICIES = (1, 2, 3)
 _FIELDS = (1, 1, 2, 3)

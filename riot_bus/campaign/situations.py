@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Situation", "Window", "numbers_within", "situations_of"]
+    from riot_bus.vocabulary.message import Message, Scalar
 
 _SAMPLES = 400
 """Messages of a topic that are read, evenly spaced: a second at most for large ones; short situations are missed."""

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ATTEMPTS", "StoredRunner", "TrialStore", "stored_trials"]
-
 ATTEMPTS: Final = 3
 """Attempts to carry out a trial: one error may be chance, the third in a row is the result."""
 

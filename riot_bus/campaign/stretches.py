@@ -17,8 +17,6 @@ from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
-__all__ = ["ENOUGH", "Stretches"]
-
 _LEAST = 4
 """Fewest messages in a row that are a stretch: `Covering` tries three."""
 _FAULTS = 0.2

@@ -17,21 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.model import Leaf, MessageType
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = [
-    "ELEMENTS",
-    "Target",
-    "TypedPayload",
-    "any_names",
-    "family_of",
-    "may_change",
-    "samples_by_topic",
-    "spread",
-    "targets_of",
-    "with_observed",
-]
+    from riot_bus.vocabulary.message import Message, Scalar
 
 _SAMPLES = 5  # a guess: messages of a topic with the same fields nearly always
 ELEMENTS = 4

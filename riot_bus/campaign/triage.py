@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.injection import Injection
 
-__all__ = ["AfterOthers", "Failure", "Types", "add_history", "complexity", "finding_id", "group", "plainer", "severity"]
-
 Types = Mapping[tuple[str, str], str]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}

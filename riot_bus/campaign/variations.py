@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from riot_bus.vocabulary.injection import Injection
 
-__all__ = ["Moves", "Placed", "Variation", "moves_of", "sets_value"]
-
 _LATE = 10
 """Number of later messages of its topic after which a late message comes."""
 _OTHERS = 16

@@ -29,10 +29,8 @@ from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.base.workspace import Workspace
     from riot_bus.findings.known import KnownFindings
-
-__all__ = ["open_workspace", "register", "show"]
 
 FAULTS, INCONCLUSIVE = 1, 5  # exit codes, listed in docs/chain.md
 _TRIALS = 100  # a guess: about a minute at the demo's 0.5 s per trial on two cores
@@ -98,11 +96,11 @@ def open_workspace(
     """
     from rich.console import Console
 
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.base.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator, write_line
     from riot_bus.control.signals import END_S, ended_by_signals
+    from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
     from riot_bus.report.follow import ReportFollower, asked_report
-    from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 
     console = Console(stderr=True)
     out, form = options.out, options.form
@@ -137,8 +135,8 @@ def _interrupt() -> None:
 def _of_finding(
     finding: Path, options: RunOptions, system: Path | None = None, *, fresh: bool = False
 ) -> Iterator[tuple[Workspace, Path]]:
-    from riot_bus.chain.systems import system_of
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.base.systems import system_of
+    from riot_bus.chain.base.workspace import open_finding
 
     folder, record = open_finding(finding)
     options = replace(options, out=folder.parent.parent, seed=record.seed)
@@ -198,8 +196,8 @@ def demo(
     **given: Any,
 ) -> None:
     """Run all steps on the example rover, from a nominal recording to the inputs that make the system fail."""
-    from riot_bus.chain.demo import demo as run_demo
-    from riot_bus.chain.systems import find_example
+    from riot_bus.chain.base.systems import find_example
+    from riot_bus.chain.steps.demo import demo as run_demo
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.text import summary
 
@@ -228,7 +226,7 @@ def run_tests(
     **given: Any,
 ) -> None:
     """Test one unit, or the whole system, with exceptional values, and group failures into findings."""
-    from riot_bus.chain.robustness import test_unit
+    from riot_bus.chain.steps.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
     run = RunOptions(**given)
@@ -268,9 +266,9 @@ def analyze(
     **given: Any,
 ) -> None:
     """Run all steps on a system, from test to report; run it again to go on where it stopped."""
-    from riot_bus.chain.analyze import analyze_all
-    from riot_bus.chain.robustness import test_unit, tested
-    from riot_bus.chain.within import analyze_within
+    from riot_bus.chain.steps.analyze import analyze_all
+    from riot_bus.chain.steps.robustness import test_unit, tested
+    from riot_bus.chain.steps.within import analyze_within
     from riot_bus.config.arguments import parse_seconds
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.finding_view import load
@@ -337,7 +335,7 @@ def reproduce(
     """Check whether a finding still fails. Exit 0: fixed, 1: still failing, 4: cannot be run, 5: not decided."""
     from dataclasses import asdict
 
-    from riot_bus.chain.reproduce import reproduce as run_again
+    from riot_bus.chain.steps.reproduce import reproduce as run_again
     from riot_bus.vocabulary.counting import counted
 
     run = RunOptions(**given)

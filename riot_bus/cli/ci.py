@@ -19,11 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
-    from riot_bus.chain.ci import CiResult
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.base.workspace import Workspace
+    from riot_bus.ci.ci import CiResult
     from riot_bus.findings.known import KnownFindings
-
-__all__ = ["register"]
 
 DEFAULT_BASELINE = Path("riot-baseline.json")
 
@@ -91,7 +89,7 @@ def change(
 
     Exit 1 only for a confirmed finding that the baseline does not know, or marks as fixed.
     """
-    from riot_bus.chain.ci import CiPlan, run_ci
+    from riot_bus.ci.ci import CiPlan, run_ci
     from riot_bus.findings.known import KnownFindings
 
     known, run = KnownFindings.load(baseline), RunOptions(**given)
@@ -119,9 +117,9 @@ def batch(
 
     Exit 1 only for a finding that the baseline does not know, or marks as fixed.
     """
-    from riot_bus.chain.ci import CiPlan, run_ci
-    from riot_bus.chain.ci_baseline import accept as accepted
-    from riot_bus.chain.ci_baseline import check_keep, moment
+    from riot_bus.ci.ci import CiPlan, run_ci
+    from riot_bus.ci.ci_baseline import accept as accepted
+    from riot_bus.ci.ci_baseline import check_keep, moment
     from riot_bus.findings.known import KnownFindings
 
     known, run = KnownFindings.load(baseline), RunOptions(**given)
@@ -148,8 +146,8 @@ def prune(
     **given: Any,
 ) -> None:
     """Say which known findings are fixed. Exit 1 only if one that was marked as fixed fails again."""
-    from riot_bus.chain.ci_baseline import moment
-    from riot_bus.chain.ci_baseline import prune as pruned
+    from riot_bus.ci.ci_baseline import moment
+    from riot_bus.ci.ci_baseline import prune as pruned
     from riot_bus.cli.chain import show
     from riot_bus.findings.known import KnownFindings
 
@@ -172,8 +170,8 @@ def accept(
     keep: Keep = None,
 ) -> None:
     """Add findings to the baseline, so that they fail no build; those that were marked as fixed are open again."""
-    from riot_bus.chain.ci_baseline import accept as accepted
-    from riot_bus.chain.ci_baseline import found_in, moment
+    from riot_bus.ci.ci_baseline import accept as accepted
+    from riot_bus.ci.ci_baseline import found_in, moment
     from riot_bus.findings.known import KnownFindings
 
     known = KnownFindings.load(baseline)
@@ -191,7 +189,7 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Write the workflow for GitHub or GitLab: changes, nightly batches, and what is fixed."""
-    from riot_bus.chain.ci_init import init_ci
+    from riot_bus.ci.ci_init import init_ci
 
     print_lines(init_ci(folder, github=github, gitlab=gitlab, force=force))
 
@@ -209,7 +207,7 @@ def _opened(
     fresh: bool = False,
 ) -> tuple[list[str], Callable[[str, Path], AbstractContextManager[Workspace]]]:
     """Return the units, and a function that opens the workspace of one."""
-    from riot_bus.chain.ci import unit_folder, units_of
+    from riot_bus.ci.ci import unit_folder, units_of
     from riot_bus.cli.chain import open_workspace
     from riot_bus.report.follow import reports_of
 

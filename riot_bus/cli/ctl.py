@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Lines = Callable[[Mapping[str, Any]], list[str]]
 
-__all__ = ["Cfg", "Endpoint", "RouterName", "register"]
-
 Endpoint = Annotated[
     str,
     typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_ENDPOINT", help="Where the router listens."),

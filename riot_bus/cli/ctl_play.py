@@ -13,8 +13,6 @@ from riot_bus.cli.printing import print_result
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["group"]
-
 PlayerName = Annotated[
     str | None,
     typer.Option("--player", metavar="NAME", envvar="RIOT_PLAYER", help="The player's name, if several answer."),

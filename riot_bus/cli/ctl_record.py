@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from riot_bus.control.remote import Kind
 
-__all__ = ["group"]
-
 RecorderName = Annotated[
     str | None,
     typer.Option(

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.flags import Flag
 
-__all__ = ["annotation_of", "declared", "options_of", "with_options"]
-
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
 OptionsT = TypeVar("OptionsT")
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.campaign.bindings import AppliesTo
     from riot_bus.inject.dictionary_file import DictionaryFile
 
-__all__ = ["register"]
-
 _SHOWN = 8
 """Number of fields to name that a table applies to; JSON has all."""
 
@@ -56,7 +54,7 @@ def list_all(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """List the dictionaries of all installed packages, and those that a system file names."""
-    from riot_bus.chain.dictionaries import list_dictionaries
+    from riot_bus.chain.steps.dictionaries import list_dictionaries
 
     found = list_dictionaries(system)
     if form is OutputFormat.JSON:
@@ -81,7 +79,7 @@ def show(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Show the values and mutations of a dictionary and, given a log, the fields in it that they apply to."""
-    from riot_bus.chain.dictionaries import find_dictionary, log_to_apply_to, tables_applied
+    from riot_bus.chain.steps.dictionaries import find_dictionary, log_to_apply_to, tables_applied
 
     where = log_to_apply_to(log, system, unit)
     name, text = find_dictionary(name)
@@ -101,7 +99,7 @@ def validate(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Check a dictionary file and, given a log, what of it can never apply. Exit code 2: something is wrong."""
-    from riot_bus.chain.dictionaries import errors_of, log_to_apply_to
+    from riot_bus.chain.steps.dictionaries import errors_of, log_to_apply_to
     from riot_bus.vocabulary.errors import ConfigError
 
     where = log_to_apply_to(log, system, unit)

@@ -9,8 +9,7 @@ import typer
 from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_result
-
-__all__ = ["doctor", "interceptors"]
+from riot_bus.plugins import hook
 
 
 def doctor(
@@ -65,9 +64,7 @@ def doctor(
         typer.echo(f"{each.status:8} {each.name}: {each.text}" + (f"\n         cure: {each.cure}" if each.cure else ""))
     compared = []
     if transparency is not None:
-        from riot_bus.doctor.conformance.verdict import verdicts
-
-        for verdict in verdicts(transparency):
+        for verdict in hook("transparency", "riot_bus_conformance")(transparency):
             compared.append(verdict)
             if text:
                 typer.echo(str(verdict))
@@ -80,7 +77,6 @@ def doctor(
 def _access(endpoint: str, identities: list[str], robot: str | None, form: OutputFormat) -> None:
     from dataclasses import asdict
 
-    from riot_bus.agent.access_probe import probe_access
     from riot_bus.control.component import client_cfg
     from riot_bus.control.router_options import parse_cfg
     from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -90,7 +86,7 @@ def _access(endpoint: str, identities: list[str], robot: str | None, form: Outpu
         name, key, value = parse_cfg(each, "--identity")
         settings.setdefault(name, []).append(f"{key}={value}")
     configs = {name: client_cfg(texts) for name, texts in settings.items()}
-    found = probe_access(endpoint, configs, robot=robot, say=warn)
+    found = hook("access", "riot_bus_fleet")(endpoint, configs, robot=robot, say=warn)
     excess = [each for each in found if each.needed is False]
     marks = {True: "ok", False: "problem", None: ""}
     lines = [

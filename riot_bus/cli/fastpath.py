@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_origin
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["FastOption", "fast_options", "parse", "quick_start", "say", "start_router", "warn"]
-
 _WHOLE = r"[0-9]{1,18}"
 _DECIMAL = r"[0-9]{1,18}(\.[0-9]{1,18})?"
 

@@ -10,8 +10,6 @@ import typer
 from riot_bus.cli.ctl import Cfg, Endpoint, RouterName
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 
-__all__ = ["graph"]
-
 
 class GraphFormat(StrEnum):
     """How a graph is written to stdout."""

@@ -10,8 +10,6 @@ import typer
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_lines
 
-__all__ = ["guard"]
-
 
 class _Action(StrEnum):
     DROP = "drop"
@@ -31,8 +29,8 @@ def guard(
     """Print the lines for riot.toml that put a guard in front of a unit, and what it does to the finding's logs."""
     from dataclasses import asdict
 
-    from riot_bus.chain.guard import plan_guard
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.base.workspace import open_finding
+    from riot_bus.chain.steps.guard import plan_guard
 
     plan = plan_guard(open_finding(finding)[0], action=action.value)
     if form is OutputFormat.JSON:

@@ -13,9 +13,7 @@ from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.printing import print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
-from riot_bus.sut.init_options import InitOptions
-
-__all__ = ["init"]
+from riot_bus.draft.init_options import InitOptions
 
 
 @declared(InitOptions, before="cfg")
@@ -48,7 +46,7 @@ def init(
 
     Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """
-    from riot_bus.sut.init import init_links, init_plain, init_plain_log, init_ros2
+    from riot_bus.draft.init import init_links, init_plain, init_plain_log, init_ros2
     from riot_bus.vocabulary.errors import ConfigError
 
     config: dict[str, Any] = {}
@@ -85,7 +83,7 @@ def _written(file: str) -> str:
 
 
 def _plain_lines(found: dict[str, Any]) -> list[str]:
-    from riot_bus.sut.scaffold import draft_lines
+    from riot_bus.draft.scaffold import draft_lines
 
     return [*draft_lines(found), f"written: {found['file']}"]
 

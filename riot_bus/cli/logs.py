@@ -1,4 +1,4 @@
-"""`riot info`, `riot types`, `riot export`, `riot show`."""
+"""`riot info`, `riot types`, `riot show`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from riot_bus.cli.archives import messages_to_file
-from riot_bus.cli.fastpath import warn
-from riot_bus.cli.options import DEFAULT_OUT, Definitions, Format, OutputFormat, Salvage, Types
+from riot_bus.cli.options import DEFAULT_OUT, Definitions, Format, OutputFormat, Types
 from riot_bus.cli.printing import new_table, print_json, print_lines, print_result, print_table
 from riot_bus.vocabulary.redaction import escape_control_chars
 
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.types.fields import FieldType
     from riot_bus.types.listing import TypeListing
     from riot_bus.types.registry import TypeRegistry
-
-__all__ = ["export", "info", "show", "types"]
 
 _MOST_NAMES = 6
 """Names of values that fit in a line; `--format json` has all."""
@@ -59,7 +55,7 @@ def info(
     from riot_bus.log.info import log_info
     from riot_bus.log.reader import LogReader
 
-    log = _file_of(log)
+    log = file_of(log)
     with bar("reading") as progress:
         found = log_info(log, scan=scan, progress=progress)
     loss, ranges = found.loss, None
@@ -67,7 +63,7 @@ def info(
         with LogReader(log) as reader, bar("fields") as progress:
             from riot_bus.log.tables.ranges import field_ranges
 
-            registry = _registry(reader, type_, msg)
+            registry = registry_of(reader, type_, msg)
             ranges = field_ranges(reader, topics=topics, registry=registry, progress=progress)
             loss = loss or reader.loss
     if form is OutputFormat.JSON:
@@ -76,7 +72,7 @@ def info(
         _print_info(found)
         if ranges is not None:
             _print_ranges(ranges)
-    _end(loss, found, log)
+    end_with_loss(loss, found, log)
 
 
 def types(
@@ -98,67 +94,10 @@ def types(
         names = registry.type_names()
         print_result(form, names, names)
     elif _is_file(what):
-        _log_types(_file_of(Path(what)), topics, type_, msg, form)
+        _log_types(file_of(Path(what)), topics, type_, msg, form)
     else:
         listing = describe_named(what, registry)
         print_result(form, asdict(listing), [f"{listing.name} ({listing.encoding})", *_field_lines(listing)])
-
-
-def export(
-    log: Annotated[Path, typer.Argument(help="An MCAP file, or a folder with one.")],
-    *,
-    out: Annotated[
-        Path,
-        typer.Option("--out", "-o", metavar="FILE", help="File to write: .csv or .parquet, or .tlog for messages."),
-    ],
-    field: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TOPIC:FIELD", help="A column, such as '/odom:pose.pose.position.x'; repeatable."),
-    ] = None,
-    topics: Annotated[
-        list[str] | None, typer.Option(metavar="TOPIC", help="With .tlog: these topics alone; repeatable.")
-    ] = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
-    ] = None,
-    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
-    raw: Annotated[
-        bool, typer.Option("--raw", help="CSV: write texts as they are, even if a spreadsheet takes them for formulas.")
-    ] = False,
-    salvage: Salvage = False,
-    type_: Types = None,
-    msg: Definitions = None,
-    form: Format = OutputFormat.TEXT,
-) -> None:
-    """Write fields of a log as a table, one row per message; or its messages as a MAVLink .tlog file.
-
-    Exit code 3: the log is damaged, and what could be read was written.
-    """
-    from riot_bus.log.naming import parse_time
-    from riot_bus.log.reader import LogReader
-    from riot_bus.log.tables.export import export_table
-
-    log = _file_of(log)
-    with LogReader(log, salvage=salvage) as reader:
-        registry = _registry(reader, type_, msg)
-        begin = (reader.span() or (0, 0))[0] if start is not None or end is not None else 0
-    first = None if start is None else parse_time(start, begin, where="--start")
-    last = None if end is None else parse_time(end, begin, where="--end")
-    if field is None or topics is not None:
-        fields = field is not None
-        loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=fields, force=force, salvage=salvage)
-        _end(loss, None, log)
-        return
-    done = export_table(
-        log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage, raw=raw
-    )
-    document = {"file": str(out), "rows": done.rows, "values": done.values}
-    print_result(form, document, [f"{out}: {done.rows} rows"])
-    for name, count in done.values.items():
-        if not count:
-            warn(f"riot: no message has a value of {escape_control_chars(name)}")
-    _end(done.loss, None, log)
 
 
 def show(
@@ -172,7 +111,7 @@ def show(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Show the messages of a short log, or the few that a finding needs, and mark what was changed."""
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.base.workspace import open_finding
     from riot_bus.findings.records import FieldsRecord, MinimalRecord, shortest_log
     from riot_bus.log.reader import LogReader
     from riot_bus.log.showing import show_log
@@ -185,23 +124,25 @@ def show(
             notes = MinimalRecord.load(folder).lines()
             if FieldsRecord.exists(folder):
                 notes += [f"it needs that {one}" for one in FieldsRecord.load(folder).structure]
-    log = _file_of(log)
+    log = file_of(log)
     with LogReader(log) as reader:
-        shown = show_log(reader, registry=_registry(reader, type_, msg), most=most)
+        shown = show_log(reader, registry=registry_of(reader, type_, msg), most=most)
         loss = reader.loss
     document = {"log": str(log), **shown.to_json(), "notes": notes}
     print_result(form, document, [str(log), *shown.lines(), *notes])
-    _end(loss, None, log)
+    end_with_loss(loss, None, log)
 
 
-def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
+def registry_of(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
+    """Return a registry with the types of a log, and those that the user names."""
     from riot_bus.config.arguments import parse_types
     from riot_bus.log.tables.plan import log_registry
 
     return log_registry(reader, declared=parse_types(declared or ()), definitions=definitions or ())
 
 
-def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
+def end_with_loss(loss: Loss, found: LogInfo | None, log: Path) -> None:
+    """Raise DataLossError if something of a log could not be read, or was lost when it was recorded."""
     from riot_bus.vocabulary.errors import DataLossError
 
     lost = found.account.total() if found is not None and found.account is not None else 0
@@ -210,7 +151,7 @@ def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
         raise DataLossError("; ".join(filter(None, parts)), where=str(log), hint=loss.hint)
 
 
-def _file_of(log: Path) -> Path:
+def file_of(log: Path) -> Path:
     """Return the file of a log; a folder is accepted if it holds exactly one."""
     from riot_bus.log.rosbag2 import files_of
     from riot_bus.vocabulary.errors import ConfigError
@@ -292,13 +233,13 @@ def _log_types(
     from riot_bus.log.tables.plan import topic_types
 
     with LogReader(log) as reader:
-        found = topic_types(reader, _registry(reader, declared, definitions), topics)
+        found = topic_types(reader, registry_of(reader, declared, definitions), topics)
         loss = reader.loss
     lines = list[str]()
     for topic, listing in found:
         lines += [f"{topic}: {listing.name or 'unknown type'} ({listing.encoding})", *_field_lines(listing)]
     print_result(form, [{"topic": topic, **asdict(listing)} for topic, listing in found], lines)
-    _end(loss, None, log)
+    end_with_loss(loss, None, log)
 
 
 def _field_lines(listing: TypeListing) -> Iterator[str]:

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from riot_bus.events import RunEvent
 
-__all__ = ["ConsoleNarrator", "bar", "step_progress", "write_line"]
-
 _EVERY = 10.0
 """Seconds between lines of progress if there is no terminal."""
 

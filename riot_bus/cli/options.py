@@ -11,25 +11,6 @@ import typer
 from riot_bus.vocabulary.flags import Flag
 from riot_bus.vocabulary.flags import Seed as SeedFlag
 
-__all__ = [
-    "DEFAULT_OUT",
-    "DEFAULT_SYSTEM",
-    "CatalogueFile",
-    "Definitions",
-    "Finding",
-    "FindingsSystem",
-    "Format",
-    "OutputFormat",
-    "RunOptions",
-    "Salvage",
-    "StreamFormat",
-    "System",
-    "Tolerance",
-    "ToleranceFile",
-    "Types",
-    "UnitName",
-]
-
 DEFAULT_SYSTEM = Path("riot.toml")
 DEFAULT_OUT = Path("riot-out")
 

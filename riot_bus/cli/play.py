@@ -10,12 +10,9 @@ from typer.core import TyperCommand
 
 from riot_bus.cli.ctl import Cfg, Endpoint
 from riot_bus.cli.declared import declared, options_of
-from riot_bus.cli.diff import end_with, print_difference
 from riot_bus.cli.options import Format, OutputFormat, Tolerance, ToleranceFile
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 from riot_bus.play.options import Expectation, PlayOptions
-
-__all__ = ["register"]
 
 _CLOCK_HZ = "40"
 
@@ -24,6 +21,7 @@ class PlayCommand(TyperCommand):
     """Takes `--clock` without a number, as `ros2 bag play` does."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give `--clock` its default number where none follows."""
         words = list(args)
         for place, word in enumerate(args):
             following = args[place + 1 : place + 2]
@@ -77,13 +75,9 @@ def play(
         if not run_play(options, foreground):
             raise typer.Exit(INTERRUPTED)
         return
-    from riot_bus.log.comparison.compare import Wishes
-    from riot_bus.log.comparison.tolerances import tolerances_of
-    from riot_bus.sut.expectation import play_expecting
+    from riot_bus.plugins import hook
 
-    wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()))
-    found = play_expecting(options, Expectation(**given), foreground, wishes=wishes)
-    if found is None:
+    play_expecting = hook("play_expecting", "riot_bus_logtools")
+    given_tolerances = (tolerance or (), tolerances or ())
+    if not play_expecting(options, Expectation(**given), foreground, given_tolerances, html, form):
         raise typer.Exit(INTERRUPTED)
-    print_difference(found, html, form, event="compared")
-    end_with(found)

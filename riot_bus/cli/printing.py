@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-__all__ = ["json_safe", "new_table", "print_json", "print_lines", "print_result", "print_table"]
-
 _MOST_ROWS = 1000  # of tables that rich lays out: it takes 0.25 s for so many, and 15 s for a log's 60,000 topics
 _COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
 

@@ -14,8 +14,6 @@ from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
 from riot_bus.record.options import CaptureOptions
 
-__all__ = ["register"]
-
 _SECRET = ("--cfg", "--fleet-cfg")
 
 
@@ -59,7 +57,7 @@ def record(
     from riot_bus.cli.terminal import foreground_of
     from riot_bus.control.component import client_cfg
     from riot_bus.record.running import run_capture
-    from riot_bus.sut.context import invariants_of
+    from riot_bus.trial.context import invariants_of
     from riot_bus.vocabulary.errors import ConfigError
 
     if bag is not None and output is not None:

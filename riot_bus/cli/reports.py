@@ -12,8 +12,6 @@ from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_lines, print_result
 
-__all__ = ["compare", "findings", "predict", "report", "trials"]
-
 
 def report(
     finding: Annotated[
@@ -50,7 +48,7 @@ def report(
     ] = None,
 ) -> None:
     """Report a finding as one self-contained HTML page, or in another format; some report a whole campaign."""
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.base.workspace import open_finding
     from riot_bus.plugins import REPORTS
     from riot_bus.report.campaign_view import is_output_folder
     from riot_bus.report.formats import CampaignFormat, append_summary, beside_baseline, render, view_of, write_file
@@ -122,7 +120,7 @@ def trials(
         for row in rows:
             typer.echo(json.dumps(row))
         return
-    from riot_bus.log.tables.export_parquet import write_rows
+    from riot_bus.log.tables.parquet_rows import write_rows
 
     write_rows(out, rows)
     typer.echo(str(out))
@@ -150,8 +148,8 @@ def predict(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if that is not known."""
-    from riot_bus.chain.scan import predict_log
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.base.workspace import open_finding
+    from riot_bus.chain.unit.rule_on_logs import predict_log
     from riot_bus.vocabulary.errors import InconclusiveError
 
     found = predict_log(log, open_finding(finding)[0])

@@ -8,8 +8,6 @@ import typer
 
 from riot_bus import __version__
 
-__all__ = ["options"]
-
 
 def _version(value: bool) -> None:  # noqa: FBT001 - called by typer
     if value:

@@ -13,8 +13,6 @@ from riot_bus.cli.fastpath import start_router
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 
-__all__ = ["ComponentCfg", "Host", "register"]
-
 Host = Annotated[str | None, typer.Option(help="The router's machine, for components on another one.")]
 ComponentCfg = Annotated[
     list[str] | None,

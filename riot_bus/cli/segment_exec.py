@@ -11,8 +11,6 @@ import typer
 from riot_bus.cli.fastpath import warn
 from riot_bus.cli.router import ComponentCfg, Host
 
-__all__ = ["register"]
-
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""

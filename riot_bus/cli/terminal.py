@@ -16,8 +16,6 @@ import typer
 from riot_bus.cli.options import OutputFormat
 from riot_bus.control.terminal import Foreground
 
-__all__ = ["Terminal", "foreground_of", "split_keys"]
-
 _LOCAL = 3  # of tcgetattr: local modes
 _COLUMNS = 80  # of a terminal that does not report its width
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}

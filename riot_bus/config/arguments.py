@@ -10,8 +10,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["DEFAULT_ENDPOINT", "parse_seconds", "parse_size", "parse_types", "size_text"]
-
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a router of this machine listens: Zenoh's own port, segment `system` of `riot router`."""
 

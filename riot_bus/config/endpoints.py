@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["ENCRYPTED", "PROTOCOLS", "Endpoint", "overlap", "parse_endpoint", "split_endpoints"]
-
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
 """What the Zenoh wheel can listen on and connect to."""
 

@@ -18,8 +18,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["DEFAULT_SEGMENTS", "SEGMENT_NAME", "RouterSettings", "SegmentSettings", "forbidden", "router_keys"]
-
 SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
 
 _LISTEN = "write listen = [...] in the segment's table"

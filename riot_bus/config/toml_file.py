@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from pydantic import ValidationError
 
-__all__ = ["MistakeError", "explained", "line_of", "place_of", "read_toml"]
-
 
 class MistakeError(ValueError):
     """A mistake in a table; `explained` finds it in pydantic's error.

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.graph.observe import WatchedBus
     from riot_bus.zenoh.scouting import Answer, Scouting
 
-__all__ = ["Bypass", "BypassFinder", "BypassWatch"]
-
 _LOG = logging.getLogger(__name__)
 
 

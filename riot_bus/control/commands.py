@@ -14,8 +14,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["LARGEST_PAYLOAD", "Command", "CommandRequest", "answer", "number_of", "refusal", "reporting"]
-
 _VERSION = 1  # of the answers' format
 
 LARGEST_PAYLOAD = 1 << 20  # any client of a segment may send more; a plan, the largest payload, is a text file

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.control.environment import Flavour
     from riot_bus.control.router_flags import RouterOptions
 
-__all__ = ["client_cfg", "component_environment", "segment_access"]
-
 
 def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "--cfg") -> dict[str, Any]:
     """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.config.router_settings import SegmentSettings
     from riot_bus.zenoh.session_config import SessionConfig
 
-__all__ = [
-    "Flavour",
-    "client_settings",
-    "environment",
-    "environment_lines",
-    "missing_for_clients",
-    "override",
-    "reachable",
-    "session_file",
-    "write_session_file",
-]
-
 Flavour = Literal["rmw_zenoh", "zenoh"]
 """Programs that read the environment: nodes of ROS 2 under `rmw_zenoh_cpp`, or programs that use Zenoh themselves."""
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 
-__all__ = ["bridge_warnings", "exposure_warnings"]
-
 
 def exposure_warnings(settings: RouterSettings) -> list[str]:
     """Return one line per listener that every host of the network can use, reading and writing every key.

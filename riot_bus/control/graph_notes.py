@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from riot_bus.graph.model import Graph
 
-__all__ = ["GraphNotes"]
-
 
 class GraphNotes:
     """Notes of the graph in the present log; thread-safe.

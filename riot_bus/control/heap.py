@@ -8,8 +8,6 @@ import os
 from functools import cache
 from typing import Any
 
-__all__ = ["calm_collector", "roomy_heap", "steady_heap", "trim_heap"]
-
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # as mallopt numbers them
 _BYTES = 1 << 17  # what glibc begins with
 _LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28  # glibc accepts no mmap threshold above 32 MiB; keeps eight such blocks

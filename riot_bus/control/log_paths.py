@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["claim", "file_stem", "safe_path"]
-
 _LONGEST_NAME = 240  # leaves 15 of the 255 bytes of NAME_MAX for numbers and extensions that are added
 
 

@@ -10,8 +10,6 @@ from riot_bus.config.arguments import parse_size
 from riot_bus.control.signals import force_end_after
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
-__all__ = ["check_memory", "memory_limit", "resident_bytes"]
-
 _VARIABLE = "RIOT_MEMORY_LIMIT"
 _SHARE = 0.75
 """Share of the memory of the machine or control group: the rest is for the kernel's buffers and an orderly end."""

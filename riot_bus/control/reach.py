@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh.scouting import Answer
 
-__all__ = ["Bypass", "Contact", "Sightings", "judge"]
-
 _MULTICAST = (
     "set scouting/multicast/enabled to false in its Zenoh configuration "
     "(ROS 2: ZENOH_CONFIG_OVERRIDE='scouting/multicast/enabled=false')"

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Recordings"]
-
 _OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the same
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Client
 
-__all__ = ["ForgedAnswerError", "Remote", "ask", "document_of", "error_from", "find_routers", "graphs", "plan_payload"]
-
 _TIMEOUT_S = 30.0  # a guess: a router on a loaded machine answers in tenths of a second
 _FIND_S = 3.0  # one process that hangs delays the list by as much
 _TRIES = 8

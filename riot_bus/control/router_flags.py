@@ -7,8 +7,6 @@ from typing import Annotated
 
 from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Seed, Types
 
-__all__ = ["RouterOptions"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterOptions:

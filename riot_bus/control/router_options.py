@@ -21,18 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = [
-    "interceptors_of",
-    "intercepts",
-    "load_router",
-    "merged",
-    "parse_cfg",
-    "parse_endpoints",
-    "plan_of",
-    "registry_of",
-    "settings_of",
-]
-
 DEFAULT_SYSTEM = Path("riot.toml")
 
 

@@ -19,13 +19,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from riot_bus.config.router_settings import RouterSettings
-    from riot_bus.control.bypass import Bypass
+    from riot_bus.control.reach import Bypass
     from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
     from riot_bus.control.terminal import Foreground
     from riot_bus.router.counts import Losses
-
-__all__ = ["Upkeep", "report_end", "router_of", "run_router"]
 
 _TRIM_S = 20.0  # a guess: walks all heaps of the C library, and what is freed comes back slowly anyway
 _HELD_UP_S = 60.0

@@ -29,15 +29,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from riot_bus.config.router_settings import RouterSettings
-    from riot_bus.control.bypass import Bypass
     from riot_bus.control.commands import CommandRequest
+    from riot_bus.control.reach import Bypass
     from riot_bus.graph.model import Graph
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.zenoh.network import Network
     from riot_bus.zenoh.scouting import Scouting
-
-__all__ = ["ROUTER_COMMANDS", "RouterService"]
 
 _LOG = logging.getLogger(__name__)
 _END_S = 10.0  # for a change that is in progress when the router ends: as long as a bus may take to open

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["LoadScheduling"]
-
 _BUSY, _CALM = 0.6, 0.4  # shares of one processor; the gap prevents switching to and fro at a steady load
 _SHORTEST_S = 0.1  # a shorter time would show single bursts; calls come about every 0.2 s
 _AGAIN_S = 5.0  # reads a file in /proc for each thread, up to 128 of them receive threads per segment

@@ -24,16 +24,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = [
-    "FILES",
-    "NOT_ISOLATED",
-    "endpoints_of",
-    "export",
-    "exported_endpoints",
-    "segment_variables",
-    "write_session_files",
-]
-
 _ENDPOINTS, FILES, _DOMAINS = "RIOT_ENDPOINTS", "RIOT_ZENOH_FILES", "RIOT_DOMAINS"
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _FILE = "zenoh-{}.json5"

@@ -28,8 +28,6 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-__all__ = ["become", "environment_in", "session_files_folder"]
-
 
 def environment_in(
     segment: str,

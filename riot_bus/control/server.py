@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Control", "free_name"]
-
 _LOG = logging.getLogger(__name__)
 _MOST_QUEUED = 64  # a guess: commands of people; in a flood, the oldest queries end unanswered
 _MOST_URGENT = 1024

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from types import FrameType
 
-__all__ = ["END_S", "ended_by_signals", "force_end_after", "let_run"]
-
 END_S = 30.0
 """Time allowed for an orderly end: routers end within a second, recorders still write their queue to disk."""
 

@@ -14,7 +14,7 @@ from riot_bus.zenoh.session_config import is_control
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from riot_bus.control.bypass import Bypass
+    from riot_bus.control.reach import Bypass
     from riot_bus.graph.model import Graph
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
@@ -22,17 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.router.counts import Losses
     from riot_bus.zenoh.segments import Segment
-
-__all__ = [
-    "bypass_rows",
-    "count_rows",
-    "count_table",
-    "interceptor_rows",
-    "loss_rows",
-    "plan_row",
-    "segment_rows",
-    "shown_endpoints",
-]
 
 MOST_TOPICS = 2000
 """Number of topics that are listed one by one, the busiest; the rest are summed up in one row."""

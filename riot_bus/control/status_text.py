@@ -11,8 +11,6 @@ from riot_bus.vocabulary.redaction import escape_control_chars
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["answer_lines", "bypass_lines", "counts_lines", "status_lines"]
-
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
     """Return the lines of an answer to `status`, most important first."""

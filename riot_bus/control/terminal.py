@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.runner import Pipeline
 
-__all__ = ["Console", "Foreground"]
-
 _LOOK_S = 0.2  # the longest delay of a key or signal; five looks a second cost little
 
 

@@ -12,14 +12,13 @@ from riot_bus.router.worker import Worker
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.control.bypass import Bypass, BypassWatch
+    from riot_bus.control.bypass import BypassWatch
+    from riot_bus.control.reach import Bypass
     from riot_bus.graph.model import ConnectedComponent, Graph, GraphChange
     from riot_bus.graph.watch import GraphWatch
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh.scouting import Scouting
-
-__all__ = ["Watches"]
 
 _LOG = logging.getLogger(__name__)
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh.scouting import Answer, Scouting
 
-__all__ = ["Check", "Facts", "check", "gather", "judge"]
-
 Status = Literal["ok", "warning", "problem"]
 
 _LEAST_PYTHON = (3, 11)  # requires-python in pyproject.toml

@@ -16,18 +16,6 @@ from typing import Literal
 from riot_bus.graph.processes import command, endpoint_of
 from riot_bus.zenoh.session import prepare_runtime
 
-__all__ = [
-    "PortState",
-    "Runtime",
-    "SharedMemory",
-    "open_files",
-    "port",
-    "python",
-    "runtime",
-    "shared_memory",
-    "versions",
-]
-
 _PACKAGES = ("riot-bus", "eclipse-zenoh", "mcap", "numpy", "psutil", "pydantic")
 _SHARED = Path("/dev/shm")  # noqa: S108 - Zenoh's own place
 

@@ -10,8 +10,6 @@ from pydantic import Field
 from riot_bus.findings.records import PLAYED, Artefact, ProportionRecord, Value, _Model
 from riot_bus.vocabulary.counting import counted
 
-__all__ = ["ActivationRecord", "PointRecord", "RangeRecord", "RegionRecord"]
-
 
 class PointRecord(_Model):
     """One run of the whole system: external values, the least distance to the rule, and whether it failed."""

@@ -9,8 +9,6 @@ from pydantic import Field
 from riot_bus.findings.records import Artefact, _Model
 from riot_bus.vocabulary.counting import counted
 
-__all__ = ["BacktrackRecord", "EvidenceRecord", "StepRecord"]
-
 
 class EvidenceRecord(_Model):
     """Evidence in the logs that one field follows another; `reason` says why this was not tested."""

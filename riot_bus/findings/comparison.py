@@ -13,8 +13,6 @@ from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["ComparedFinding", "Comparison", "compare"]
-
 _Failure = tuple[str, ProportionRecord | None]
 Change = Literal["new", "comes more often", "still failing", "comes less often", "not seen"]
 """What became of a failure, in the order in which failures are listed."""

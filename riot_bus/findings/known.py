@@ -21,8 +21,6 @@ from riot_bus.given_files import given_text, leads_out
 from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["KnownFinding", "KnownFindings", "fingerprint_of", "title_of"]
-
 _LARGEST = 16 << 20  # read and parsed as a whole; leaves 1.6 KiB for each of `_MOST` findings
 _MOST = 10_000  # a guess: more than people would merge and annotate in one file
 _CONFLICT = ("<<<<<<<", "=======", ">>>>>>>")

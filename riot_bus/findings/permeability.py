@@ -9,8 +9,6 @@ from pydantic import Field
 from riot_bus.findings.records import PLAYED, Artefact, _Model
 from riot_bus.vocabulary.counting import counted
 
-__all__ = ["Design", "EdgeRecord", "PathRecord", "PermeabilityRecord", "StageRecord"]
-
 Design = Literal["within runs", "between runs", "beyond nominal"]
 """How a pair of fields was tested: many values in each run, one value per run, or one per run beyond nominal."""
 

@@ -28,28 +28,6 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import SEVERITIES
 
-__all__ = [
-    "PLAYED",
-    "AbsentRecord",
-    "Artefact",
-    "CampaignRecord",
-    "CertificateRecord",
-    "EffectsRecord",
-    "FieldRecord",
-    "FieldsRecord",
-    "FindingRecord",
-    "MinimalRecord",
-    "ProportionRecord",
-    "RuleRecord",
-    "RuleSample",
-    "SimplifiedRecord",
-    "StructureRecord",
-    "UnconfirmedRecord",
-    "UnjudgedRecord",
-    "Value",
-    "shortest_log",
-]
-
 _LOG = logging.getLogger(__name__)
 RecordT = TypeVar("RecordT", bound="Artefact")
 

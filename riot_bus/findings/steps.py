@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.records import Artefact
 
-__all__ = ["STEPS", "ChainStep", "StepOption", "find_step", "further_steps"]
-
 
 class StepOption(NamedTuple):
     """An option of a step on the command line.
@@ -77,7 +75,7 @@ MINIMIZE = ChainStep(
     "minimal log",
     "Shrink a finding's failing log to the few messages that are needed.",
     "riot_bus.findings.records:MinimalRecord",
-    "riot_bus.chain.minimize:minimize",
+    "riot_bus.chain.steps.minimize:minimize",
     (StepOption("budget", 2000, "Maximum number of trials.", min=2),),
 )
 RELEVANCE = ChainStep(
@@ -85,7 +83,7 @@ RELEVANCE = ChainStep(
     "relevant fields",
     "Find the fields that matter, each shown by two trials that differ in it alone.",
     "riot_bus.findings.records:FieldsRecord",
-    "riot_bus.chain.relevance:relevance",
+    "riot_bus.chain.steps.relevance:relevance",
     (StepOption("budget", 1000, "Maximum number of trials of the search.", min=2),),
 )
 RULES = ChainStep(
@@ -93,7 +91,7 @@ RULES = ChainStep(
     "rule",
     "Learn when exactly the unit fails, as a rule in one line.",
     "riot_bus.findings.records:RuleRecord",
-    "riot_bus.chain.rules:rules",
+    "riot_bus.chain.steps.rules:rules",
     (StepOption("budget", 160, "Trials for learning.", min=10),),
 )
 PERMEABILITY = ChainStep(
@@ -101,7 +99,7 @@ PERMEABILITY = ChainStep(
     "external fields",
     "Find the external fields that reach the relevant ones, by perturbing the whole system.",
     "riot_bus.findings.permeability:PermeabilityRecord",
-    "riot_bus.chain.permeability:permeability",
+    "riot_bus.chain.steps.permeability:permeability",
     (
         StepOption(
             "runs", 8, "Long runs of the whole system; where these cannot tell, several times as many follow.", min=2
@@ -115,7 +113,7 @@ ACTIVATE = ChainStep(
     "activation",
     "Drive the external inputs until the whole system fails.",
     "riot_bus.findings.activation:ActivationRecord",
-    "riot_bus.chain.activation:activation",
+    "riot_bus.chain.steps.activation:activation",
     (
         StepOption("budget", 200, "Runs of the whole system for the search; at most as many more confirm it.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),

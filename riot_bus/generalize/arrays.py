@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from riot_bus.vocabulary.elements import QUANTITIES, Elements, Quantity, quantity_of
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["columns_of_array", "drawn_elements", "known_elements", "with_column"]
+from riot_bus.vocabulary.message import Scalar
 
 Column = tuple[str, str, Callable[[Elements], Scalar]]
 """Name, type, and the function that reads it."""

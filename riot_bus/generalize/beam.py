@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from riot_bus.generalize.features import Array, Feature
+from riot_bus.generalize.expressions import Array
+from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import LARGEST_SET, Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.table import Candidate, concrete
-
-__all__ = ["Learnt", "learn", "learn_guarded"]
 
 ERROR_BITS = 12.0
 """Cost of one sample that the rule gets wrong."""

@@ -17,9 +17,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.numbers import between, simplest
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.sampling import Assignment, Variable, fit, integer_range
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Flip", "edges_of", "farther_base", "linear_features", "middle_of"]
+from riot_bus.vocabulary.message import Scalar
 
 NARROW = 1e-3
 """Sufficient width of an edge, relative to its distance from nominal: coefficients have few digits."""

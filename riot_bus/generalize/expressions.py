@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from riot_bus.vocabulary.elements import quantity_of
 
-__all__ = ["OPERATORS", "TEXTS", "Applied", "Array", "Name", "Node", "evaluate", "numeric", "of_text", "text"]
-
 Array = npt.NDArray[Any]
 
 

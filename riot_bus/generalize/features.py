@@ -12,12 +12,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, numeric, text
+from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, text
 from riot_bus.generalize.numbers import number_bits
 from riot_bus.vocabulary.elements import quantity_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-__all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "casts_of", "features_of", "numeric"]
 
 Constant = int | str | bytes | tuple[int | float, ...] | None
 

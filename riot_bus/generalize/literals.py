@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from riot_bus.generalize.expressions import Applied, text
-from riot_bus.generalize.features import FLAGS, Array, Feature, numeric
+from riot_bus.generalize.expressions import Applied, Array, numeric, text
+from riot_bus.generalize.features import FLAGS, Feature
 from riot_bus.generalize.margins import WRAPS, arc_distance, boundary_distance
 from riot_bus.generalize.numbers import number_text
 from riot_bus.vocabulary.elements import Quantity, quantity_of
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.order import order_of
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["FAR", "OPERATORS", "Literal", "arc_distances"]
 
 FAR = 1e18
 """Distance of values that have none (NaN, other types), and the upper bound of all distances."""

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from riot_bus.generalize.features import Array, Feature
-
-__all__ = ["WRAPS", "arc_distance", "boundary_distance"]
+from riot_bus.generalize.expressions import Array
+from riot_bus.generalize.features import Feature
 
 WRAPS = re.compile("(wrap|signed|cast)(sub|mul)?(?=[0-9])")
 """Beginning of the kinds of features that wrap around; the number of bits follows."""

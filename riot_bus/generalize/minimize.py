@@ -15,8 +15,6 @@ from riot_bus.generalize.oracle import BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["CONFIDENCE", "Minimal", "minimize"]
-
 SAME_GROUP = 8.0
 """Factor by which a message is likelier to be needed when another one of its group (topic) is."""
 

@@ -8,8 +8,6 @@ import sys
 from decimal import Decimal
 from functools import lru_cache
 
-__all__ = ["between", "logarithmic", "number_bits", "number_text", "simplest", "step"]
-
 Number = int | float
 
 _DIGIT = math.log2(10)

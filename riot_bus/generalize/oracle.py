@@ -11,8 +11,6 @@ from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["WAVES", "BudgetSpentError", "Trials", "assignment_key", "same_scalar", "scalar_key"]
-
 QuestionT = TypeVar("QuestionT")
 
 WAVES = 4

@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 
 from riot_bus.generalize.beam import Learnt
-from riot_bus.generalize.features import Array, Feature
+from riot_bus.generalize.expressions import Array
+from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import compare
 from riot_bus.generalize.margins import WRAPS
 from riot_bus.generalize.numbers import between, logarithmic, number_bits, step
@@ -19,9 +20,7 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, changed, columns_of, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["around", "decisive", "inversions", "narrowed", "probe_threshold", "widen", "without"]
+from riot_bus.vocabulary.message import Scalar
 
 Number = int | float
 

@@ -15,9 +15,8 @@ from typing import Literal
 
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
 from riot_bus.statistics.noise import Noise
-from riot_bus.vocabulary.trial import Ask, Progress, Scalar
-
-__all__ = ["Certificate", "FieldSpace", "Relevance", "RelevantField", "relevant_fields"]
+from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.trial import Ask, Progress
 
 DOUBT = 0.05
 """One minus the confidence of `Relevance.bound`."""

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from riot_bus.generalize import rule_json
-from riot_bus.generalize.features import Array
+from riot_bus.generalize.expressions import Array
 from riot_bus.generalize.literals import FAR, Literal, arc_distances
-
-__all__ = ["Rule"]
 
 
 @dataclass(frozen=True, slots=True)

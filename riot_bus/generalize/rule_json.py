@@ -10,8 +10,6 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal, Value
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["VERSION", "decode", "encode"]
-
 VERSION = 1
 MOST_TERMS = 64  # 16 times what is learnt (`beam.MOST_TERMS`); bounds the work that an untrusted rule causes
 LONGEST_NAME = 1024  # a guess: longer than names of fields; bounds the size of an untrusted rule

@@ -16,7 +16,8 @@ import numpy as np
 
 from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
-from riot_bus.generalize.features import Array, casts_of
+from riot_bus.generalize.expressions import Array
+from riot_bus.generalize.features import casts_of
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
 from riot_bus.generalize.refine import around, decisive, inversions, narrowed, probe_threshold, widen
@@ -35,9 +36,8 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.validation import Estimate, near_limits, scores
 from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Ask, Progress, Scalar
-
-__all__ = ["Alternative", "Estimate", "LearnedRule", "Sample", "Variable", "learn_from", "learn_rule"]
+from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.trial import Ask, Progress
 
 COMMITTEE = 4
 POOL = 240

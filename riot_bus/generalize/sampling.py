@@ -12,26 +12,12 @@ from typing import Any
 import numpy as np
 
 from riot_bus.generalize.arrays import Column, columns_of_array, drawn_elements, known_elements, with_column
-from riot_bus.generalize.features import Array
+from riot_bus.generalize.expressions import Array
 from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.texts import varied
 from riot_bus.vocabulary.elements import Elements, Setting
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = [
-    "TYPES",
-    "Sampler",
-    "Variable",
-    "changed",
-    "columns_of",
-    "fit",
-    "fitted",
-    "integer_range",
-    "interesting",
-    "row_of",
-    "scalars_of",
-]
+from riot_bus.vocabulary.message import Scalar
 
 Assignment = Mapping[str, Setting]
 

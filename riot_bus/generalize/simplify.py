@@ -15,8 +15,6 @@ from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["Levels", "Simplified", "simplify"]
-
 Levels = tuple[int, ...]
 """A rung for each ladder."""
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from riot_bus.generalize.features import FLAGS, Array, Feature, features_of
+from riot_bus.generalize.expressions import Array
+from riot_bus.generalize.features import FLAGS, Feature, features_of
 from riot_bus.generalize.literals import LARGEST_SET, Literal, Value
 from riot_bus.generalize.numbers import number_bits, simplest, step
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of, integer_range, row_of, scalars_of
-from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Candidate", "Table", "concrete"]
+from riot_bus.vocabulary.message import Scalar
 
 BOUNDARIES = 24
 """Maximum number of thresholds tried per feature."""

@@ -6,8 +6,6 @@ import random
 from collections.abc import Sequence
 from typing import TypeVar
 
-__all__ = ["resized", "varied"]
-
 TextT = TypeVar("TextT", str, bytes)
 
 LONGEST = 4096

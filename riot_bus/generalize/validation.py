@@ -23,8 +23,6 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.elements import Setting
 
-__all__ = ["Estimate", "Scores", "near_limits", "scores"]
-
 Number = int | float
 
 _DECIDED, _KNOWN = 0.5, 0.8

@@ -12,10 +12,8 @@ from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from riot_bus.graph.observations import Observations
-    from riot_bus.types.bridging import BridgedLink
     from riot_bus.types.capabilities import Role
-
-__all__ = ["build"]
+    from riot_bus.types.port import BridgedLink
 
 _ONLY = "only component"
 _BRIDGE = "bridge"

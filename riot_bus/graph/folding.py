@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import Role
 
-__all__ = ["folded", "names"]
-
 _BELOW = "/_action/"
 
 

@@ -13,8 +13,6 @@ from riot_bus.graph.render import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-__all__ = ["graph_from", "record", "replay"]
-
 _PARTS: dict[str, type[Any]] = {"components": ConnectedComponent, "topics": Topic, "edges": Edge, "unknown": Unknown}
 
 

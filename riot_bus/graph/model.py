@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import Role
 
-__all__ = ["CALL_ROLES", "ConnectedComponent", "Edge", "Graph", "GraphChange", "Topic", "Unknown"]
-
 Part = Literal["component", "topic", "edge", "unknown"]
 
 CALL_ROLES: tuple[Role, ...] = ("serves", "calls")

@@ -9,10 +9,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from riot_bus.graph.processes import SocketOwner
-    from riot_bus.types.bridging import BridgedLink
     from riot_bus.types.capabilities import Announcement
-
-__all__ = ["Observations"]
+    from riot_bus.types.port import BridgedLink
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from riot_bus.graph.processes import SocketOwner
-    from riot_bus.types.bridging import BridgedLink
+    from riot_bus.types.port import BridgedLink
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
-
-__all__ = ["Observer", "WatchedBus"]
 
 _MOST_WATCHED = 2_000  # over all segments; each one slows publishing on undeclared keys (see `_watch`)
 _MOST_SELDOM = 200  # a tenth of `_MOST_WATCHED`: components may make up any number of such keys

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-__all__ = ["Connection", "SocketOwner", "connections", "endpoint_of", "owners"]
-
 _INTERPRETERS = ("python", "ruby", "node", "java", "perl", "bash", "sh")
 _FEW = 1
 

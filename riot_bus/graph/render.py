@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.graph.model import Edge, Graph
 
-__all__ = ["VERSION", "dot", "graph_json", "mermaid", "render", "text"]
-
 VERSION = 1
 """Version of the JSON format."""
 

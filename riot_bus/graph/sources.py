@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["AdminView", "SegmentSource", "admin_views"]
-
 _ANSWER_S = 1.0  # one hung session must not block a look; other answers are faster, not measured
 
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import Announcement
 
-__all__ = ["supplemented", "without_listener"]
-
 _BY_MATCHING = frozenset({"matching", "only component"})
 
 

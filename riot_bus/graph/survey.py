@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Started", "Survey", "started_at", "survey"]
-
 _MOST_TOKENS = 50_000  # anyone may declare tokens: at 300 bytes each, both sets take 30 MB
 
 Link = tuple[tuple[str, int], tuple[str, int]]

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import Role
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["ADVANCED", "expressions", "parse_token"]
-
 ADVANCED = "**/@adv/**"
 """Keys of the tokens of advanced publishers and subscribers. `@...` chunks are verbatim: no `**` matches them."""
 

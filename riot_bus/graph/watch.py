@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.graph.model import GraphChange
     from riot_bus.graph.observe import WatchedBus
 
-__all__ = ["GraphWatch"]
-
 _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02
 _MOST_S = 30.0

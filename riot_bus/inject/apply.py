@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["changed_by", "inject_log"]
-
 
 def inject_log(
     messages: Sequence[Message],

@@ -28,7 +28,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from riot_bus.given_files import MOST_TOML, given_text
-from riot_bus.inject.dictionary_file import TYPES, RawEntry, binds, check_type, eligible, plain_value, read_file
+from riot_bus.inject.dictionary_file import RawEntry, binds, check_type, eligible, plain_value, read_file
 from riot_bus.inject.mutations import Mutation, read_mutations
 from riot_bus.plugins import DICTIONARIES
 from riot_bus.types.capabilities import SuggestedValue
@@ -38,9 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["TYPES", "Dictionary", "SuggestedValue", "eligible", "installed_files", "load_dictionary", "own_text"]
+    from riot_bus.vocabulary.message import Scalar
 
 _INDEX = re.compile(r"\[\d+\]")
 

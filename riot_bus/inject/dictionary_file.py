@@ -13,20 +13,7 @@ from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = [
-    "TYPES",
-    "DictionaryFile",
-    "RawEntry",
-    "RawField",
-    "binds",
-    "check_type",
-    "eligible",
-    "json_schema",
-    "plain_value",
-    "read_file",
-]
+    from riot_bus.vocabulary.message import Scalar
 
 _INTEGERS = {
     f"{sign}int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

@@ -26,19 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import StandIn
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = [
-    "ATTRIBUTES",
-    "DelayFault",
-    "DropFault",
-    "DuplicateFault",
-    "FaultKind",
-    "OmitFault",
-    "SetFault",
-    "TruncateFault",
-    "fault_class",
-    "fault_of",
-]
-
 ATTRIBUTES = ("field", "value", "delay", "copies")
 """Options that an `Injection` has attributes for."""
 

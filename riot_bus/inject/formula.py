@@ -20,12 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.vocabulary.injection import Formula
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
 
     Read = Callable[[str], Scalar]
     Node = Callable[[Read], Any]
-
-__all__ = ["Expression", "evaluate", "join_path", "parse_formula"]
 
 _LONGEST = 1000  # paths such as `a.a.a` nest 500 deep at most; Python recurses 1000 deep
 _DEEPEST = 40  # a level takes up to three frames of the 1000 that Python recurses

@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["InjectionPlan"]
-
 
 @dataclass(frozen=True, slots=True)
 class InjectionPlan:

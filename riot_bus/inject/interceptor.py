@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.injection import Injection
 
-__all__ = ["Injector"]
-
 _LOG = logging.getLogger(__name__)
 _CACHED_KEYS = 1 << 16  # invented keys must not exhaust the memory: beyond it, the cache starts anew
 

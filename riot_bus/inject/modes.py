@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message, Scalar
 
-__all__ = ["MOST_MODES", "modes_of"]
-
 MOST_MODES = 6
 """Largest number of values of a mode; a field with more is more likely a count or a measurement."""
 _LONG = 64

@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["HexBytes", "Mutation", "RawMessage", "RawMutation", "mutate", "read_mutations"]
+    from riot_bus.vocabulary.message import Scalar
 
 _STRICT = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
 

@@ -33,17 +33,15 @@ from riot_bus.pipeline.conditions import window_problem
 from riot_bus.plugin_options import instance_of, options_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.toml_text import parse_toml
-from riot_bus.vocabulary.trial import Scalar
 
 if TYPE_CHECKING:
     from collections.abc import Container
 
     from riot_bus.inject.faults import FaultKind
-
-__all__ = ["parse_plan", "plan_text", "plan_to_toml", "read_plan"]
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]

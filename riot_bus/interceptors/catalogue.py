@@ -19,8 +19,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Description", "Option", "build", "describe", "interceptor_list", "names"]
-
 _CONDITIONS = {"from": "source", "to": "target"} | {
     each.name: each.name for each in dataclasses.fields(When) if each.name not in ("source", "target")
 }

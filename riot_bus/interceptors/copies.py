@@ -13,8 +13,6 @@ from riot_bus.vocabulary.errors import ConfigError, PayloadError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-__all__ = ["Duplicate", "Tee"]
-
 _PUBLISHED = "write a key that ends otherwise, such as copy/{key}/seen"
 
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.vocabulary.order import Order
 
-__all__ = ["RuleGuard"]
-
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 24
 """Largest size of a rule.json, which has a few hundred samples."""

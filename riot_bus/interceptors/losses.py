@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-__all__ = ["Bandwidth", "Drop", "Throttle"]
-
 _CLOCK_STEP_NS = 10**9  # smaller steps back may be messages that overtook each other; not measured
 
 

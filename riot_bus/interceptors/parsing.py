@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-__all__ = ["build_all", "from_tables", "from_text", "parse"]
-
 _KEY = re.compile(r"[A-Za-z_]\w*")
 
 

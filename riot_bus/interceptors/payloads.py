@@ -15,8 +15,6 @@ from riot_bus.vocabulary.errors import ConfigError, PayloadError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-__all__ = ["ClockOffset", "Corrupt", "Freeze", "SetField", "Truncate"]
-
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _NANOSECONDS = 10**9
 _FROZEN_BYTES = 1 << 28

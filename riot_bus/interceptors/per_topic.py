@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["PerTopic"]
-
 _MOST_TOPICS = 1 << 16  # as pipeline.runner.MOST_TOPICS: invented keys must not exhaust the memory
 ValueT = TypeVar("ValueT")
 

@@ -7,8 +7,6 @@ from pathlib import Path
 from riot_bus.inject.interceptor import Injector
 from riot_bus.inject.plan import read_plan
 
-__all__ = ["Inject"]
-
 
 class Inject(Injector):
     """Carry out an injection plan.

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Record"]
-
 _JOIN_S = 60.0  # enough for 128 MiB (default of `capacity_bytes`) at 2.3 MB/s
 
 

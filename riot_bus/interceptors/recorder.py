@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Recorder", "Writer"]
-
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25  # a quarter of the second at which the writer ends a chunk
 _LINGER_S = 0.005  # at 10,000 messages/s one wake-up for 50; small against a chunk's second

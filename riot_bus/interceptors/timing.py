@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-__all__ = ["Delay", "Jitter", "Reorder", "came", "check_seconds", "due", "hold_until"]
-
 
 @dataclass
 class Delay:

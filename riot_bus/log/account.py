@@ -8,8 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["LOST", "Account", "account_of"]
-
 LOST = "riot_bus.lost"
 _VERSION = 1
 _MOST_TOPICS = 10_000  # eight tables of 80 bytes a topic stay below 8 MiB, an agent's limit

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["bus_messages", "learn_types"]
-
 _NOBODY = "0"  # a session's id
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
 from riot_bus.log.account import LOST, Account, account_of
+from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.engine.scan import read_metadata
 from riot_bus.log.engine.summary import Summary, read_summary
-from riot_bus.log.limits import LogLimits, lifted
+from riot_bus.log.limits import lifted
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader, channel_source, open_log
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.log.reader import ChannelSource
     from riot_bus.log.tables.blocks import LoadedBlock
     from riot_bus.types.capabilities import ReadsMetadata, Stamp
-
-__all__ = ["LogInfo", "TopicInfo", "log_info"]
 
 _READ_AT_ONCE = 1 << 26  # small enough to be read whole, which finds all losses; not measured
 _REMEMBERED = 1024  # some 40 KB a publisher; a copy that comes later counts as a late message

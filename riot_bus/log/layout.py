@@ -26,9 +26,7 @@ from riot_bus.vocabulary.message import Message, Qos
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Constants", "Provenance", "Role"]
+    from riot_bus.vocabulary.message import Scalar
 
 Role = Literal["delivered", "original"]
 

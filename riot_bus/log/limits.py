@@ -13,8 +13,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from riot_bus.log.engine.limits import BeyondLimitError
 
-__all__ = ["VARIABLE", "LogLimits", "lifted", "refusal", "tight_limits"]
-
 VARIABLE = "RIOT_LOG_LIMITS"
 _TIGHT = LogLimits(
     chunk=1 << 27, loose=1 << 24, total=1 << 28, chunks=1 << 16, messages=1 << 18, held=1 << 26, definitions=1 << 23

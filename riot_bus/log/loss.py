@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block
     from riot_bus.log.engine.scan import Scan
 
-__all__ = ["Loss", "LossNotes"]
-
 _TEXTS = {
     "bytes": "bytes that are not a whole record",
     "chunks": "damaged chunks",

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
 
-__all__ = ["in_full", "means", "parse_remaps", "parse_time", "renamed"]
-
 _EPOCH_S = 10**8  # March 1973, or three years: no log is that old, and none that long
 _LAST_S = 10**11  # the year 5138; milliseconds since 1970 are above it, and refused
 _HINT = "write seconds from the beginning, seconds since 1970, or 2026-11-21T10:00:00"

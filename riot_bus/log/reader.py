@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.given_files import given_file
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
+from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.engine.salvage import salvage
 from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_attachment, read_metadata, scan_file
 from riot_bus.log.engine.sorting import OverlapSorter
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.limits import LogLimits, lifted
+from riot_bus.log.limits import lifted
 from riot_bus.log.loss import LossNotes
 from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.blocks import Span
     from riot_bus.log.loss import Loss
-
-__all__ = ["ChannelSource", "LogReader", "channel_source", "message_of", "open_log", "read_log"]
 
 
 @dataclass(frozen=True, slots=True)

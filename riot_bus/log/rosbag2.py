@@ -25,22 +25,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.writer import LogWriter
 
-__all__ = [
-    "FIELD",
-    "RECORD",
-    "BagDetails",
-    "BagFile",
-    "BagTopic",
-    "bag_details",
-    "bag_epilogue",
-    "bag_file",
-    "bag_of",
-    "bag_record",
-    "bag_text",
-    "files_of",
-    "write_metadata",
-]
-
 RECORD = "rosbag2"
 """Name of the metadata record of a file."""
 FIELD = "serialized_metadata"

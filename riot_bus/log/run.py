@@ -8,8 +8,6 @@ from importlib.metadata import version
 
 from riot_bus import __version__
 
-__all__ = ["run_facts"]
-
 
 def run_facts() -> dict[str, str]:
     """Return versions, host and time, for the metadata of a log."""

@@ -15,10 +15,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.reader import LogReader
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["ShownField", "ShownLog", "ShownMessage", "show_log"]
+    from riot_bus.vocabulary.message import Message, Scalar
 
 _ELEMENTS, _CHANGED = 4, 64
 """Most elements of each array that are shown, and that are checked for changes."""

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ChannelWriter", "LogWriter", "LostMessagesError"]
-
 _LOG = logging.getLogger(__name__)
 _MAX_CHANNELS = 65_000  # just below what the 16 bits of MCAP's channel numbers allow
 _OTHER_TOPICS = "(other topics)"

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
 
-__all__ = ["Never", "Rate", "Ratio", "Reached", "Seconds", "Sometimes"]
-
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 _Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import Invariant
 
-__all__ = ["build_monitor"]
-
 
 def build_monitor(table: Mapping[str, Any], *, where: Callable[[str], str], root: Path) -> Invariant:
     """Build the monitor of a `[[monitors]]` table; if it names a file, its code is executed.

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Message, Scalar
 
-__all__ = ["Answered"]
-
 
 @dataclass(frozen=True)
 class Answered(WithSelectors):

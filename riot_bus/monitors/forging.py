@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.monitors.model import Monitor, TrialView
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["mute_monitors", "why_cannot_fire", "with_message", "with_value", "without"]
+    from riot_bus.vocabulary.message import Scalar
 
 _MOST_TRIED = 4096  # each rebuilds a payload; choices for fields multiply, and `modulo` may be large
 _SECOND = 10**9  # in nanoseconds, as times of messages

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.monitors.model import TrialView
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Finite", "Gapless", "Range", "Values"]
+    from riot_bus.vocabulary.message import Scalar
 
 _Bound = Annotated[float, Field(allow_inf_nan=False)]
 

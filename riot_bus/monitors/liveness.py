@@ -14,18 +14,6 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import ComponentView, TrialView
 
-__all__ = [
-    "LIVENESS",
-    "CrashMonitor",
-    "ExitMonitor",
-    "GrowthMonitor",
-    "HangMonitor",
-    "LimitMonitor",
-    "SilenceMonitor",
-    "crashes_of",
-    "is_compared",
-]
-
 _THREAD_ENDED = "a thread has ended"
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
 
-__all__ = ["Log", "normalized"]
-
 _LEVELS: Final = {"warn": 30, "error": 40, "fatal": 50}  # as in rcl_interfaces/msg/Log
 _WORDS: Final = {
     "warn": "WARN|WARNING|ERROR|FATAL|CRITICAL",

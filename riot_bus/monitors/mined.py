@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["NO_RULES", "Mined", "MinedRule", "check_rules", "mine"]
-
 _NO_NUMBERS = frozenset({"bool", "string", "bytes"})
 _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15

@@ -17,25 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = [
-    "NO_SIGNS",
-    "ComponentView",
-    "Forges",
-    "Invariant",
-    "Judgement",
-    "MissesMessages",
-    "Monitor",
-    "ResourceSample",
-    "Signs",
-    "TellsUnseen",
-    "TrialView",
-    "judge",
-    "name_of",
-    "names_of",
-    "why_no_message",
-    "why_nothing_to_judge",
-]
-
 _ALWAYS_HELD_UP = 0.05
 """Share of the time that a thread may wait for a processor on a machine that has nothing else to do."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["WithSelectors", "field_selector", "integers", "message_selector", "numbers", "selected", "why_unseen"]
-
 
 class WithSelectors:
     """Base class of monitors some of whose attributes are selectors.

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.predicate import Predicate
 
-__all__ = ["Selective", "When", "always", "decider", "window_problem"]
-
 
 @dataclass(frozen=True, slots=True)
 class When:

@@ -18,15 +18,13 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.elements import Elements
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
 
 State = tuple[
     "Message | None", bytes | None, bool, bool, int, int, "tuple[tuple[Message, int], ...]", "tuple[Change, ...]"
 ]
 
 ValueT = TypeVar("ValueT")
-
-__all__ = ["Arrival", "Change", "Event", "Interceptor", "check"]
 
 _MOST_COPIES = 10_000  # a guess: more is an interceptor's mistake, which would flood the components
 _MOST_ADDED = 10_000  # likewise; each of them also takes memory until it is due

@@ -10,8 +10,6 @@ from types import ModuleType
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
-__all__ = ["load_class"]
-
 _HINTS = {
     "message": "an interceptor is a class with a method message(self, event)",
     "judge": "a monitor is a class with a method judge(self, view)",

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Dispatcher", "Mailbox"]
-
 _LOG = logging.getLogger(__name__)
 _OVERHEAD_BYTES = 256  # an estimate of a queued item without its payload, so that small ones count, too
 _HANDFUL_BYTES = 1 << 22  # items taken no longer count as queued: bounds the memory beyond the capacity

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Emission
 
-__all__ = ["EmissionQueue"]
-
 
 class EmissionQueue:
     """A heap by due time; emissions that fall due together leave in the order of their arrival."""

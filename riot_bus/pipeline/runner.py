@@ -24,19 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = [
-    "MOST_TOPICS",
-    "OTHER_TOPICS",
-    "AbandonedError",
-    "BoundedCounts",
-    "Counts",
-    "Emission",
-    "InterceptorErrors",
-    "Pipeline",
-    "Result",
-    "Route",
-]
-
 OTHER_TOPICS = "(other topics)"
 """Name under which all topics beyond `MOST_TOPICS` are counted."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["InterceptorErrors", "Stage", "stages_of"]
-
 _ALL = When()
 
 

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
     from riot_bus.play.service import PlayService
 
-__all__ = ["HELP", "key_actions"]
-
 HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
 
 _FASTER = 1.1  # a tenth, as in `ros2 bag play`; 24 presses change the rate tenfold

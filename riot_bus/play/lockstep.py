@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Acknowledged", "Quiet", "Settling"]
-
 _LOOK_S = 0.1  # so late may a stop be noticed; an arrival ends the wait at once
 
 

@@ -10,9 +10,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Salvage, Seed, Types, flags_of
 
 if TYPE_CHECKING:
-    from riot_bus.log.limits import LogLimits
-
-__all__ = ["Expectation", "PlayOptions", "parse_latched"]
+    from riot_bus.log.engine.limits import LogLimits
 
 _LONGEST_S = 1e9  # 32 years, which fit into 64 bits as nanoseconds, too
 

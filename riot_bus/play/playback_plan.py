@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.play.topic_selection import TopicSelection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["PlaybackPlan"]
-
 
 class PlaybackPlan:
     """Logs, topics and interceptors of a playback.

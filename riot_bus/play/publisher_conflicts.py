@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["PublisherConflicts"]
-
 _ASK_S = 1.0  # for each expression; delays the start only where an answer does not come
 _LISTEN_S = 1.0  # finds publishers without a token that send at least once a second
 

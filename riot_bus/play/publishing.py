@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Publishing"]
-
 _HEARTBEAT_S = 0.5  # the period of rmw_zenoh's latched and reliable publishers
 _USUAL = Qos()
 _MOST_KEYS = 4096  # that interceptors may invent

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.play.options import PlayOptions
 
-__all__ = ["run_play"]
-
 _SWITCH_S = 2e-4  # with Python's 5 ms, another busy thread makes a message late by as much
 _SHOWN = 5  # topics with lost messages that an error names
 

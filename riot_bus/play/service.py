@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["PLAY_COMMANDS", "PlayResult", "PlayService"]
-
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
 _END_S = _FLUSH_S + 5.0

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.capabilities import SimClock
 
-__all__ = ["Ticker"]
-
 
 class Ticker:
     """Publishes the time at a constant frequency, also while the player is paused, and always before newer messages.

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from riot_bus.play.service import PlayResult
 
-__all__ = ["progress_line", "result_line", "speed", "status_lines"]
-
 _SIGNS = {"waiting": "…", "ready": "…", "playing": "▶", "paused": "⏸", "ended": "■"}
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic, SimClock
     from riot_bus.types.model import Adapter
 
-__all__ = ["TopicSelection", "cast"]
-
 _ROS_SCHEMAS = ("ros2msg", "ros2idl")
 
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["LatchedCaches"]
-
 _TIMEOUT_S = 2.0  # publishers are asked one by one, so a silent one delays the others
 _TOKENS = "**/@adv/pub/**"
 

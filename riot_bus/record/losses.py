@@ -12,8 +12,6 @@ from riot_bus.pipeline.runner import BoundedCounts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["Gaps", "LossCounts", "summed"]
-
 _MOST_PUBLISHERS = 10_000  # any client may invent publishers: bounds the memory; further ones are not followed
 _MOST_REMEMBERED = 1000  # missing numbers of a publisher; one farther back means that it has restarted
 

@@ -13,8 +13,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
 
-__all__ = ["Naming"]
-
 _SUFFIX = ".mcap"
 _MOST_TRIES = 100_000  # one system call each: a folder full of such names is given up soon
 

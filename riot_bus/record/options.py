@@ -13,8 +13,6 @@ from riot_bus.vocabulary.flags import Definitions, Flag, Types, flags_of
 if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant
 
-__all__ = ["CaptureOptions", "parse_throttles"]
-
 _LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28  # headers weigh much below; above, `iter_columns` has no room
 _MOST_KEYS = 200  # each expression costs a subscriber and a thread
 

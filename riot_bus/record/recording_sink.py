@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["RecordingSink"]
-
 
 class RecordingSink:
     """Base of the destinations of a recording; thread-safe if `lock` is held where this is required.

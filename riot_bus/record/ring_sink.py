@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.ring import RingContent
     from riot_bus.record.options import CaptureOptions
 
-__all__ = ["RingSink"]
-
 
 class RingSink(RecordingSink):
     """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.log.writer import LogWriter
     from riot_bus.record.options import CaptureOptions
 
-__all__ = ["FileResult", "RotatingSink"]
-
 _AGAIN_S = 5.0  # each attempt may leave a file: a failing disk gets 12 a minute
 _NOTE_S = 1.0  # a note has counts of all topics; a crash costs the last second's losses
 _REPEAT_S = 10.0  # a lasting problem stays visible without filling the terminal

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.record.options import CaptureOptions
 
-__all__ = ["run_capture"]
-
 _WRITE_S = 300.0
 """Longest time to write what waits in memory: 256 MiB (--queue-size) at 1 MB/s, a slow SD card."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.record.trigger import Trigger
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["RecordingSelection"]
-
 _MOST_WARNINGS = 20  # any client may invent topics: bounds the lines on stderr and the memory
 _MOST_NAMED = 100  # each is compared with every new key; silent ones are lines of the result
 

@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["CAPTURE_COMMANDS", "CaptureResult", "CaptureService"]
-
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
 _LINK_S = 1.0  # a guess: a lost link is reported this late; each look lists all transports

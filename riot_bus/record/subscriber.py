@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["KeyRules", "RecordingSubscriber"]
-
 _LOG = logging.getLogger(__name__)
 _SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
 _CACHED_KEYS = 1 << 16  # any client may invent keys: bounds the memory; a log holds 65,000 at most

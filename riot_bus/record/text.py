@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.log.account import Account
     from riot_bus.record.service import CaptureResult
 
-__all__ = ["account_lines", "answer_lines", "progress_line", "result_lines"]
-
 _SIGNS = {"recording": "●", "paused": "⏸", "ended": "■"}
 _SHOWN = 50  # rows; more would hide the summary above; the files have the account
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.predicate import Predicate
 
-__all__ = ["Trigger"]
-
 _MOST_KEYS = 1 << 16  # any client may invent keys: bounds the memory; when full, conditions fire again
 
 

@@ -8,10 +8,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from riot_bus.record.subscriber import RecordingSubscriber
-    from riot_bus.types.bridging import BridgedLink
+    from riot_bus.types.port import BridgedLink
     from riot_bus.zenoh import api as zenoh
-
-__all__ = ["WatchedNetwork"]
 
 
 class WatchedNetwork:

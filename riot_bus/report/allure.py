@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.report.finding_view import FindingView
     from riot_bus.report.formats import Content
 
-__all__ = ["AllureReport"]
-
 _SPACE = uuid.UUID("0d3b1d1c-2c0b-5e0e-9a8e-6a1f6b1b6f5e")
 """Any constant, so that the same case has the same file each time."""
 _STATUS = {"passed": "passed", "failure": "failed", "error": "broken", "skipped": "skipped"}

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
 
-__all__ = ["dot", "lines", "nodes_of", "said_of"]
-
 _FOUND = 3  # pairs of fields, one in a line of the tree; the others are counted
 _REASONS = 3  # all stand in one line, the most frequent first
 _NAMES = 8  # each may have 200 characters, all in one line; backchain.json has the rest

@@ -14,8 +14,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean, needs_extra
 if TYPE_CHECKING:
     from riot_bus.findings.backtrack import BacktrackRecord, StepRecord
 
-__all__ = ["check_picture", "draw_picture"]
-
 _FORMATS = (".svg", ".png", ".pdf")
 _NO_DATES: dict[str, dict[str, Any]] = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 _INK, _SOFT, _OUTSIDE, _TARGET = "#1a1a1a", "#8a8a8a", "#dceaf7", "#f7dcdc"

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.known import KnownFinding
 
-__all__ = ["CampaignView", "Standing", "as_campaign", "is_output_folder", "level_of", "load_campaign"]
-
 Standing = Literal["", "new", "known", "came back"]
 """Status of a finding in a baseline: empty without a baseline; `came back` if it was fixed and fails again."""
 

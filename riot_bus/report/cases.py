@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["LONGEST_LINE", "LONGEST_NAME", "ReportedCase", "as_text", "cases_of", "findings_of", "suites_of"]
-
 LONGEST_NAME = 300
 """It tells cases apart, and signatures with 100 characters of source mostly fit."""
 LONGEST_LINE = 600

@@ -8,8 +8,6 @@ from typing import Literal
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, plural, seconds
 
-__all__ = ["DiagramBox", "links"]
-
 State = Literal["done", "next", "open"]
 
 _WIDTH = 19  # a box has room for 118 px; letters of size 12 take about 6

@@ -18,8 +18,6 @@ from riot_bus.report.format import clean, plural
 from riot_bus.statistics.rates import chance_of_difference
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 
-__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "evidence_files", "load", "tail_of"]
-
 Severity = Literal["unit only", "permeable", "activated", "whole system"]
 
 _VERBS = {

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.events import RunEvent
     from riot_bus.findings.known import KnownFindings
 
-__all__ = ["AskedReport", "ReportFollower", "asked_report", "reports_of"]
-
 _EXPLAINING = {step.name for step in STEPS[1:]}
 """Steps that use the findings of a campaign that has ended."""
 

@@ -11,8 +11,6 @@ from typing import Any
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
-__all__ = ["clean", "number", "plural", "seconds", "share", "share_interval", "value"]
-
 _SPACES = "".join(chr(code) for code in range(0x3001) if unicodedata.category(chr(code)) == "Zs")
 """Spaces of all widths, which move nothing; U+3000 is the last one."""
 _EXACT = 2.0**53  # not all larger integers have a float of their own

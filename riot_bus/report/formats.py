@@ -19,18 +19,6 @@ from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campai
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = [
-    "CampaignFormat",
-    "Content",
-    "ReportFormat",
-    "SummaryFormat",
-    "append_summary",
-    "beside_baseline",
-    "render",
-    "view_of",
-    "write_file",
-]
-
 Content = str | bytes | Mapping[str, str | bytes | Path]
 """A report: a text, bytes, or the files of a folder by their names, some of which are copies of others."""
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["GithubReport"]
-
 _MOST = 10
 """Number of annotations of a kind that GitHub shows for one step."""
 _LONGEST_TITLE, _LONGEST = 200, 2000  # GitHub takes 255 characters of a title, and 64 KB of a message

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["JsonReport"]
-
 
 class JsonReport:
     """The report format `json`; its keys are described in docs/findings.md."""

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.report.cases import ReportedCase
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["JunitReport"]
-
 
 class JunitReport:
     """The report format `junit`."""

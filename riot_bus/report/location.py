@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.findings.records import CampaignRecord, FindingRecord
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["SourcePlace", "failing_stack", "find_place", "unit_place"]
-
 _KINDS = ("stdout", "stderr", "stacks")
 _LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three
 _LONGEST_LINE = 2000  # lines of stacks are shorter; other output may have lines of any length

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["LONGEST", "MarkdownReport", "bounded", "cell", "code"]
-
 LONGEST = 65_536
 """Largest number of characters in a comment on GitHub."""
 _PLAIN = re.compile(r"(?!.*(?:www\.|//))[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+/-]*", re.IGNORECASE)

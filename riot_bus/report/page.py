@@ -23,8 +23,6 @@ from riot_bus.vocabulary.errors import needs_extra
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.order import order_of
 
-__all__ = ["PAGE", "HtmlReport", "write_report"]
-
 PAGE = "report.html"
 
 _ROWS = 60  # about two screens of each list; the finding's JSON files have the rest

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["Dots", "Plot", "PlotArea", "draw", "region_plots", "rule_plot"]
-
 Kind = Literal["failed", "passed", "refused"]
 Pair = tuple[float, float]
 

@@ -16,8 +16,6 @@ from riot_bus.report.formats import write_file
 if TYPE_CHECKING:
     from riot_bus.findings.records import FindingRecord
 
-__all__ = ["file_stem", "regression_name", "write_regression_test", "write_reproduce"]
-
 _SCRIPT = """\
 #!/bin/sh
 exec riot reproduce "$(cd -- "$(dirname -- "$0")" && pwd)" "$@"

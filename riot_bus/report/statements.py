@@ -12,8 +12,6 @@ from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.order import order_of
 
-__all__ = ["Statement", "not_tried", "other_fields", "statements"]
-
 _MOST = 20  # statements of one kind: about a screen
 _PARTS = {
     "other keys": ("key", "missing key", "no value"),

@@ -14,8 +14,6 @@ from xml.etree import ElementTree
 
 from riot_bus.vocabulary.errors import needs_extra
 
-__all__ = ["COLOURS", "embed", "own_style"]
-
 COLOURS = {
     "#0a0a01": "var(--ink)",
     "#0a0a02": "var(--soft)",

@@ -16,8 +16,6 @@ from riot_bus.vocabulary.errors import needs_extra
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["page_environment", "rendered"]
-
 _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST = 20_000  # letters: more than a page's longest excerpt of a file (6000 bytes of evidence)
 

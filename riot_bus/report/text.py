@@ -8,8 +8,6 @@ from riot_bus.report.finding_view import FindingView, load
 from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
 from riot_bus.report.statements import other_fields
 
-__all__ = ["TextReport", "summary"]
-
 _NAMES = 8  # of up to 80 letters, in one line of the console; fields.json has all
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.zenoh.convert import publisher_settings
@@ -12,13 +11,11 @@ from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.types.port import Take
     from riot_bus.vocabulary.message import Qos
     from riot_bus.zenoh import api as zenoh
-
-__all__ = ["Audience", "Inner", "Take"]
-
-Take = Callable[[list[tuple[bytes, bytes | None]]], None]
-"""Function that takes payloads with their attachments, in order."""
 
 
 class Inner(NamedTuple):

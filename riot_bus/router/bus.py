@@ -40,14 +40,12 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.audience import Inner
     from riot_bus.router.services.recorded import RecordedService
-    from riot_bus.types.bridging import BridgedLink
+    from riot_bus.types.port import BridgedLink
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Subscription
     from riot_bus.zenoh.junction import Junction
     from riot_bus.zenoh.segments import Segment
-
-__all__ = ["Bus", "Losses", "TopicCounts"]
 
 _ALIVE_INTERVAL_S = 0.02  # how late a component's end is noticed; a subscription ends the wait at once
 _HEARD_S = 10.0  # ten interceptors may block one after the other, each for `BUDGET_S`, 1 s

@@ -17,8 +17,6 @@ from riot_bus.zenoh.convert import is_droppable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["LARGE", "ByteBudget", "ByteGate"]
-
 _BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB cost as much with 16 or 64 MiB (docs/figures.md)
 _BUFFER = 1 << 16  # a message that waits keeps a whole receive buffer of Zenoh's, however small it is
 _PORTION = 1 << 22  # bytes that are forwarded at once, as copies: four messages of 1 MiB, or 64 small ones

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Counts
     from riot_bus.zenoh.link_watch import BrokenLink
 
-__all__ = ["ForwarderCounts", "Losses", "RouteCounts", "TopicCounts", "count"]
-
 _LOG = logging.getLogger(__name__)
 
 

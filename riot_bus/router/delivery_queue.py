@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["DeliveryQueue", "PipelineAnswer", "Treatment"]
-
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
 

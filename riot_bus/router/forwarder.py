@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["Forwarder"]
-
 _LOG = logging.getLogger(__name__)
 _CHANNEL = 256  # 0.6 ms of traffic at 400,000 messages/s (docs/figures.md); a larger channel may hold more bytes
 _SLICE = 1024  # 2.5 ms at 2.5 us each, by which new messages are delayed; fewer are sent in smaller batches

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Interception", "expressions_of", "topics_of", "wanted_keys"]
-
 _MOST_KEYS = 256
 """Keys that a router intercepts: each costs two threads in every segment, and to add 250 takes 1.1 s."""
 _LONGEST_KEY = 1024  # letters; names of DDS topics have at most 255

@@ -23,11 +23,9 @@ if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Sequence
 
-    from riot_bus.router.audience import Take
     from riot_bus.router.delivery_queue import DeliveryQueue
+    from riot_bus.types.port import Take
     from riot_bus.vocabulary.message import Qos
-
-__all__ = ["IngressKey", "LocalIngress"]
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["BUDGET_S", "PipelineExecutor", "PipelineWorker", "end_interceptors"]
-
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 0.1
 _END_S = 10.0

@@ -14,8 +14,6 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
 
-__all__ = ["Receivers"]
-
 
 class Receivers:
     """Notes in which segments a key expression ever had a subscriber, even briefly; a context manager.

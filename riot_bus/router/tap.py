@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Converter
 
-__all__ = ["Tap"]
-
 _LOG = logging.getLogger(__name__)
 
 

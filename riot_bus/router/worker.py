@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Job = Callable[[], None]
 
-__all__ = ["Worker"]
-
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0  # any long time: every new job wakes the thread
 _LOOK_S = 0.1  # how late `close` notices that another thread has taken over

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FlipSearch", "Noise"]
-
 Array = NDArray[np.float64]
 
 _RELIABLE = 0.7

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Proportion", "chance_of_difference", "exact_interval", "proportion"]
-
 _HALVINGS = 60  # narrows a rate to 2**-60, below the resolution of doubles near 1 (2**-53)
 
 

@@ -28,7 +28,6 @@ from riot_bus.types.capabilities import (
     DiscoversTypes,
     HasServices,
     Identity,
-    ListensToLinks,
     ListsTypes,
     Offer,
     ParsesTokens,
@@ -51,8 +50,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.model import Adapter
 
-__all__ = ["AdapterConformance"]
-
 _OF_ADAPTERS = (
     TakesFiles,
     ListsTypes,
@@ -65,7 +62,6 @@ _OF_ADAPTERS = (
     PublishesAs,
     SetsParameters,
     ConvertsFiles,
-    ListensToLinks,
 )
 _LISTED = 100  # number of listed types that are looked up
 _EMPTY = Schema("", "", b"")

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Capture", "Captured"]
-
 _MOST_BYTES = 256 << 20
 _OVERHEAD = 500
 """Approximate memory of a message besides its payload, in bytes."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.findings.records import CampaignRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.report.text import summary
@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.sut.runners import RunnerFactory
-
-__all__ = ["EXPLAINED", "explore"]
+    from riot_bus.pool.runners import RunnerFactory
 
 EXPLAINED = ("minimize", "relevance", "rules")
 """Steps that find what a failure needs and when it occurs, with trials of the unit alone."""

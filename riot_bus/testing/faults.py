@@ -18,8 +18,6 @@ from riot_bus.testing.interceptors import InterceptorBench
 if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
 
-__all__ = ["FaultConformance"]
-
 _COUNT = 60  # with probability 0.5, two runs without a seed agree once in 2**60
 
 

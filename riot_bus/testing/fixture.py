@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from riot_bus.testing.capture import Captured
     from riot_bus.testing.live_router import LiveRouter, RunningProcess
 
-__all__ = ["RouterTest", "router_test"]
-
 _DRAINED_S = 5.0
 _SETTLED_S = 0.5
 _NOTHING = "@nothing"
@@ -256,20 +254,20 @@ class RouterTest:
         Args:
             log: The log; paths are relative to the folder of the test's file.
             options: `topics`, `exclude`, `tolerances`, `timing`, `order`, `timeout`; see
-                `riot_bus.testing.expected_log.difference_from`.
+                `riot_bus_logtools.comparison.expected_log.difference_from`.
 
         Raises:
             AssertionError: They differ; the text says where.
             ConfigError: The log or a tolerance cannot be used, or nothing can be compared.
         """
         __tracebackhide__ = True
-        from riot_bus.testing.expected_log import difference_from
+        from riot_bus.plugins import hook
 
         given = options.pop("tolerances", ())
         several = [given] if isinstance(given, str | Path) else given
         tolerances = [each if "=" in str(each) else self._folder / each for each in several]
         self._router.bus.drain(_SETTLED_S)
-        found = difference_from(
+        found = hook("difference_from", "riot_bus_logtools")(
             self._folder / log,
             self.record,
             self._router.registry,

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.runner import Emission, Result
 
-__all__ = ["START", "InterceptorBench", "InterceptorConformance"]
-
 START = 1_700_000_000_000_000_000
 """Time zero of a bench, in nanoseconds since the epoch."""
 

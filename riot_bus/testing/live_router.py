@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.interceptors.recorder import Recorder
+from riot_bus.processes.launcher import Launcher
 from riot_bus.router.bus import Bus
-from riot_bus.sut.launcher import Launcher
 from riot_bus.testing.capture import Capture
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.client import open_client
@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from riot_bus.pipeline.runner import Pipeline
-    from riot_bus.sut.launcher import ComponentProcess
+    from riot_bus.processes.launcher import ComponentProcess
     from riot_bus.types.registry import TypeRegistry
-
-__all__ = ["LiveRouter", "LiveSegment", "RunningProcess"]
 
 _EVERYTHING = ("**",)
 

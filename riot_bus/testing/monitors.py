@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["MonitorConformance", "trial_view"]
-
 _STEP_S = 0.1  # a usual rate, 10 Hz; authors of monitors of times set their own
 _STRANGE = (b"", b"\x00" * 64, b"{", b"\xff\xfe\xfd")
 

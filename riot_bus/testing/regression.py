@@ -8,15 +8,13 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.reproduce import Reproduction, reproduce
-from riot_bus.chain.systems import system_of
-from riot_bus.chain.workspace import NOMINAL, Workspace
+from riot_bus.chain.base.systems import system_of
+from riot_bus.chain.base.workspace import NOMINAL, Workspace
+from riot_bus.chain.steps.reproduce import Reproduction, reproduce
 from riot_bus.findings.records import FindingRecord
 
 if TYPE_CHECKING:
-    from riot_bus.sut.runners import RunnerFactory
-
-__all__ = ["reproduce_finding"]
+    from riot_bus.pool.runners import RunnerFactory
 
 
 def reproduce_finding(
@@ -31,7 +29,7 @@ def reproduce_finding(
 
     Args:
         folder: Folder of the finding.
-        system: Path of riot.toml; by default `RIOT_SYSTEM` of the environment, else see `chain.systems.system_of`.
+        system: Path of riot.toml; by default `RIOT_SYSTEM` of the environment, else see `chain.base.systems.system_of`.
         root: Folder of the project.
         trials: Number of fresh trials; None for as many as needed.
         runners: Factory of the runners; by default, processes on this machine.

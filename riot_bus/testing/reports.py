@@ -32,18 +32,6 @@ if TYPE_CHECKING:
     from riot_bus.report.finding_view import FindingView
     from riot_bus.report.formats import CampaignFormat, ReportFormat
 
-__all__ = [
-    "CAMPAIGNS",
-    "FINDING_FILES",
-    "HOSTILE_TEXT",
-    "STAGES",
-    "CampaignReportConformance",
-    "ReportConformance",
-    "campaign_at",
-    "campaign_with_baseline",
-    "view_at",
-]
-
 _X, _GOAL, _SPEED = "/map:x", "/goal:pose.x", "/odom:speed"
 # made up, as all values of this finding; its interval contains its value
 _RATE = {"value": 0.98, "low": 0.93, "high": 1.0, "count": 98, "total": 100}

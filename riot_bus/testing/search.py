@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.backchain.fir import Floats
     from riot_bus.backchain.proposers import Proposer, SearchMethod
 
-__all__ = ["SearchConformance"]
-
 _SIZES = (1, 3)  # dimensions
 _PROBES = (-0.2, 0.2, -0.35, 0.35)  # how far the first vectors are from the nominal one, along each axis
 _ROUNDS = 60  # enough for the shipped simplex on `_bowl`; others set their own

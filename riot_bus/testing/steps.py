@@ -12,11 +12,11 @@ import inspect
 import json
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.records import Artefact, FindingRecord, MinimalRecord
 from riot_bus.findings.steps import STEPS, find_step
 from riot_bus.log.writer import LogWriter
-from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.steps import ChainStep
     from riot_bus.vocabulary.trial import TestCase
-
-__all__ = ["FailingRunner", "StepConformance", "write_finding"]
 
 _SYSTEM = """
 [components.unit]

@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import FrameType
 
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["SETTINGS", "HostileConformance", "TypeConformance", "hostile"]
+    from riot_bus.vocabulary.message import Scalar
 
 _ELEMENTS = 50  # short arrays are listed whole, and long ones do not slow down each of many examples
 _INTEGERS = {f"{sign}int{bits}": (bits, not sign) for sign in ("", "u") for bits in (8, 16, 32, 64)}

@@ -15,8 +15,6 @@ from riot_bus.types.capabilities import KnowsBrittleFields
 if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
 
-__all__ = ["STAMPS", "is_brittle", "why_brittle"]
-
 STAMPS = ("header stamp", "timestamp")
 """Reasons that apply to time fields."""
 

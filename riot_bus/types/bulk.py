@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.model import MessageType
     from riot_bus.types.payloads import Payloads
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["as_array", "gather", "join"]
+    from riot_bus.vocabulary.message import Scalar
 
 _EXACT = 1 << 53  # beyond it, float64 skips integers
 

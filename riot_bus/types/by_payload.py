@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ByPayload", "decoded"]
-
 _T = TypeVar("_T")
 
 

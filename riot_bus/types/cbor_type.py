@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["CborType"]
+    from riot_bus.vocabulary.message import Scalar
 
 _KINDS = ("uint", "int", "bin", "str", "array", "map", "tag", "simple")
 _UINT, _INT, _BIN, _STR, _ARRAY, _MAP, _TAG, _SIMPLE = range(8)

@@ -13,8 +13,6 @@ from riot_bus.vocabulary.errors import ConfigError, RiotError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Codec", "Codecs"]
-
 Codec = MessageType | TypeSource
 """Instance of a codec's class: the one type of a self-describing encoding, or a source of types."""
 

@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["DocumentType", "Item"]
+    from riot_bus.vocabulary.message import Scalar
 
 _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000; as for JSON
 

@@ -11,9 +11,7 @@ from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["read_elements", "read_field"]
+    from riot_bus.vocabulary.message import Scalar
 
 
 def read_field(kind: MessageType, payload: bytes, path: str) -> Scalar:

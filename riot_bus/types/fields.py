@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MOST_FIELDS", "FieldType", "of_numbers"]
-
 MOST_FIELDS = 10_000
 """Largest number of fields listed for one type."""
 

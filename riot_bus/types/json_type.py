@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["JsonType"]
+    from riot_bus.vocabulary.message import Scalar
 
 _MAX_BYTES = 1 << 24  # parsed, small arrays and objects take some 30 times their size: about 500 MB
 _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000

@@ -14,10 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["FieldPlace", "LatestFields", "in_words", "place_of"]
+    from riot_bus.vocabulary.message import Message, Scalar
 
 _NAME = re.compile(r"(?P<topic>.+?)(?:\[(?P<place>\d{1,6})\])?:(?P<path>[^:]*)\Z", re.DOTALL)
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["TypeListing", "describe", "describe_named"]
-
 
 @dataclass(frozen=True, slots=True)
 class TypeListing:

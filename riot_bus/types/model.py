@@ -16,32 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = [
-    "MOST_BYTES",
-    "MOST_LEAVES",
-    "REBUILD",
-    "ROOT",
-    "Adapter",
-    "FieldPath",
-    "Leaf",
-    "MessageType",
-    "Schema",
-    "TopicName",
-    "TypeSource",
-    "check_leaves",
-    "check_size",
-    "encoded_text",
-    "member_path",
-    "packed_float",
-    "parse_path",
-    "rebuilt",
-    "saturated",
-    "wanted_length",
-    "why_opaque",
-    "wrap_integer",
-]
+    from riot_bus.vocabulary.message import Scalar
 
 MOST_BYTES = 1 << 26
 """Largest size to which a payload may grow, in bytes."""

@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["MsgpackType", "is_container"]
-
+    from riot_bus.vocabulary.message import Scalar
 
 # Code -> (kind, size of the number that follows the code); the number is a count for everything but numbers.
 _CODES: dict[int, tuple[str, int]] = {

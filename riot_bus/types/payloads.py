@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Gathered", "Payloads"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Payloads:

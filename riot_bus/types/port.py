@@ -1,4 +1,4 @@
-"""Access of an adapter's bridge to a segment, independent of Zenoh; implemented by `riot_bus.bridge`.
+"""Access of an adapter's bridge to a segment, independent of Zenoh; implemented by `bridge`.
 
 Methods are described there. `BridgePort` is for a bridge in one process with its router, `SegmentAccess` for a bridge
 that connects to a segment of another router.
@@ -6,12 +6,31 @@ that connects to a segment of another router.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+Take = Callable[[list[tuple[bytes, bytes | None]]], None]
+"""Function that takes payloads with their attachments, in order."""
 
-__all__ = ["BridgePort", "Closeable", "PortPublisher", "PortQuery", "SegmentAccess"]
+
+@dataclass(frozen=True, slots=True)
+class BridgedLink:
+    """A link of a bridge in the router's own process; to the bus, it represents the systems at its other end.
+
+    Attributes:
+        segment: Name of its segment.
+        name: Name of the link.
+        addresses: Addresses of its other ends.
+        publishes: Systems behind the link that published over it, by key.
+        subscribes: Key expression of messages that can be sent over it; empty if none can.
+    """
+
+    segment: str
+    name: str
+    addresses: tuple[str, ...] = ()
+    publishes: Mapping[str, str] = field(default_factory=dict)
+    subscribes: str = ""
 
 
 class Closeable(Protocol):

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.types.payloads import Payloads
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["OpaqueType", "RawType", "StructType"]
+    from riot_bus.vocabulary.message import Scalar
 
 _CODES = {
     "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q",

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter, Schema
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
-
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 from riot_bus.vocabulary.message import Message
 
-__all__ = ["ERROR", "PARTS", "REPLY", "REQUEST", "Request", "part_of"]
-
 REQUEST, REPLY, ERROR = PARTS = ("@request", "@reply", "@error")
 
 

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-__all__ = ["unit_in"]
-
 # Symbol -> words for it. Symbols are case-sensitive, words are not.
 _WORDS = {
     "m": "metre metres meter meters",

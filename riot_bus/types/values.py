@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["fit_value", "set_elements"]
-
 _ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["counted"]
-
 
 def counted(count: int, noun: str, *, mark: str = "") -> str:
     """Return `1 message`, `2 messages`, `12345 messages`.

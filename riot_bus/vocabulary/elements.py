@@ -13,8 +13,6 @@ from typing import Final, NamedTuple
 
 from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["MOST_ELEMENTS", "QUANTITIES", "Elements", "Quantity", "Setting", "is_counted", "quantity_of"]
-
 MOST_ELEMENTS = 1024
 """Largest number of elements that is judged: images and point clouds would take seconds for each message."""
 

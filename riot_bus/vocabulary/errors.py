@@ -14,22 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from importlib.machinery import ModuleSpec
 
-__all__ = [
-    "INTERRUPTED",
-    "ConfigError",
-    "DataLossError",
-    "EnvironmentFaultError",
-    "InconclusiveError",
-    "MissingExtraError",
-    "OutOfTimeError",
-    "PayloadError",
-    "RiotError",
-    "did_you_mean",
-    "install_hint",
-    "needs_extra",
-    "require_package",
-]
-
 INTERRUPTED = 130  # exit code that shells report for a process ended by SIGINT: 128 + 2
 
 

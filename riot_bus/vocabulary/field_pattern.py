@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 
-__all__ = ["names_field"]
-
 
 def names_field(pattern: str, name: str) -> bool:
     """Return whether a pattern matches the name of a field.

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from dataclasses import Field
 
-__all__ = ["Definitions", "Flag", "Interceptors", "Salvage", "Seed", "Types", "flags_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Flag:

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["PARAMETERS", "Curve", "Formula", "Injection", "Signal"]
-
 PARAMETERS = "#param"
 """Topic of injections that set a parameter of commands instead of a field of messages; no key has this name."""
 

@@ -6,8 +6,6 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-__all__ = ["Message", "Qos", "Scalar"]
-
 Scalar = bool | int | float | str | bytes
 """Value of one scalar field."""
 

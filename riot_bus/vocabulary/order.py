@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-__all__ = ["Order", "order_of"]
-
 _ORDER = re.compile(r"(?P<first>[^:\[\]]+) before (?P<once>the first )?(?P<second>[^:\[\]]+)")
 
 

@@ -19,9 +19,7 @@ from riot_bus.vocabulary.errors import ConfigError, PayloadError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["Predicate", "parse_predicate"]
+    from riot_bus.vocabulary.message import Scalar
 
 _TOKEN = re.compile(
     r"""\s*(?:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import re
 
-__all__ = ["escape_control_chars", "redacted", "without_commands"]
-
 # Compiled at first use: every command imports this module, but few need the patterns.
 _MARK = r"(?a:#|(?:password|private_key_base64|private_key_pem)=(?!@))"
 _ENDPOINT = r"(?i:(?:^|[^\w.+-])(?:tcp|tls|quic|udp|ws|wss|unixsock-stream|unixpipe|serial|vsock)/)"

@@ -12,8 +12,6 @@ from functools import lru_cache
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["Selector", "check_wildcards", "key_matches", "parse_selector", "split_field"]
-
 _STEP = r"[A-Za-z_][A-Za-z0-9_]*(\[(\d{1,18}|\*)\])*"  # 18 digits fit into 64 bits
 _FIELD = re.compile(rf"((?:len|max|min|isnan|nonfinite)\()?{_STEP}(\.{_STEP})*\)?")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
-__all__ = ["table_lines"]
-
 _WIDEST = 200  # else a name of 1 MB would make each of 60,000 rows as wide
 
 

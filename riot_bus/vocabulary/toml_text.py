@@ -8,8 +8,6 @@ from typing import Any
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["parse_toml", "toml_key", "toml_string", "toml_value"]
-
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MOST_PARTS = 16
 """Most parts of a dotted key: the longest of Zenoh's settings has 12 in riot.toml. Python's parser takes the square of

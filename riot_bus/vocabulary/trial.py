@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["SEVERITIES", "Ask", "Outcome", "Progress", "Runner", "Scalar", "Series", "TestCase", "Verdict", "Violation"]
-
-
 SEVERITIES = ("catastrophic", "restart", "abort", "silent", "hindering")
 """The CRASH scale of robustness testing (Koopman and DeVale, 1999), most severe first."""
 

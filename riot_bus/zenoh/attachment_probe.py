@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["AttachmentProbe"]
-
 _ENOUGH = 16  # one of each publisher would do, and keys have few publishers; a guess
 _LONGEST = 256  # those of rmw_zenoh have 33 or 77 bytes; 16 of them take 4 KiB at most
 _CACHE_S = 2.0  # a cache that does not answer holds up nothing, for live messages are heard, too

@@ -16,8 +16,6 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Batches"]
-
 _CHANNEL = 256  # Zenoh's default; a sender blocks when it is full
 _MOST = 512  # two full channels: what comes while one is emptied goes along; bounds a batch
 _MOST_BYTES = 1 << 24  # bounds the memory of a batch, by the size of the last payload before

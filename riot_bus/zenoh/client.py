@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Client", "Subscription", "open_client"]
-
 Subscription = Any
 """Something with `undeclare()`."""
 

@@ -18,17 +18,6 @@ from riot_bus.zenoh.config_keys import check_config, leaves, value_of, value_of_
 if TYPE_CHECKING:
     from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 
-__all__ = [
-    "FILE_KEYS",
-    "TLS",
-    "USERS",
-    "absolute_file",
-    "check_certificates",
-    "endpoint_files",
-    "settings_of_text",
-    "with_files",
-]
-
 TLS = "transport/link/tls"
 USERS = "transport/auth/usrpwd"
 

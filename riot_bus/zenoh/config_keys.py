@@ -13,8 +13,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["check_config", "leaves", "value_of", "value_of_file"]
-
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+.*", re.DOTALL)
 _REASON = re.compile(r'msg: "(.*?)", location', re.DOTALL)
 _UNKNOWN = "unknown key"

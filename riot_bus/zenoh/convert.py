@@ -15,18 +15,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = [
-    "FEW",
-    "Claims",
-    "Converter",
-    "Occasional",
-    "Outlets",
-    "SampleArrival",
-    "is_delete",
-    "is_droppable",
-    "publisher_settings",
-]
-
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
 _DEFAULT_ENCODING = "zenoh/bytes"

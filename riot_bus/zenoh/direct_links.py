@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.segments import Segment
     from riot_bus.zenoh.session_config import SessionConfig
 
-__all__ = ["DirectLinks", "are_possible"]
-
 _WITHIN_S = 10.0  # as the default timeout of `Network`; then the junction takes over
 _OWN = ("transport/auth", "access_control", "listen/endpoints", "connect/endpoints", "id")
 _SELDOM = "#retry_period_init_ms=1000;retry_period_max_ms=3600000"  # the socket is closed for good once it is severed

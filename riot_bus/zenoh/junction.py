@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.direct_links import DirectLinks
     from riot_bus.zenoh.segments import Segment
 
-__all__ = ["Junction"]
-
 _PROBE_INTERVAL_S = 0.002  # routes are ready after 100 ms: they are used 2 % later at most
 _ROUTES_S = 1.0  # ten times what routes usually take, 100 ms; doubled with each try
 _FORGET_S = 0.2  # twice the 100 ms after which Zenoh computes routes anew; doubled with each try

@@ -11,8 +11,6 @@ from riot_bus.zenoh import sockets
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["JunctionSockets"]
-
 
 class JunctionSockets:
     """The links of one junction at a time.

@@ -20,8 +20,6 @@ from riot_bus.zenoh.libraries import library_of
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["FrequentKeys", "begin_pinning", "end_pinning", "pin"]
-
 _MOST = 1 << 14  # a quarter of Zenoh's numbers, which have 16 bits
 _MOST_FREQUENT = 1 << 12  # a sixteenth of Zenoh's numbers, as none is released before the session ends
 _OFTEN = 8  # rare keys are not worth a declaration; a guess

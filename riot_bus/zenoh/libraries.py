@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["borrow", "give_back", "library_of", "moved"]
-
 _NAME = "zenoh.zenoh"
 _CHUNK = 1 << 26  # more than the library has, 33 MB, so that one call copies it
 _MODE = 0o500  # of a copy: nobody writes to it

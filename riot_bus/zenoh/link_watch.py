@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["BrokenLink", "TransportWatch"]
-
 _STALLED = 0.8  # of the time after which Zenoh closes
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Network"]
-
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PROTOCOLS = "transport/link/protocols"
 _OWN_PROTOCOL = "unixsock-stream"

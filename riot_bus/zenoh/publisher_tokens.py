@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Announcements"]
-
 _ANSWER_S = 2.0  # a router that does not answer delays the start by this for each adapter
 _TOLD_S = 2.0  # as long as one question of `type_learner` may take; what is learnt later still counts
 _LOOK_S = 0.01  # a look goes over all keys whose types are sought; the start is later by one look

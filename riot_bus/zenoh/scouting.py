@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["THIS_HOST", "Answer", "Scouting", "scout"]
-
 
 @dataclass(frozen=True, slots=True)
 class Scouting:

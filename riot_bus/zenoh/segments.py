@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from types import ModuleType
 
-__all__ = ["EPHEMERAL", "Segment"]
-
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""
 

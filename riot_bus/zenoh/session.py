@@ -21,20 +21,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh.session_config import SessionConfig
 
-__all__ = [
-    "canonical",
-    "environment_of_others",
-    "free_endpoint",
-    "includes",
-    "intersects",
-    "listening",
-    "open_session",
-    "prepare_runtime",
-    "reason",
-    "release",
-    "wait_until",
-]
-
 _VARIABLE = "ZENOH_RUNTIME"
 _RECEIVERS = 128  # as many components may block one each (`prepare_runtime`); waiting threads cost little
 

@@ -12,18 +12,6 @@ from riot_bus.zenoh.config_files import endpoint_files
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = [
-    "OWN_CHUNK",
-    "WAIT_BEFORE_CLOSE_S",
-    "SessionConfig",
-    "access_control",
-    "check_own_name",
-    "client_config",
-    "control_id",
-    "is_control",
-    "router_config",
-]
-
 SessionConfig = dict[str, Any]
 """Configuration keys such as `listen/endpoints`, and their JSON values."""
 

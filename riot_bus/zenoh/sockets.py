@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Iterator, Set
 
-__all__ = ["hang_up", "widen"]
-
 _SEND_BUFFER = 1 << 20  # Linux doubles it, and takes no more than net.core.wmem_max
 
 

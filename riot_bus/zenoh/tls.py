@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import RiotError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["why_refused"]
-
 _TLS = "transport/link/tls"
 _TIMEOUT_S = 2.0
 _ALERT_S = 0.5

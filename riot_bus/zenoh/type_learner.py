@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Learner"]
-
 _LOG = logging.getLogger(__name__)
 _FIRST_S = 0.05  # what a component announces comes in a burst
 _AGAIN_S = (1.0, 5.0, 20.0, 60.0)  # a starting component answers soon; after five questions in 86 s, it is mute

@@ -15,9 +15,9 @@ import pytest
 from e2e_support import belonging_to, command, environment
 
 from riot_bus.campaign.store import TrialStore, stored_trials
-from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.base.logs import FailingLog
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.sut.context import open_system
+from riot_bus.trial.context import open_system
 from riot_bus.zenoh.session import wait_until
 from tests.systems.misbehaviour.catalogue import write
 from tests.tiers import scaled

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from riot_bus.agent.access import access_rules, question_limits
+from riot_bus_fleet.agent.access import access_rules, question_limits
 from tests.integration.zenoh_process import ZenohProcess
 
 USERS = {"agent": "robot", "controller": "alice", "viewer": "viewer"}

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain import replay
-from riot_bus.chain.reproduce import reproduce
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.reproduce import reproduce
+from riot_bus.chain.whole import replay
 from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord

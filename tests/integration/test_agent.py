@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from riot_bus.doctor.conformance.security import make_certificates
 from riot_bus.log.reader import read_log
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import free_endpoint, wait_until
+from riot_bus_conformance.security import make_certificates
 from tests.integration.access_tools import write_private
 from tests.integration.agent_tools import Cable, Process, agent, fleet
 from tests.integration.play_tools import BEGIN, MS, Listener, numbered, write

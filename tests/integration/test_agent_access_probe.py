@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.agent.access_probe import NOBODY, probe_access
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_fleet.agent.access_probe import NOBODY, probe_access
 from tests.integration.access_tools import USERS, login, new_rules, secured
 from tests.integration.agent_tools import agent
 from tests.integration.zenoh_process import ZenohProcess

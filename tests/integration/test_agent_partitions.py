@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from riot_bus.agent.remote_operation import RemoteOperation, ask_robot
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
+from riot_bus_fleet.agent.remote_operation import RemoteOperation, ask_robot
 from tests.integration.agent_tools import Cable, Process, agent
 from tests.integration.play_tools import MS, numbered, write
 from tests.integration.zenoh_process import ZenohProcess

@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from riot_bus.agent.names import ALL_AGENTS
-from riot_bus.agent.proof import is_proved, new_secret, prove
-from riot_bus.agent.remote_operation import RemoteOperation, ask_robot
 from riot_bus.control.remote import ForgedAnswerError, Remote
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
+from riot_bus_fleet.agent.names import ALL_AGENTS
+from riot_bus_fleet.agent.proof import is_proved, new_secret, prove
+from riot_bus_fleet.agent.remote_operation import RemoteOperation, ask_robot
 from tests.integration.access_tools import login, new_rules, options_of, secured
 from tests.integration.agent_tools import agent, fleet
 from tests.integration.play_tools import MS, numbered, write

@@ -22,7 +22,7 @@ from riot_bus_mavlink.frame import Frame, checksum_fits, parse_frame
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
 from tests.integration.mavlink_bridge import WAIT_S, MavlinkBridgeProcess, UdpEnd
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess, riot
-from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
+from tests.unit.riot_bus_bridges.mavlink.frames import COMMON, frame_of, unknown_frame
 
 pytestmark = pytest.mark.integration
 

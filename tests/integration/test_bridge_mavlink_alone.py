@@ -18,7 +18,7 @@ from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.mavlink_bridge import WAIT_S, MavlinkBridgeProcess, UdpEnd
 from tests.integration.router_process import riot
-from tests.unit.riot_bus_mavlink.bridge.frames import frame_of, unknown_frame
+from tests.unit.riot_bus_bridges.mavlink.frames import frame_of, unknown_frame
 
 pytestmark = pytest.mark.integration
 

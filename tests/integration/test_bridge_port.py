@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.bridge.port import Question, SegmentPort, open_port
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.segment_port import Question, SegmentPort, open_port
 from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.zenoh_process import ZenohProcess
 

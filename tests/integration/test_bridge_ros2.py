@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from riot_bus.sut.ros_bridge import free_domains
+from riot_bus.processes.ros_domains import free_domains
 from riot_bus.zenoh.session import wait_until
 from tests.bags import text
 from tests.integration.bridge_process import BridgeProcess

@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from riot_bus.sut.ros_bridge import free_domains
+from riot_bus.processes.ros_domains import free_domains
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import free_endpoint, release, wait_until

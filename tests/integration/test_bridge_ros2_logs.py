@@ -19,9 +19,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from riot_bus.play.options import PlayOptions
 from riot_bus.play.service import PlayService
+from riot_bus.processes.ros_domains import free_domains
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.service import CaptureService
-from riot_bus.sut.ros_bridge import free_domains
 from riot_bus.zenoh.session import wait_until
 from tests.foxglove_env import foxglove_messages
 from tests.integration.bridge_process import BridgeProcess

@@ -12,15 +12,15 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.chain.workspace import Workspace
-from riot_bus.cluster.workers import ClusterWorkers
-from riot_bus.sut.context import open_system
-from riot_bus.sut.local import Pool
-from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.pool.local import Pool
+from riot_bus.trial.context import open_system
+from riot_bus.trial.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from riot_bus.zenoh.session import wait_until
+from riot_bus_cluster.workers import ClusterWorkers
 from tests.dask_cluster import DaskCluster
 from tests.systems.misbehaviour.catalogue import write
 
@@ -147,7 +147,7 @@ def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
 def test_an_answer_that_has_died_with_its_worker_is_not_waited_for(
     cluster: DaskCluster, system: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("riot_bus.cluster.workers._FETCH_S", 0.5)
+    monkeypatch.setattr("riot_bus_cluster.workers._FETCH_S", 0.5)
     workers = ClusterWorkers(cluster.executor, open_system(system))
     try:
         assert wait_until(lambda: [workers._look(), any(each.begun for each in workers._states.values())][1], 60)

@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.sut import stage
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.local import Pool
-from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.system import RunPace
-from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.pool.local import Pool
+from riot_bus.processes.launcher import Launcher
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial import stage
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.system_trial import SystemTrial
+from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
@@ -127,7 +127,7 @@ def test_a_component_that_does_not_end_is_killed_and_that_is_told(
     how: str,
     words: str,
 ) -> None:
-    monkeypatch.setattr("riot_bus.sut.starter._STOPPED_WITHIN_S", 0.5)
+    monkeypatch.setattr("riot_bus.trial.starter._STOPPED_WITHIN_S", 0.5)
     stage._tell_unstopped.cache_clear()
     with ready_stage(write(tmp_path, stop, how)) as one:
         begin = time.monotonic()

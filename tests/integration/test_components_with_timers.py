@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.system import RunPace
+from riot_bus.processes.launcher import Launcher
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
 
 pytestmark = pytest.mark.integration
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from riot_bus.router.bus import Bus
-from riot_bus.sut.existing_tests.segments import Crossings
 from riot_bus.zenoh.session import wait_until
+from riot_bus_bridges.ros_test.segments import Crossings
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration

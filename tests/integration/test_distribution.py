@@ -135,8 +135,8 @@ def test_the_first_step_of_the_demo_records_the_installed_rover(full: Path, tmp_
     program = """
 import sys
 from pathlib import Path
-from riot_bus.chain.systems import find_example
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.systems import find_example
+from riot_bus.chain.base.workspace import Workspace
 system = find_example("rover")
 assert system.is_relative_to(sys.prefix), system
 with Workspace(system, Path(sys.argv[1])) as workspace:
@@ -151,9 +151,9 @@ with Workspace(system, Path(sys.argv[1])) as workspace:
 
 def test_dictionaries_adapters_and_examples_are_found(full: Path) -> None:
     program = """
-from riot_bus.chain.systems import find_example
+from riot_bus.chain.base.systems import find_example
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.sut.context import open_system
+from riot_bus.trial.context import open_system
 from riot_bus.types.registry import load_adapters
 print(sorted(each.name for each in load_adapters()))
 print(len(load_dictionary().values_for("float32")) > 3)

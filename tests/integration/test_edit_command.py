@@ -15,7 +15,7 @@ from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 from tests.integration.router_process import ENVIRONMENT, RIOT, riot
-from tests.unit.log.editing.edit_tools import json_log, raw
+from tests.unit.riot_bus_logtools.editing.edit_tools import json_log, raw
 
 pytestmark = pytest.mark.integration
 

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from riot_bus.control.terminal import Foreground
-from riot_bus.log.comparison.compare import Wishes
 from riot_bus.log.reader import read_log
 from riot_bus.play.options import Expectation, PlayOptions
-from riot_bus.sut.expectation import play_expecting
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
+from riot_bus_logtools.comparison.compare import Wishes
+from riot_bus_logtools.comparison.expectation import play_expecting
 from tests.integration.play_tools import BEGIN, MS, numbered, write
 from tests.integration.router_process import riot
 from tests.integration.zenoh_process import ZenohProcess

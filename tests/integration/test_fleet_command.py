@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 
-from riot_bus.fleet.catalogue import Catalogue
-from riot_bus.fleet.query import Query
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until
+from riot_bus_fleet.logs.catalogue import Catalogue
+from riot_bus_fleet.logs.query import Query
 from tests.integration.agent_tools import Process
 from tests.integration.play_tools import BEGIN, MS, write
 from tests.integration.router_process import ENVIRONMENT, RIOT

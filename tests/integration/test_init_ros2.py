@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.context import open_system
-from riot_bus.sut.ros_bridge import free_domains
+from riot_bus.processes.ros_domains import free_domains
+from riot_bus.trial.context import open_system
 from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.bridge_process import BridgeProcess
 from tests.integration.bus_puppet import Puppet

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.local import Pool
-from riot_bus.sut.system import RunPace
-from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.pool.local import Pool
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict

@@ -11,11 +11,11 @@ from typing import Literal
 
 import pytest
 
+from riot_bus.processes.launcher import Launcher
 from riot_bus.router.bus import Bus
 from riot_bus.router.services.offer import ServiceOffer
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.stage import TrialSetup
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.client import open_client

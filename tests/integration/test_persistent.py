@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError

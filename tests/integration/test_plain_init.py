@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.findings.records import CampaignRecord
-from riot_bus.sut.context import open_system
+from riot_bus.trial.context import open_system
 from tests.integration.plain_system import plain_system
 from tests.integration.router_process import RouterProcess, riot
 

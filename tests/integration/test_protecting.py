@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.base.logs import FailingLog
 from riot_bus.findings.records import FindingRecord, MinimalRecord
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.report.regression import write_regression_test
-from riot_bus.sut.context import open_system
+from riot_bus.trial.context import open_system
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet

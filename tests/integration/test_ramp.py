@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.bridge.inner import InnerPort
 from riot_bus.inject.interceptor import Injector
 from riot_bus.pipeline.event import Event
 from riot_bus.router.bus import Bus
@@ -16,6 +15,7 @@ from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
+from riot_bus_bridges.host.inner import InnerPort
 from tests.integration.fault_tools import subscribed
 
 pytestmark = pytest.mark.integration

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.sut.activity import Idle
-from riot_bus.sut.baseline import Baseline
-from riot_bus.sut.local import Pool
-from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
+from riot_bus.pool.local import Pool
+from riot_bus.processes.activity import Idle
+from riot_bus.trial.baseline import Baseline
+from riot_bus.trial.unit_trial import IdleTrial, UnitTrial
 from riot_bus.types.serve import Request
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message

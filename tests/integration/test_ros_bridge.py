@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.reader import LogReader
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.local import Pool
-from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.system import RunPace
-from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.pool.local import Pool
+from riot_bus.processes.launcher import Launcher
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
 from riot_bus.vocabulary.message import Message

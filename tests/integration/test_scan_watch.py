@@ -13,7 +13,7 @@ import pytest
 from riot_bus.router.bus import Bus
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
-from tests.unit.chain.test_scan import FAST, write_rule
+from tests.unit.riot_bus_fleet.test_scan import FAST, write_rule
 
 pytestmark = pytest.mark.integration
 

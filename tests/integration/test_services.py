@@ -16,8 +16,6 @@ from riot_bus.config.router_settings import RouterSettings
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import merged
 from riot_bus.control.router_service import RouterService
-from riot_bus.doctor.conformance.run import PLAIN, compare, run_scenario
-from riot_bus.doctor.conformance.scenario import PREFIX, find
 from riot_bus.interceptors.copies import Tee
 from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.reader import LogReader
@@ -29,6 +27,8 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request
 from riot_bus.zenoh.client import Client, open_client
 from riot_bus.zenoh.session import release, wait_until
+from riot_bus_conformance.run import PLAIN, compare, run_scenario
+from riot_bus_conformance.scenario import PREFIX, find
 from tests.integration.bus_puppet import Puppet
 from tests.integration.service_tools import (
     ADD,

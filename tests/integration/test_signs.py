@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.confirm import repeat, repeat_in_order
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.sut.activity import Idle
-from riot_bus.sut.baseline import Baseline, probe_of
-from riot_bus.sut.evidence import has_debugger
-from riot_bus.sut.local import Pool
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.pool.local import Pool
+from riot_bus.processes.activity import Idle
+from riot_bus.trial.baseline import Baseline, probe_of
+from riot_bus.trial.evidence import has_debugger
+from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase, Verdict

@@ -10,8 +10,8 @@ import pytest
 
 from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.control.router_service import RouterService
-from riot_bus.sut.existing_tests.segments import HERE, UNIT, Components, open_segments
-from riot_bus.sut.launcher import Launcher
+from riot_bus.processes.launcher import Launcher
+from riot_bus_bridges.ros_test.segments import HERE, UNIT, Components, open_segments
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration

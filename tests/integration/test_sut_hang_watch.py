@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.workspace import Workspace
-from riot_bus.sut import signs
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.local import Pool
-from riot_bus.sut.nominal import measure_baseline
-from riot_bus.sut.stage import TrialPlace
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.pool.local import Pool
+from riot_bus.pool.nominal import measure_baseline
+from riot_bus.processes.launcher import Launcher
+from riot_bus.trial import signs
+from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from tests.systems.misbehaviour.catalogue import FAULTY, write

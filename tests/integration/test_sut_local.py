@@ -12,11 +12,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.chain.workspace import Workspace
-from riot_bus.sut.local import Pool
-from riot_bus.sut.system import RunPace
-from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.pool.local import Pool
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.system_trial import SystemTrial
+from riot_bus.trial.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict

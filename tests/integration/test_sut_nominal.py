@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.monitors.mined import NO_RULES
-from riot_bus.sut.baseline import Baseline
-from riot_bus.sut.local import Pool
-from riot_bus.sut.nominal import measure_baseline
+from riot_bus.pool.local import Pool
+from riot_bus.pool.nominal import measure_baseline
+from riot_bus.trial.baseline import Baseline
 from riot_bus.vocabulary.errors import RiotError
 from tests.systems.misbehaviour.catalogue import write
 

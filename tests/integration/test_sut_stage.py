@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.stage import TrialSetup
+from riot_bus.processes.launcher import Launcher
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import wait_until
 

@@ -18,10 +18,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.sut.activity import out_of_memory_kills
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import ComponentProcess, Launcher
-from riot_bus.sut.stage import TrialSetup
+from riot_bus.processes.activity import out_of_memory_kills
+from riot_bus.processes.launcher import ComponentProcess, Launcher
+from riot_bus.trial.context import open_system
+from riot_bus.trial.stage import TrialSetup
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until
@@ -284,10 +284,10 @@ def test_nothing_of_a_container_is_left_when_riot_is_killed(tmp_path: Path, engi
     code = f"""
 import time
 from pathlib import Path
-from riot_bus.sut.activity import out_of_memory_kills
-from riot_bus.sut.context import open_system
-from riot_bus.sut.launcher import ComponentProcess, Launcher
-from riot_bus.sut.stage import TrialSetup
+from riot_bus.processes.activity import out_of_memory_kills
+from riot_bus.trial.context import open_system
+from riot_bus.processes.launcher import ComponentProcess, Launcher
+from riot_bus.trial.stage import TrialSetup
 path = Path({str(path)!r})
 (path.parent / "trial").mkdir()
 one = TrialSetup(open_system(path), Launcher(), path.parent / "trial", segments=["system"]).__enter__()
@@ -392,6 +392,6 @@ def test_a_kill_for_want_of_memory_is_no_crash(tmp_path: Path, monkeypatch: pyte
         os.kill(process.pid, signal.SIGKILL)
         assert made.launcher.wait([process], timeout=WAIT_S)
         assert made.view(["part"], settled=True, waited=1.0).components[0].status == -signal.SIGKILL
-        monkeypatch.setattr("riot_bus.sut.stage.out_of_memory_kills", lambda: out_of_memory_kills() + 1)
+        monkeypatch.setattr("riot_bus.trial.stage.out_of_memory_kills", lambda: out_of_memory_kills() + 1)
         with pytest.raises(EnvironmentFaultError, match="the machine has no memory left"):
             made.view(["part"], settled=True, waited=1.0)

@@ -13,10 +13,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.sut.local import Pool
-from riot_bus.sut.unit_trial import IdleTrial
-from riot_bus.sut.wire import TrialAnswer, TrialBatch, read_answer
-from riot_bus.sut.worker import TrialWorker
+from riot_bus.pool.local import Pool
+from riot_bus.pool.wire import TrialAnswer, TrialBatch, read_answer
+from riot_bus.pool.worker import TrialWorker
+from riot_bus.trial.unit_trial import IdleTrial
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 from riot_bus.zenoh.session import wait_until
@@ -102,7 +102,7 @@ def test_a_worker_ends_with_its_socket_and_by_no_signal_before(
     asking = threading.Thread(target=ask)
     asking.start()
     assert wait_until(told.exists, 60)
-    (worker,) = [each for each in psutil.Process().children() if "riot_bus.sut.worker" in each.cmdline()]
+    (worker,) = [each for each in psutil.Process().children() if "riot_bus.pool.worker" in each.cmdline()]
     below = worker.children(recursive=True)
     assert len(below) == 2  # supervisor and component
     os.kill(worker.pid, number)

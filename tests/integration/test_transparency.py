@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.doctor.conformance.run import OURS, Difference, WayOutcome, compare, run_scenario
-from riot_bus.doctor.conformance.scenario import Scenario, find, load
-from riot_bus.doctor.conformance.verdict import verdicts
 from riot_bus.router.bus import Bus
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_conformance.run import OURS, Difference, WayOutcome, compare, run_scenario
+from riot_bus_conformance.scenario import Scenario, find, load
+from riot_bus_conformance.verdict import verdicts
 
 SCENARIOS = load()
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.reproduce import reproduce
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.robustness import tested as finished
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.reproduce import reproduce
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
+from riot_bus.chain.steps.robustness import tested as finished
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.findings.steps import MINIMIZE
 from riot_bus.log.reader import read_log

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.log.comparison.parts import TopicDifference
-from tests.unit.log.comparison.recordings import of_topic
+from riot_bus_logtools.comparison.parts import TopicDifference
+from tests.unit.riot_bus_logtools.comparison.recordings import of_topic
 
 Row = dict[str, Any]
 

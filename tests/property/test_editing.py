@@ -13,8 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.log.editing.edit import edit
-from riot_bus.log.editing.options import EditOptions
 from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
@@ -24,8 +22,10 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
+from riot_bus_logtools.editing.edit import edit
+from riot_bus_logtools.editing.options import EditOptions
 from tests.tiers import scaled
-from tests.unit.log.editing.edit_tools import Raw, metadata, raw
+from tests.unit.riot_bus_logtools.editing.edit_tools import Raw, metadata, raw
 
 TOPICS = ("/a", "/b/c", "/b/d")
 times = st.integers(10**9, 10**9 + 300) | st.integers(10**9, 1 << 63)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("riot_bus", "adapters", "dictionaries")
+FOLDERS = ("riot_bus", "adapters", "dictionaries", "extensions")
 PLAIN = {"0", "1", "2", "-1"}
 """Numbers that are what they are."""
 

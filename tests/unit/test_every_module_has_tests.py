@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LIST = ROOT / "tests/untested_modules.txt"
-SOURCES = ("riot_bus", "adapters/riot_bus_mavlink", "adapters/riot_bus_ros2")
+SOURCES = ("riot_bus", "adapters/riot_bus_mavlink", "adapters/riot_bus_ros2", "extensions")
 FLAT = ("integration", "property")
 
 

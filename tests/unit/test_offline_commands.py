@@ -11,7 +11,7 @@ import pytest
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 from riot_bus_mavlink.tlog import tlog_record
-from tests.unit.riot_bus_mavlink.bridge.frames import frame_of
+from tests.unit.riot_bus_bridges.mavlink.frames import frame_of
 
 LIVE = ("agent", "bridge", "control", "doctor", "graph", "play", "record", "router", "zenoh")
 PROGRAM = f"""

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = {"": "riot_bus", "adapters/": "riot_bus_*", "dictionaries/": "riot_bus_*"}
+FOLDERS = {"": "riot_bus", "adapters/": "riot_bus_*", "dictionaries/": "riot_bus_*", "extensions/": "riot_bus_*"}
 SHORT_TEXT = re.compile(r"^ +[*`]*(?:[A-Za-z_]\w*)`?: (.{1,14})$(?!\n {5})", re.MULTILINE)
 """An argument or attribute whose whole text has less than 15 characters."""
 
@@ -39,7 +39,7 @@ FIRST = "all as at by from how in likewise of that to what when where which who 
 """Words with which a text of a few words does not say what the argument is."""
 
 CIRCLES = [
-    {"riot_bus.log.editing.batch", "riot_bus.log.editing.inputs"},
+    {"riot_bus_logtools.editing.batch", "riot_bus_logtools.editing.inputs"},
     {
         "riot_bus.router.advanced.history_mirror",
         "riot_bus.router.advanced.publisher_proxies",
@@ -188,7 +188,9 @@ F = NamedTuple("F", [])
 
 
 def room(name: str) -> str:
-    return ".".join(name.split(".")[: 2 if name.startswith("riot_bus.") else 1])
+    """Return the room of a module: a package of riot_bus, or of its `chain`; an extension or adapter is one."""
+    depth = 3 if name.startswith("riot_bus.chain.") else 2 if name.startswith("riot_bus.") else 1
+    return ".".join(name.split(".")[:depth])
 
 
 def subsets(whole: set[str]) -> Iterator[set[str]]:
@@ -206,8 +208,8 @@ def own_programs(tree: ast.Module) -> Iterator[list[str]]:
 
 def test_no_module_of_the_working_folder_is_imported_by_what_riot_starts() -> None:
     found = {name: commands for name, tree in sources().items() if (commands := list(own_programs(tree)))}
-    assert {"riot_bus.doctor.conformance.conductor", "riot_bus.sut.existing_tests.packages"} <= set(found)
-    scripts = {"riot_bus.sut.launcher"}  # a script's own folder is searched, not the working folder
+    assert {"riot_bus_conformance.conductor", "riot_bus_bridges.ros_test.packages"} <= set(found)
+    scripts = {"riot_bus.processes.launcher"}  # a script's own folder is searched, not the working folder
     for name, commands in found.items():
         for words in commands:
             assert ("-P" in words) == (name not in scripts), (name, words)

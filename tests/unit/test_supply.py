@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.chain.ci_init import WORKFLOWS, init_ci
+from riot_bus.ci.ci_init import WORKFLOWS, init_ci
 from riot_bus.vocabulary.errors import MissingExtraError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,9 +13,7 @@ from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["OPERATIONS", "Judge", "compiled", "judge_of", "term_judges"]
+    from riot_bus.vocabulary.message import Scalar
 
 Judge = Callable[[Sequence[Any]], bool]
 """Function that returns whether values, in a given order of names, meet a rule."""

@@ -16,8 +16,6 @@ from riot_bus.vocabulary.elements import is_counted
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
 
-__all__ = ["OPERATIONS", "python_file", "python_predicate"]
-
 OPERATIONS: Mapping[str, str] = {
     "negative": "-{0}",
     "abs": "abs({0})",

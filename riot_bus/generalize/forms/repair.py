@@ -10,8 +10,6 @@ from riot_bus.generalize.forms.function import compiled, term_judges
 from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS, Root, Term, nearest
 from riot_bus.generalize.forms.tree import NO_ROOTS, Terms, Tree, roots
 
-__all__ = ["Repair", "unit_of", "where_it_changes", "why_not_repairable"]
-
 
 def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, str]) -> str:
     """Return why a rule has no nearest values for which it does not hold; empty if it has.

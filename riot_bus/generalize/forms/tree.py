@@ -18,19 +18,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.generalize.features import Feature
 
-__all__ = [
-    "NO_ROOTS",
-    "OPERATIONS",
-    "ROOTS",
-    "Terms",
-    "Tree",
-    "constant",
-    "feature_tree",
-    "one_by_one",
-    "roots",
-    "variable",
-]
-
 Terms = tuple[tuple[Literal, ...], ...]
 
 OPERATIONS: Mapping[str, int] = {

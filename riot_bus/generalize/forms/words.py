@@ -16,8 +16,6 @@ from riot_bus.generalize.forms.tree import Tree
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
 
-__all__ = ["comparison", "identifiers", "is_float", "is_misfit", "line"]
-
 _CPP = (
     "alignas alignof and and_eq asm auto bitand bitor bool case catch char class compl const constexpr "
     "const_cast decltype default delete do double dynamic_cast else enum explicit export extern false float "

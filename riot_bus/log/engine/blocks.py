@@ -21,24 +21,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = [
-    "EXTRAS",
-    "MAX_BLOCK",
-    "MESSAGE_HEAD",
-    "Block",
-    "Records",
-    "Span",
-    "claimed_size",
-    "head_type",
-    "heads_of",
-    "message_bytes",
-    "read_block",
-    "read_packed",
-    "records_of",
-    "unzstd",
-    "walk",
-]
-
 EXTRAS, EXTRAS_TYPE = "riot_bus.extras", "application/msgpack+zstd"
 """Name and media type of an attachment that belongs to the chunk after it; other attachments are left alone."""
 MAX_BLOCK = 1 << 30

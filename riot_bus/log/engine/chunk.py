@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["LARGE", "Buffer", "Chunk", "ChunkBuilder", "Companions", "Draft", "Row", "indexes_of"]
-
 LARGE = 1 << 16
 """Least bytes of a payload that is treated separately."""
 Buffer = bytes | memoryview

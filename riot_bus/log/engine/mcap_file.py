@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Chunk
 
-__all__ = ["McapFile", "record_bytes", "statistics_of"]
-
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
 _CHANNEL, _LENGTH = struct.Struct("<HH"), struct.Struct("<I")

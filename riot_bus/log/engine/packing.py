@@ -17,8 +17,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from riot_bus.log.engine.chunk import Buffer, Chunk
 
-__all__ = ["COMPRESSIONS", "PackedChunk", "check_compression", "pieces_of", "worthwhile"]
-
 _LEAST_SHARE = _LEAST_GAIN = 32  # 1/32 of a chunk
 _FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256  # headers are skipped; of few payloads, 1 MiB is sampled at most
 _LOOK = 64  # bytes in the middle of payloads: if two agree there, they are probably copies

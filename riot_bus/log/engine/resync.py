@@ -13,8 +13,6 @@ from riot_bus.log.engine.blocks import CHUNK, HEAD, MAX_BLOCK, SHORTEST_MESSAGE
 if TYPE_CHECKING:
     from collections.abc import Container
 
-__all__ = ["next_record"]
-
 _FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22  # most damage is short; the search takes several times a window in memory
 _NAMES = (b"", b"lz4", b"zstd")
 _CHUNK_HEAD = HEAD.size + CHUNK.size + len(b"zstd") + 8

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Chunk
 
-__all__ = ["Ring", "RingContent"]
-
 
 class _Entry(NamedTuple):
     """A chunk and what belongs to it, or only a metadata record."""

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["salvage"]
-
 _INDEX = struct.Struct("<HI")
 _STEP = 1 << 12  # bytes that are decompressed at once: up to this many are lost before a damaged place
 _PACKED_STEP = 1 << 10  # compressed bytes of lz4: up to this many are lost before a damaged place

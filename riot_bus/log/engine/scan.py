@@ -39,17 +39,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = [
-    "MessageEntry",
-    "Scan",
-    "define",
-    "load_block",
-    "parse",
-    "read_attachment",
-    "read_metadata",
-    "scan_file",
-]
-
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 """Bytes at the end of a file that was closed: footer and magic."""
 

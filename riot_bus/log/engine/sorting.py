@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from riot_bus.log.engine.scan import MessageEntry
 
-__all__ = ["OverlapSorter"]
-
 _ENTRY_BYTES = 200  # a `MessageEntry`, its integers and its payload's header take about this
 
 

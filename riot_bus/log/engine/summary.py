@@ -14,8 +14,6 @@ from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.log.engine.scan import FOOTER_BYTES, parse, parse_footer
 
-__all__ = ["Summary", "read_summary"]
-
 _DATA_END = HEAD.size + 4
 _INDEX = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from riot_bus.log.playback.sources import Source
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["AheadSource"]
-
 _BATCH = 64  # messages: one by one, each would take a lock and wake a thread
 _BATCH_BYTES = 1 << 20  # as a usual chunk: large messages are handed over after fewer than _BATCH
 _BATCHES = 32  # 2048 messages or 32 MiB, of which usual chunks take 1 MiB; not tuned

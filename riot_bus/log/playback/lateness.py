@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 
-__all__ = ["Lateness"]
-
 _BITS = 7  # leading bits: values are exact to 2**-6, or 1.6 %
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["PlayReport", "PlayState", "PlayStatus", "Player", "check_rate", "play"]
-
 _LOOK_UP_NS = 100_000_000  # a stop takes effect within 0.1 s; ten looks a second cost little
 _STOP_S = 0.2  # only a source that hangs keeps the lock longer; then the flag must do
 _SLOWEST, _FASTEST = 1e-6, 1e6  # far beyond any use; a rate near 0 would make waits infinite (OverflowError)

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.log.playback.sources import Source
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["RecallingSource"]
-
 
 class RecallingSource:
     """A source that starts with the last earlier messages of latched topics, if it does not start at the beginning.

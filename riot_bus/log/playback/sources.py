@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.log.reader import LogReader
     from riot_bus.pipeline.runner import Pipeline
 
-__all__ = ["LogSource", "MergedSource", "PipedSource", "Source"]
-
 
 class Source(Protocol):
     """Messages sorted by time.

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block, Records
     from riot_bus.log.reader import LogReader
 
-__all__ = ["LoadedBlock", "load_ahead"]
-
 _LATEST = (1 << 63) - 1  # the largest int64 of numpy; times in MCAP go up to 2^64 - 1
 _SMALL = 1 << 14  # handing a block of this size to a thread takes longer than loading it
 

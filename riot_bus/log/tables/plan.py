@@ -28,19 +28,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.reader import ChannelSource, LogReader
     from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = [
-    "NOTHING",
-    "Feed",
-    "Wish",
-    "chosen_rows",
-    "delivered_sources",
-    "is_chosen",
-    "log_registry",
-    "plan_columns",
-    "topic_types",
-]
+    from riot_bus.vocabulary.message import Scalar
 
 _SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
 _MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.payloads import Payloads
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import Scalar
-
-__all__ = ["FieldRange", "TopicFields", "field_ranges"]
+    from riot_bus.vocabulary.message import Scalar
 
 _MEMORY = 1 << 28  # as for `iter_columns`; a single block may be larger
 _ELEMENTS = 16  # each is a path of its own, whose values are gathered from all messages

@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Kind", "Rows"]
-
 Kind = str
 """What a column holds: the name of a numpy type, `text` or `bytes`."""
 

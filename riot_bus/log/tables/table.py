@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Column", "Columns", "column_parts", "columns", "iter_columns"]
-
 MEMORY = 1 << 30  # a chunk at the reader's limit has room, and would else count as damaged
 _STREAM_MEMORY = 1 << 28  # as the reader's limit `held`, for messages that wait for earlier ones
 _MOST_THREADS = 4  # one thread takes values out of blocks, so more would wait; not measured

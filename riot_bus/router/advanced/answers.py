@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Answers"]
-
 _TIMEOUT_S = 2.0  # own caches answer at once; by default, Zenoh ends queries after 10 s
 _PATIENCE_S = 1.0  # a history takes little more than the 0.25 s of `history_mirror._UNDER_WAY_S`
 _AGAIN_S = 0.01  # a look compares a few flags: at most a hundred looks within `_PATIENCE_S`

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.router.worker import Worker
 
-__all__ = ["HistoryMirror"]
-
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.05  # for forwarders to take samples, and subscribers to query; live messages may wait meanwhile
 _UNDER_WAY_S = 0.25  # 50 ms were not enough once in 180 runs on a busy machine

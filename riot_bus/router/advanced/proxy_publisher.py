@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["ProxyPublisher", "StoreFilter"]
-
 _DEEP = 1 << 20  # while it is not known how much the publisher keeps
 _MOST_SKIPPED = 256  # puts of 1.2 us (measured) on the worker's thread: 0.3 ms; a forged heartbeat may claim 2**32
 

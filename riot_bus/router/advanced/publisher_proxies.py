@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["PublisherProxies"]
-
 _LOG = logging.getLogger(__name__)
 _BEAT_S = 0.5  # how late subscribers hear of a lost last sample; a beat visits all publishers
 _END_S = 5.0  # longer than the two queries, of 2 s each, that an earlier task may make

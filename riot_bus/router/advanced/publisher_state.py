@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
     from riot_bus.router.advanced.source import AdvancedSource
 
-__all__ = ["PublisherState", "Relayed", "SampleVerdict", "Stored", "Task", "relayed"]
-
 
 class Task(NamedTuple):
     """A task for a publisher; if `holds`, live messages wait until it is done."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-__all__ = ["UNNUMBERED", "AdvancedSource", "announced", "source_of"]
-
 UNNUMBERED = "uhlc"
 """Entity of a publisher that stamps its samples instead of numbering them, as zenoh-ext names it."""
 

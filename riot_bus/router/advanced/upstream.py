@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["CacheAnswer", "Upstream"]
-
 _TIMEOUT_S = 2.0  # live messages wait as long for a cache that never answers
 _MOST_BYTES = 1 << 28  # of the answers to a query: what a reader of logs holds at most (`LogLimits.held`)
 _SAMPLE_BYTES = 1 << 10  # of an answer besides its payload, generously: its Python objects

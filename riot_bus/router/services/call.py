@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Call", "encoding_text", "payload_of", "reply_to"]
-
 _DEFAULT_ENCODING = "zenoh/bytes"
 
 

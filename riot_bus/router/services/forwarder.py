@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["CallForwarder", "Limits"]
-
 _LOG = logging.getLogger(__name__)
 _FOREVER_S = 30 * 86_400.0  # Zenoh needs a limit (10 s by default); no caller waits for a month
 _QOS = Qos()

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["ServiceOffer"]
-
 
 class ServiceOffer:
     """Watches whether a service exists that others than this session serve, without calling it.

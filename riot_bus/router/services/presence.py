@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Presence", "silent_querier"]
-
 _CACHED = 1 << 10  # each is a querier declared in a session, and callers may use ever new keys
 
 

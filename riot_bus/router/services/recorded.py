@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["RecordedCall", "RecordedService", "calls_in", "serve_recorded"]
-
 _LOG = logging.getLogger(__name__)
 
 

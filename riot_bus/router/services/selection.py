@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["is_served", "service_keys", "split", "with_spaces"]
-
 
 def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
     """Return the keys to intercept for services and actions, as a user could write them.

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from riot_bus.router.delivery_queue import DeliveryQueue
 
-__all__ = ["Services"]
-
 
 class Services:
     """Stands in for the selected services of each segment in the others, which the junction keeps apart.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from riot_bus.backchain.alignment import Piece
+from riot_bus_fleet.evidence.alignment import Piece
 
 STEP = 0.1
 

@@ -10,9 +10,9 @@ import pytest
 
 from riot_bus.campaign.campaign import run_campaign
 from riot_bus.campaign.covering import Covering
-from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, targets_of
+from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.store import StoredRunner, TrialStore
-from riot_bus.campaign.targets import Target
+from riot_bus.campaign.targets import Target, targets_of
 from riot_bus.campaign.triage import finding_id
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import Dictionary, load_dictionary

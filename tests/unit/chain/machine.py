@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.workspace import StepRun, Workspace
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.events import RunEvent
 from riot_bus.findings.permeability import EdgeRecord, PermeabilityRecord
 from riot_bus.findings.records import (
@@ -27,8 +27,8 @@ from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
-from riot_bus.sut.baseline import UNKNOWN, Baseline
-from riot_bus.sut.system import RunPace
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.message import Message
@@ -319,7 +319,7 @@ def write_finding(
     one: Bench, messages: Sequence[Message], originals: dict[int, Message], name: str = "failure"
 ) -> None:
     """Write a finding with its failing (or minimal) log."""
-    from riot_bus.chain.logs import FailingLog
+    from riot_bus.chain.base.logs import FailingLog
 
     one.folder.mkdir(parents=True, exist_ok=True)
     FindingRecord(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.ci import CiPlan, CiResult, UnitResult, run_ci
-from riot_bus.chain.ci_baseline import accept
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.ci.ci import CiPlan, CiResult, UnitResult, run_ci
+from riot_bus.ci.ci_baseline import accept
 from riot_bus.events import RunEvent
 from riot_bus.findings.known import KnownFindings
 from riot_bus.vocabulary.errors import EnvironmentFaultError

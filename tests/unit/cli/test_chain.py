@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
-from riot_bus.chain import robustness
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps import robustness
 from riot_bus.cli import chain
 from riot_bus.cli.main import make_app
 from riot_bus.findings.records import CampaignRecord
@@ -76,7 +76,7 @@ def test_a_demo_that_has_found_nothing_says_whether_that_means_something(
         CampaignRecord(unit="drive", fingerprint="f", tested=64, notes=notes).save(workspace.out)
         return {"findings": [], "seed": 0}
 
-    monkeypatch.setattr("riot_bus.chain.demo.demo", demo)
+    monkeypatch.setattr("riot_bus.chain.steps.demo.demo", demo)
     (tmp_path / "riot.toml").write_text(SYSTEM)
     words = ["demo", "--system", str(tmp_path / "riot.toml"), "--out", str(tmp_path / "out")]
     told = CliRunner().invoke(make_app("demo"), words)

@@ -12,14 +12,15 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from riot_bus.agent import request
-from riot_bus.cli import fleet_robots, play, record
+from riot_bus.cli import play, record
 from riot_bus.cli.declared import declared, with_options
 from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.flags import Flag, flags_of
+from riot_bus_fleet.agent import request
+from riot_bus_fleet.cli import robots as fleet_robots
 
 OPERATION = {"operation": "0123456789abcdef", "on_lost_controller": "continue"}
 

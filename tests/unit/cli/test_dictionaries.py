@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from riot_bus.cli.main import make_app
 from riot_bus.inject.dictionary_file import json_schema
-from tests.unit.chain.test_dictionaries import press
+from tests.unit.chain.steps.test_dictionaries import press
 
 
 def riot(*words: object, code: int = 0) -> tuple[str, str]:

@@ -8,23 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import add_commands
-from riot_bus.fleet.catalogue import Catalogue
-from riot_bus.fleet.index import index
+from riot_bus.cli.main import make_app
 from riot_bus.log.rosbag2 import files_of
-from riot_bus.types.protobuf.source import ProtobufTypes
 from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus_fleet.logs.catalogue import Catalogue
+from riot_bus_fleet.logs.index import index
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.signing import read_key
+from riot_bus_protobuf.source import ProtobufTypes
 from riot_bus_ros2.adapter import Ros2Adapter
 from tests.log_mutants import foreign
 
-APP = typer.Typer()
-for module in ("logs", "diff", "edit", "play", "archives", "fleet", "backchain"):
-    add_commands(APP, module)
+APP = make_app()
 COMMANDS = [
     ["info", "BAD"],
     ["info", "--no-scan", "BAD"],

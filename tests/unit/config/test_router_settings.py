@@ -15,7 +15,7 @@ from riot_bus.control.component import client_cfg
 from riot_bus.control.exposure import bridge_warnings, exposure_warnings
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import load_router, merged, parse_cfg
-from riot_bus.sut.system import load_system
+from riot_bus.system.system_file import load_system
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_keys import leaves, value_of
 from riot_bus.zenoh.session_config import client_config

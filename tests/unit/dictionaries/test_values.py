@@ -3,7 +3,8 @@ import struct
 
 import pytest
 
-from riot_bus.inject.dictionary import TYPES, eligible, load_dictionary
+from riot_bus.inject.dictionary import eligible, load_dictionary
+from riot_bus.inject.dictionary_file import TYPES
 
 DICTIONARY = load_dictionary()
 

@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.store import TrialStore
-from riot_bus.chain.ci import _tidy
-from riot_bus.chain.ci_baseline import accept
-from riot_bus.chain.kept import keep_finding
-from riot_bus.chain.scan import ScanRule
-from riot_bus.chain.workspace import Workspace, open_finding
+from riot_bus.chain.base.workspace import Workspace, open_finding
+from riot_bus.ci.ci import _tidy
+from riot_bus.ci.ci_baseline import accept
+from riot_bus.ci.kept import keep_finding
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.allure import AllureReport
@@ -24,6 +23,7 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_fleet.scan import ScanRule
 from tests.unit.chain.machine import Bench, bench, write_minimal, write_rule
 
 KEY = "PRIVATE KEY OF THE VICTIM 4711"

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from riot_bus import plugins
-from riot_bus.chain.analyze import analyze
+from riot_bus.chain.steps.analyze import analyze
 from riot_bus.cli.main import make_app
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 from riot_bus.report import finding_view as view
@@ -27,8 +27,8 @@ SOURCE = '''
 
 from pathlib import Path
 
-from riot_bus.chain.logs import read_messages
-from riot_bus.chain.workspace import StepRun
+from riot_bus.chain.base.logs import read_messages
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.findings.records import Artefact
 from riot_bus.findings.steps import ChainStep, StepOption
 

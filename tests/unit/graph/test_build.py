@@ -11,8 +11,8 @@ from riot_bus.graph.observe import Observer
 from riot_bus.graph.processes import SocketOwner, endpoint_of
 from riot_bus.graph.sources import AdminView
 from riot_bus.graph.tokens import ADVANCED, expressions, parse_token
-from riot_bus.types.bridging import BridgedLink
 from riot_bus.types.capabilities import Announcement, Role
+from riot_bus.types.port import BridgedLink
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 A, B, C = "aa", "bb", "cc"

@@ -9,13 +9,13 @@ import zlib
 import pytest
 import zstandard
 
-from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.info import log_info
 from riot_bus.log.limits import VARIABLE, lifted, tight_limits
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_logtools.editing.inputs import InputLog
 from tests.log_mutants import attachment, channel, chunk, message, record, schema, statistics, text, whole
 
 GIB = 1 << 30

@@ -8,8 +8,8 @@ import pytest
 
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.invariants import Range, Values
-from riot_bus.sut.context import open_system
-from riot_bus.sut.system import load_system
+from riot_bus.system.system_file import load_system
+from riot_bus.trial.context import open_system
 from riot_bus.vocabulary.errors import ConfigError
 
 FILE = """

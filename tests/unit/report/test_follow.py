@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from riot_bus.chain.analyze import analyze_all
-from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.robustness import tested as known_findings
-from riot_bus.chain.workspace import Workspace
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.analyze import analyze_all
+from riot_bus.chain.steps.robustness import test_unit as run_campaign
+from riot_bus.chain.steps.robustness import tested as known_findings
 from riot_bus.events import CampaignFinished, CampaignStarted, FindingReplayed, FindingWritten, RunEvent
 from riot_bus.findings.known import KnownFinding, KnownFindings
 from riot_bus.findings.records import FindingRecord

@@ -3,7 +3,8 @@
 import random
 
 from riot_bus.campaign.groups import groups_of
-from riot_bus.campaign.schedule import Schedule, targets_of
+from riot_bus.campaign.schedule import Schedule
+from riot_bus.campaign.targets import targets_of
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
 from riot_bus.types.registry import TypeRegistry

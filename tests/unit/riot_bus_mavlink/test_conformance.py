@@ -5,7 +5,7 @@ from typing import ClassVar
 import pytest
 
 from riot_bus.testing.adapters import AdapterConformance
-from riot_bus.types.capabilities import ConvertsFiles, ListensToLinks, ListsTypes, SetsParameters, TakesFiles
+from riot_bus.types.capabilities import ConvertsFiles, ListsTypes, SetsParameters, TakesFiles
 from riot_bus.types.model import TopicName
 
 pytest.importorskip("pymavlink")
@@ -29,6 +29,6 @@ class TestMavlink(AdapterConformance):
         "mavlink_raw/gcs/1/1/ATTITUDE": TopicName("mavlink_raw/gcs/1/1/ATTITUDE", "mavlink/ATTITUDE"),
     }
     types = ("mavlink/HEARTBEAT", "mavlink/COMMAND_LONG")
-    capabilities = (TakesFiles, ListsTypes, ListensToLinks, ConvertsFiles, SetsParameters)
+    capabilities = (TakesFiles, ListsTypes, ConvertsFiles, SetsParameters)
     foreign = ("", "a/b", "0/chatter/std_msgs::msg::dds_::String_/x")
     archive = b"".join(tlog_record(10**18 + number, frame(number)) for number in range(3))

@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.sut.activity import Threads, families
-from riot_bus.sut.launcher import ComponentProcess, Launcher
-from riot_bus.sut.settling import wait_settled
+from riot_bus.processes.activity import Threads, families
+from riot_bus.processes.launcher import ComponentProcess, Launcher
+from riot_bus.trial.settling import wait_settled
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import wait_until
 
@@ -63,7 +63,7 @@ def test_output_may_be_ours_and_a_folder_goes_with_the_processes(tmp_path: Path)
     (scratch := tmp_path / "scratch").mkdir()
     code = f"""
 from pathlib import Path
-from riot_bus.sut.launcher import Launcher
+from riot_bus.processes.launcher import Launcher
 with Launcher(quiet=False, scratch=Path({str(scratch)!r})) as launcher:
     command = ["sh", "-c", "echo out; echo err >&2; cat"]
     process = launcher.start("part", command, env={{}}, cwd=Path("/"), directory=None)
@@ -87,7 +87,7 @@ def test_kill_all_takes_grandchildren_along(launcher: Launcher, start: Start, tm
 
 def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
     code = (
-        "import os,sys,time,pathlib; from riot_bus.sut.launcher import Launcher\n"
+        "import os,sys,time,pathlib; from riot_bus.processes.launcher import Launcher\n"
         "d = pathlib.Path(sys.argv[1])\n"
         "launcher = Launcher()\n"
         "p = launcher.start('part', ['sleep', '96.5'], env=dict(os.environ), cwd=d, directory=d)\n"
@@ -162,7 +162,7 @@ def test_ends_that_come_with_the_answer_to_the_start_are_not_lost(
 
 def test_what_is_torn_down_when_riot_is_killed(tmp_path: Path) -> None:
     code = (
-        "import os,sys,time,pathlib; from riot_bus.sut.launcher import Launcher\n"
+        "import os,sys,time,pathlib; from riot_bus.processes.launcher import Launcher\n"
         "d = pathlib.Path(sys.argv[1])\n"
         "launcher = Launcher()\n"
         "words = ['sh', '-c', 'cat; touch held']\n"

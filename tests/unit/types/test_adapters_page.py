@@ -8,17 +8,18 @@ from typing import ClassVar
 import pytest
 
 from riot_bus.testing.adapters import AdapterConformance
-from riot_bus.types import bridging, capabilities
+from riot_bus.types import capabilities
 from riot_bus.types.capabilities import ParsesTokens
 from riot_bus.types.model import Adapter, TopicName
 from riot_bus.types.registry import TypeRegistry
+from riot_bus_bridges import bridging
 
 PAGE = (Path(__file__).parents[3] / "docs" / "adapters.md").read_text(encoding="utf-8")
 ADAPTER, TESTS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 PROTOCOLS = {
-    name: getattr(capabilities, name)
-    for name in capabilities.__all__
-    if getattr(getattr(capabilities, name), "_is_runtime_protocol", False)
+    name: each
+    for name, each in vars(capabilities).items()
+    if getattr(each, "_is_runtime_protocol", False) and each.__module__ == capabilities.__name__
 }
 
 

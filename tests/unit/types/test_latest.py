@@ -1,4 +1,4 @@
-"""Fields of the latest messages; rules over whole logs are in tests/unit/chain/test_prediction.py."""
+"""Fields of the latest messages; rules over whole logs are in tests/unit/chain/unit/test_prediction.py."""
 
 from __future__ import annotations
 

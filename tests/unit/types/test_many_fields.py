@@ -143,8 +143,8 @@ def test_definitions_of_a_log_are_parsed_up_to_a_limit(monkeypatch):
 
 def test_small_elements_of_protobuf_with_many_fields_that_are_not_on_the_wire():
     descriptor = pytest.importorskip("google.protobuf.descriptor_pb2")
-    from riot_bus.types.protobuf.kind import ProtobufType
-    from riot_bus.types.protobuf.layout import Definitions
+    from riot_bus_protobuf.kind import ProtobufType
+    from riot_bus_protobuf.layout import Definitions
 
     file = descriptor.FileDescriptorProto(name="a.proto", package="p", syntax="proto3")
     inner, outer = file.message_type.add(name="Inner"), file.message_type.add(name="Outer")

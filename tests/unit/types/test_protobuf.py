@@ -11,10 +11,10 @@ from riot_bus.types.capabilities import DescribesFields
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import REBUILD, Leaf, MessageType, Schema, TypeSource
 from riot_bus.types.payloads import Payloads
-from riot_bus.types.protobuf.kind import ProtobufType
-from riot_bus.types.protobuf.layout import Definitions
-from riot_bus.types.protobuf.source import ProtobufTypes
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError
+from riot_bus_protobuf.kind import ProtobufType
+from riot_bus_protobuf.layout import Definitions
+from riot_bus_protobuf.source import ProtobufTypes
 from tests.unit.types.proto_samples import SCALARS, SET, cls, every, legacy
 
 DEFINITIONS = Definitions({each.name: each for each in SET.file})

@@ -7,14 +7,14 @@ import pytest
 import zstandard
 from mcap.reader import make_reader
 
-from riot_bus.log.editing.edit import edit
-from riot_bus.log.editing.options import EditOptions
 from riot_bus.log.engine.chunk import LARGE, ChunkBuilder
 from riot_bus.log.engine.packing import COMPRESSIONS, PackedChunk, check_compression, pieces_of, worthwhile
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from riot_bus_logtools.editing.edit import edit
+from riot_bus_logtools.editing.options import EditOptions
 
 TEXT = b'{"x": 1.5, "name": "rover"}'
 UNPACK = {

@@ -11,13 +11,13 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from riot_bus.log import columns, iter_columns
-from riot_bus.log.editing.edit import edit
-from riot_bus.log.editing.options import EditOptions
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
-from riot_bus.log.tables.export import export_table
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
+from riot_bus_logtools.editing.edit import edit
+from riot_bus_logtools.editing.options import EditOptions
+from riot_bus_logtools.export.export import export_table
 from tests.tiers import scaled
 
 KEYS = ["a", "b/c", "d"]

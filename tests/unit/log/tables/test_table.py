@@ -186,7 +186,7 @@ def test_a_chunk_beyond_memory_is_counted(path):
 LIMITED = """
 import resource, sys
 from riot_bus.log import columns, iter_columns
-from riot_bus.log.tables.export import export_table
+from riot_bus_logtools.export.export import export_table
 from riot_bus.log.info import log_info
 log, out, limit = sys.argv[1], sys.argv[2], 64 << 20
 columns(sys.argv[3], ["a:x"])  # for the imports

@@ -1,0 +1,1 @@
+"""`riot bridge`, `riot ros-test`."""

@@ -1,0 +1,172 @@
+"""`riot bridge NAME`: joins other middleware to a segment; each NAME is a plug-in (`BRIDGES`)."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperGroup
+
+from riot_bus.cli.ctl import Cfg
+from riot_bus.cli.declared import annotation_of, with_options
+from riot_bus.cli.help_groups import BUS
+from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.control.router_flags import RouterOptions
+from riot_bus.plugins import PluginKind
+from riot_bus.vocabulary.errors import ConfigError, RiotError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from riot_bus.control.terminal import Foreground
+    from riot_bus.zenoh.segment_port import SegmentPort
+    from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
+    from riot_bus_bridges.host.program import Program
+
+BRIDGES = PluginKind("bridge", "riot_bus.bridges")
+
+_OURS = {"system": annotation_of(RouterOptions, "system"), "cfg": Cfg, "form": Format}
+"""Options of riot itself that a command gets by the names of its parameters."""
+
+
+class _Bridges(TyperGroup):
+    """Finds bridges by name, and imports the module of a command only when it is named or listed."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all bridges that are installed."""
+        del ctx
+        return list(BRIDGES.targets())
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a bridge's command, None if there is none of this name."""
+        del ctx
+        return _command(cmd_name) if cmd_name in BRIDGES.targets() else None
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    bridge = typer.Typer(
+        cls=_Bridges, help="Join other middleware to a segment.", no_args_is_help=True, rich_markup_mode=None
+    )
+    bridge.callback()(_hand_over)
+    app.add_typer(bridge, name="bridge", rich_help_panel=BUS)
+
+
+def _hand_over(context: typer.Context) -> None:
+    context.obj = BusHost()
+
+
+def _command(name: str) -> Any:
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    try:
+        function = BRIDGES.load(name)
+    except RiotError as error:  # the others must still be listed
+        reason = error
+
+        def fail() -> None:
+            raise reason
+
+        anything = {"ignore_unknown_options": True, "allow_extra_args": True}
+        app.command(name, help=f"Cannot be loaded: {error.message}", context_settings=anything)(fail)
+    else:
+        app.command(name)(with_options(function, _OURS))
+    return typer.main.get_command(app)
+
+
+class BusHost:
+    """What riot offers to bridges: `riot_bus_bridges.bridging.BridgeHost`."""
+
+    def ports(
+        self,
+        segments: Sequence[str],
+        endpoint: str | None = None,
+        *,
+        system: Path | None = None,
+        cfg: Sequence[str] = (),
+    ) -> dict[str, AbstractContextManager[Any]]:
+        """Return segments that connect when they are entered."""
+        from riot_bus.control.component import client_cfg, segment_access
+
+        own = client_cfg(cfg)
+        found: dict[str, AbstractContextManager[Any]] = {}
+        for name, place in _places(segments, endpoint).items():
+            if place is None:
+                endpoints, config, _ = segment_access(name, RouterOptions(system=system), own)
+            else:
+                endpoints, config = [place], own
+            found[name] = _port(endpoints, config)
+        return found
+
+    def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
+        """Bridge until told to end."""
+        from riot_bus_bridges.host.running import run_bridge
+
+        start = partial(_start, program, bridge) if program else None
+        return _ended(run_bridge(bridge, _foreground(as_json=as_json), program=start))
+
+    def segments(self, asked: OwnRouter) -> list[str]:
+        """Return the names of a router's segments."""
+        from riot_bus.control.router_options import settings_of
+
+        return list(settings_of(RouterOptions(**asdict(asked))).segments)
+
+    def run_router(
+        self,
+        bridge_of: Callable[[Mapping[str, Any]], LinkedBridge],
+        asked: OwnRouter,
+        *,
+        program: Sequence[str] = (),
+        as_json: bool = False,
+    ) -> int:
+        """Route and bridge in one process."""
+        from riot_bus_bridges.host.own_router import run_own_router
+
+        options = RouterOptions(**asdict(asked))
+        start = partial(_start, program) if program else None
+        return _ended(run_own_router(options, bridge_of, _foreground(as_json=as_json), program=start))
+
+
+def _places(texts: Sequence[str], endpoint: str | None) -> dict[str, str | None]:
+    """Return the endpoints of segments by name, None for those given by name only."""
+    if bool(texts) == (endpoint is not None):
+        hint = "give --segment NAME or --endpoint ENDPOINT, not both"
+        raise ConfigError("which segment?", where="riot bridge", hint=hint)
+    places: dict[str, str | None] = {}
+    for text in texts or [f"={endpoint}"]:
+        name, equals, place = text.partition("=")
+        if name in places:
+            raise ConfigError(f"segment {name!r} is named twice", where="--segment")
+        places[name] = place if equals else None
+    return places
+
+
+@contextmanager
+def _port(endpoints: Sequence[str], config: Mapping[str, Any]) -> Iterator[SegmentPort]:
+    from riot_bus.zenoh.segment_port import open_port
+
+    with open_port(endpoints, config=config) as port:
+        yield port
+
+
+def _foreground(*, as_json: bool) -> Foreground:
+    from riot_bus.cli.terminal import foreground_of
+
+    return foreground_of(OutputFormat.JSON if as_json else OutputFormat.TEXT)
+
+
+def _start(command: Sequence[str], bridge: Bridge) -> Program:
+    from riot_bus_bridges.host.program import Program
+
+    return Program(command, bridge.words(), ended=bridge.stop)
+
+
+def _ended(status: int) -> int:
+    from riot_bus_bridges.host.program import end_as
+
+    end_as(status)
+    return status

@@ -1,0 +1,37 @@
+"""Opens a link of any kind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus_bridges.links.logs import TelemetryLogSink, TelemetryLogSource
+from riot_bus_bridges.links.serial_port import SerialLink
+from riot_bus_bridges.links.tcp import TcpClient, TcpServer
+from riot_bus_bridges.links.udp import UdpClient, UdpServer
+from riot_bus_bridges.mavlink.url import LinkKind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus_bridges.links.link import Host, Link
+    from riot_bus_bridges.mavlink.url import LinkSpec
+
+_LINKS: dict[LinkKind, Callable[[LinkSpec, Host], Link]] = {
+    LinkKind.UDP_SERVER: UdpServer,
+    LinkKind.UDP_CLIENT: UdpClient,
+    LinkKind.TCP_SERVER: TcpServer,
+    LinkKind.TCP_CLIENT: TcpClient,
+    LinkKind.SERIAL: SerialLink,
+    LinkKind.LOG_READER: TelemetryLogSource,
+    LinkKind.LOG_WRITER: TelemetryLogSink,
+}
+
+
+def open_link(spec: LinkSpec, host: Host) -> Link:
+    """Open a link.
+
+    Raises:
+        EnvironmentFaultError: It cannot listen, or a log cannot be opened.
+        MissingExtraError: A package that it needs is not installed.
+    """
+    return _LINKS[spec.kind](spec, host)

@@ -1,0 +1,56 @@
+"""Verdicts of the transparency suite on a running router, one scenario at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus_conformance.run import PLAIN, compare, run_scenario
+from riot_bus_conformance.scenario import load
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+_ROUTER = "router"
+
+
+@dataclass(frozen=True)
+class ScenarioVerdict:
+    """Result of one scenario.
+
+    Attributes:
+        scenario: Name of the scenario.
+        summary: Description of what the scenario does, in a sentence.
+        differences: Places where the router behaved differently from a plain one.
+        skipped: Reason why it was not tried.
+    """
+
+    scenario: str
+    summary: str
+    differences: tuple[str, ...] = ()
+    skipped: str | None = None
+
+    def __str__(self) -> str:
+        state = "differs" if self.differences else "skipped" if self.skipped else "same"
+        lines = [f"{state:8} {self.scenario}: {self.skipped or self.summary}"]
+        return "\n".join([*lines, *(f"         {each}" for each in self.differences)])
+
+
+def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None) -> Iterator[ScenarioVerdict]:
+    """Run scenarios between two segments of a running router and through a plain router.
+
+    Args:
+        endpoints: Endpoints of the two segments.
+        only: Names of scenarios; None for all.
+    """
+    for name, scenario in load().items():
+        if only is not None and name not in only:
+            continue
+        ours = run_scenario(scenario, _ROUTER, endpoints)
+        if ours.skipped is not None:
+            yield ScenarioVerdict(name, scenario.summary, skipped=ours.skipped)
+            continue
+        plain = run_scenario(scenario, PLAIN)
+        known = "native" in scenario.limits  # a documented difference of routers in a chain
+        differences = () if known else tuple(map(str, compare([plain, ours])))
+        yield ScenarioVerdict(name, scenario.summary, differences, plain.skipped)

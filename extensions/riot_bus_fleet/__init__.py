@@ -1,0 +1,1 @@
+"""A fleet's robots and logs: the agent, the catalogue, scans, and evidence from logs alone."""

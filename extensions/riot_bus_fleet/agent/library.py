@@ -1,0 +1,196 @@
+"""The logs of one folder: their list, and the safe lookup of files by names from untrusted users."""
+
+from __future__ import annotations
+
+import stat
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.given_files import leads_out
+from riot_bus.log.limits import tight_limits
+from riot_bus.log.rosbag2 import files_of
+from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
+from riot_bus_fleet.logs.catalogue import Catalogue
+from riot_bus_fleet.logs.entry import ENDING
+from riot_bus_fleet.logs.index import index
+from riot_bus_fleet.logs.query import parse_query
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from riot_bus_fleet.logs.entry import LogEntry
+
+_LONGEST_PATH = 1000
+_MOST_FILES = 500
+_MOST_ROWS = 500
+_END_S = 10.0
+_IDLE, _LONGEST_REST_S = 9, 20.0
+"""Rest between two scans, whatever is requested: a multiple of the last scan's duration, and the limit of it."""
+_NAMES = 10_000  # a guess: a wrong name is compared with each, only for a hint
+
+
+class Library:
+    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else.
+
+    Args:
+        folder: Folder of the logs; nothing outside of it is ever opened.
+        robot: Name of the robot for logs that do not name theirs.
+        catalogue: File that keeps what is known; None for memory.
+        failed: Called with a line about whatever could not be scanned.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        robot: str,
+        *,
+        catalogue: Path | None = None,
+        failed: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.folder = folder.resolve()
+        self._robot = robot
+        self._failed = failed
+        self._told: set[str] = set()
+        self._catalogue = Catalogue(catalogue)
+        self._bell = threading.Condition()
+        self._wanted = self._done = 0
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="riot-agent-logs", daemon=True)
+
+    def start(self) -> None:
+        """Begin to scan."""
+        self._thread.start()
+        self._look()
+
+    def close(self) -> None:
+        """Stop scanning."""
+        with self._bell:
+            self._closing = True
+            self._bell.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(_END_S)
+        if not self._thread.is_alive():
+            self._catalogue.close()
+
+    def logs(self, query: str = "", *, offset: int = 0, limit: int = 100, look: int | None = None) -> dict[str, Any]:
+        """Return the logs known so far, as JSON values, and request a new scan unless `look` is given.
+
+        Args:
+            query: Query for logs, in the language of `riot fleet list`.
+            offset: Number of logs to skip.
+            limit: Largest number of logs to return.
+            look: Number of a scan, from an earlier answer; this answer is complete if that scan has ended.
+
+        Raises:
+            ConfigError: The query is invalid.
+        """
+        wanted = parse_query(query)
+        limit = min(max(limit, 0), _MOST_ROWS)
+        number = self._look() if look is None else look
+        with self._bell:
+            complete = self._done >= number
+        rows = self._catalogue.find(wanted, limit=limit, offset=max(offset, 0))
+        return {
+            "logs": [self._row(each) for each in rows],
+            "count": self._catalogue.count(wanted),
+            "complete": complete,
+            "look": number,
+        }
+
+    def resolve(self, name: str) -> list[Path]:
+        """Return the files of a name: a log, or a folder that holds the files of one recording.
+
+        Args:
+            name: Path, relative to the folder, or absolute and inside of it.
+
+        Raises:
+            ConfigError: The path leads out of the folder, directly or through a link, or is not a log.
+        """
+        where = "logs"
+        if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
+            raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
+        try:
+            path = self._inside(self.folder / name, name)
+            try:
+                files = files_of(path)
+            except ConfigError as error:
+                error.where = f"logs: {name}"  # remote users must not see where the folder is
+                raise
+            if len(files) > _MOST_FILES:
+                raise ConfigError(f"the folder {name!r} holds {len(files)} logs", where=where, hint="name one of them")
+            found = [self._inside(each, name) for each in files]
+            for each in found:
+                if not stat.S_ISREG(each.stat().st_mode) or each.suffix != ENDING:
+                    raise ConfigError(f"{name!r} is not a log", where=where, hint=f"their names end with {ENDING}")
+        except OSError as error:
+            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
+            hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"
+            raise ConfigError(f"cannot open {name!r}: {error.strerror}", where=where, hint=hint) from None
+        return found
+
+    def resolve_all(self, names: Sequence[str]) -> list[Path]:
+        """Return the files of several names; raises ConfigError as `resolve` does, or if these are too many to open."""
+        found = [path for name in names for path in self.resolve(name)]
+        if len(found) > _MOST_FILES:
+            raise ConfigError(f"{len(found)} logs at once are too many", where="logs", hint=f"at most {_MOST_FILES}")
+        return found
+
+    def _inside(self, path: Path, name: str) -> Path:
+        if leads_out(path, self.folder):
+            raise ConfigError(
+                f"{name!r} is outside of the folder of logs", where="logs", hint="links that lead out are refused too"
+            )
+        return path.resolve()
+
+    def _name(self, entry: LogEntry) -> str:
+        return entry.place.removeprefix(f"{self.folder}/")
+
+    def _row(self, entry: LogEntry) -> dict[str, Any]:
+        return {
+            "name": self._name(entry),
+            "size": entry.size,
+            "start": entry.start,
+            "end": entry.end,
+            "seconds": entry.seconds,
+            "messages": entry.messages,
+            "lost": entry.lost,
+            "readable": entry.readable,
+            "problem": entry.problem[:200],
+        }
+
+    def _look(self) -> int:
+        """Request a scan and return its number."""
+        with self._bell:
+            self._wanted = self._done + (2 if self._wanted > self._done else 1)  # a scan that has begun is too old
+            self._bell.notify_all()
+            return self._wanted
+
+    def _run(self) -> None:
+        rest = 0.0
+        while True:
+            with self._bell:
+                self._bell.wait_for(lambda: self._closing or self._wanted > self._done)
+                self._bell.wait_for(lambda: self._closing, rest)
+                if self._closing:
+                    return
+            began = time.monotonic()
+            try:
+                report = index(
+                    self._catalogue,
+                    [str(self.folder)],
+                    robot=self._robot,
+                    jobs=1,
+                    stop=lambda: self._closing,
+                    limits=tight_limits(),
+                )
+                problems = report.failures
+            except RiotError as error:
+                problems = [str(error)]
+            for each in set(problems) - self._told:
+                self._told.add(each)
+                self._failed(each)
+            with self._bell:
+                self._done += 1
+            rest = min(_IDLE * (time.monotonic() - began), _LONGEST_REST_S)

@@ -1,0 +1,1 @@
+"""`riot agent`, `riot backchain`, `riot fleet`, `riot scan`."""

@@ -1,0 +1,1 @@
+"""`riot diff`, `riot edit`, `riot export`, `riot import`."""

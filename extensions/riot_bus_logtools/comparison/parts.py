@@ -1,0 +1,141 @@
+"""The differences of one topic between two logs, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.message import Scalar
+
+
+@dataclass(frozen=True, slots=True)
+class FieldExample:
+    """One place where a field differs.
+
+    Attributes:
+        path: Path of the field in the message.
+        a: Number of the message among those of its topic in the first log, from 0.
+        b: Number of the message in the second log, counted in the same way.
+        seconds: Seconds since the first message of the first log.
+        before: Value in the first log; None if the message has no such field.
+        after: Value in the second log; None if the message has no such field.
+    """
+
+    path: str
+    a: int
+    b: int
+    seconds: float
+    before: Scalar | None
+    after: Scalar | None
+
+
+@dataclass(frozen=True, slots=True)
+class FieldDifference:
+    """A field that differs in some messages.
+
+    Attributes:
+        name: Path of the field, in which `[*]` stands for any element.
+        messages: Number of messages in which it differs.
+        example: Place where it differs most; for texts, where it differs first.
+        largest: Largest difference; None if that is not a number.
+        typical: Median difference of the messages in which it differs; None if that is not a number.
+        low: Smallest value in either log; None if there is no number.
+        high: Largest value in either log; None if there is no number.
+        whole: Whether all of these are whole numbers.
+        unlike: Messages in which only one log has the field, or in which it is not a number in one log.
+        turns: Share of differences that have another sign than the one before: half of them in noise, few in a drift.
+    """
+
+    name: str
+    messages: int
+    example: FieldExample
+    largest: float | None = None
+    typical: float | None = None
+    low: float | None = None
+    high: float | None = None
+    whole: bool = False
+    unlike: int = 0
+    turns: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TopicTiming:
+    """Seconds by which messages of a topic were earlier or later, counted from the first message in common.
+
+    Attributes:
+        median: Median of all, without sign.
+        largest: Largest of all, without sign.
+        number: Number of the message with the largest one, in the first log.
+        late: Number of messages for which it is more than allowed.
+    """
+
+    median: float
+    largest: float
+    number: int
+    late: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TopicDifference:
+    """One topic in two logs.
+
+    Attributes:
+        topic: Name of the topic shown to users.
+        type: Name of its type in the first log, or in the second one if the first has none.
+        count_a: Messages in the first log.
+        count_b: Messages in the second log.
+        equal: Messages that are the same in both, in the same order.
+        near: Number of those that differ within the tolerances.
+        changed: Messages in which a field differs.
+        lost: Messages of the first log only.
+        added: Messages of the second log only.
+        moved: Messages that both have, in another order.
+        unaligned: Messages of both logs that could not be paired.
+        fields: Fields that differ, those in most messages first.
+        left: Number of messages by name of each field that differs and is not compared.
+        same_fields: Messages that have other bytes, but the same fields.
+        opaque: Messages that were compared as bytes in both logs, by reason.
+        lost_at: Numbers of the first lost messages.
+        added_at: Numbers of the first added messages.
+        moved_at: Numbers of the first moved messages in both logs.
+        allowed: Number of messages that may be lost, added or moved.
+        timing: Differences in time; None without any messages in common.
+        labels: Other properties that differ between the logs, such as `encoding`.
+        profile: Share of the first log's messages that are changed, lost or moved, along the log; empty if none is.
+    """
+
+    topic: str
+    type: str
+    count_a: int
+    count_b: int
+    equal: int = 0
+    near: int = 0
+    changed: int = 0
+    lost: int = 0
+    added: int = 0
+    moved: int = 0
+    unaligned: tuple[int, int] = (0, 0)
+    fields: tuple[FieldDifference, ...] = ()
+    left: Mapping[str, int] = field(default_factory=dict)
+    same_fields: int = 0
+    opaque: Mapping[str, int] = field(default_factory=dict)
+    lost_at: tuple[int, ...] = ()
+    added_at: tuple[int, ...] = ()
+    moved_at: tuple[tuple[int, int], ...] = ()
+    allowed: float = 0.0
+    timing: TopicTiming | None = None
+    labels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    profile: tuple[float, ...] = ()
+
+    @property
+    def shifted(self) -> int:
+        """Messages that are lost, added or in another order."""
+        return self.lost + self.added + self.moved
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs by more than is tolerated."""
+        late = self.timing.late if self.timing is not None else 0
+        return not (self.changed or any(self.unaligned) or late or self.labels) and self.shifted <= self.allowed

@@ -1,0 +1,171 @@
+"""Batches of messages, as records in a buffer: records that do not change are moved without being parsed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.log.engine.blocks import heads_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from riot_bus.log.engine.blocks import Block
+    from riot_bus_logtools.editing.inputs import InputLog
+
+_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record: see blocks.MESSAGE
+
+
+@dataclass(slots=True, eq=False)
+class Batch:
+    """A batch of n messages.
+
+    Attributes:
+        buffer: Buffer that holds their records.
+        start: Offset at which each record begins, shape (n,).
+        end: Offset at which each record ends, shape (n,).
+        edit: Number of the `ChannelEdit` of each message, shape (n,).
+        time: Time of each message, nanoseconds, shape (n,).
+        extras: Result of `layout.extras_of` for each message, shape (n,); None if no message has extras.
+        notes: Changes of each message by interceptors, tuples, shape (n,); None if there are none.
+        changed: Number of the edit for which each counts as changed, -1 if it does not, shape (n,); None if none.
+        whole: Log and block, if these are exactly all messages of the block, unchanged; None otherwise.
+    """
+
+    buffer: bytes | bytearray
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    edit: NDArray[np.int32]
+    time: NDArray[np.uint64]
+    extras: NDArray[Any] | None = None
+    notes: NDArray[Any] | None = None
+    changed: NDArray[np.int32] | None = None
+    whole: tuple[InputLog, Block] | None = None
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def weight(self) -> int:
+        """Bytes of the records."""
+        return int((self.end - self.start).sum())
+
+    def take(self, rows: NDArray[Any] | slice) -> Batch:
+        """Return some of the messages, by mask, by number or by range."""
+        details: Any = [None if each is None else each[rows] for each in (self.extras, self.notes, self.changed)]
+        return Batch(self.buffer, self.start[rows], self.end[rows], self.edit[rows], self.time[rows], *details)
+
+    def where(self, mask: NDArray[np.bool_]) -> Batch:
+        """Return the messages for which a mask is true; the same batch if these are all."""
+        return self if mask.all() else self.take(mask)
+
+    def by_time(self) -> Batch:
+        """Return the messages sorted by time (stable); the same batch if it is already sorted."""
+        if len(self) < 2 or bool((self.time[1:] >= self.time[:-1]).all()):
+            return self
+        return self.take(np.argsort(self.time, kind="stable"))
+
+    def writable(self) -> bytearray:
+        """Return the buffer, which may then be changed."""
+        if not isinstance(self.buffer, bytearray):
+            self.buffer = bytearray(self.buffer)
+        self.whole = None
+        return self.buffer
+
+
+def with_records(batch: Batch, rows: Sequence[int], records: Sequence[bytes]) -> Batch:
+    """Return a batch with other records in some rows; these lie behind all others in the buffer."""
+    lengths = np.array([len(record) for record in records], np.int64)
+    start, end = batch.start.copy(), batch.end.copy()
+    end[rows] = len(batch.buffer) + np.cumsum(lengths)
+    start[rows] = end[rows] - lengths
+    return replace(batch, buffer=b"".join([batch.buffer, *records]), start=start, end=end, whole=None)
+
+
+def gathered(batches: Sequence[Batch]) -> Batch:
+    """Return the messages of all batches, one after the other."""
+    filled = [batch for batch in batches if len(batch)]
+    if len(filled) == 1:
+        return filled[0]
+    if not filled:
+        return Batch(b"", *(np.zeros(0, kind) for kind in (np.int64, np.int64, np.int32, np.uint64)))  # type: ignore[arg-type]
+    pieces: list[memoryview] = []
+    for batch in filled:
+        view = memoryview(batch.buffer)
+        pieces += [view[begin:end] for begin, end in runs_of(batch)]
+    lengths = np.concatenate([batch.end - batch.start for batch in filled])
+    ends = np.cumsum(lengths)
+    return Batch(
+        b"".join(pieces),
+        ends - lengths,
+        ends,
+        np.concatenate([batch.edit for batch in filled]),
+        np.concatenate([batch.time for batch in filled]),
+        _joined([(len(batch), batch.extras) for batch in filled], None, object),
+        _joined([(len(batch), batch.notes) for batch in filled], None, object),
+        _joined([(len(batch), batch.changed) for batch in filled], -1, np.int32),
+    )
+
+
+def runs_of(batch: Batch) -> list[tuple[int, int]]:
+    """Return start and end of each sequence of records without gaps."""
+    if not len(batch):
+        return []
+    breaks = np.flatnonzero(batch.start[1:] != batch.end[:-1])
+    begins = batch.start[np.concatenate(([0], breaks + 1))]
+    ends = batch.end[np.concatenate((breaks, [len(batch) - 1]))]
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+
+def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.bool_]]:
+    """Shift times; the batch is changed in place, and returned with a mask of the messages whose time is still valid.
+
+    Args:
+        batch: Messages whose times are shifted.
+        delta: Nanoseconds to add to both times of each, shape (n,).
+    """
+    if not delta.any():
+        return batch, np.ones(len(batch), np.bool_)
+    buffer = batch.writable()
+    heads = heads_of(buffer, batch.start)
+    step = delta.astype(np.uint64)  # wraps, as the addition does
+    time, published = batch.time + step, heads["published"] + step
+    fits = np.where(delta < 0, time <= batch.time, time >= batch.time)
+    known = np.where(delta < 0, published <= heads["published"], published >= heads["published"])
+    _write(buffer, batch.start + _TIME_AT, time, 8)
+    _write(buffer, batch.start + _PUBLISHED_AT, np.where(known, published, time), 8)
+    batch.time = time
+    if batch.extras is not None:
+        for row in np.flatnonzero([extras is not None and "p" in extras for extras in batch.extras]).tolist():
+            _shift_extras(batch.extras, row, int(delta[row]))
+    return batch, fits
+
+
+def renumbered(batch: Batch, rows: NDArray[Any], channels: NDArray[np.uint16]) -> None:
+    """Write other channel numbers into the records of some rows."""
+    if len(rows):
+        _write(batch.writable(), batch.start[rows] + _CHANNEL_AT, channels, 2)
+
+
+def _write(buffer: bytearray, places: NDArray[np.int64], values: NDArray[Any], size: int) -> None:
+    raw = np.frombuffer(buffer, np.uint8)
+    data = np.ascontiguousarray(values.astype(f"<u{size}")).view(np.uint8).reshape(-1, size)
+    raw[places[:, None] + np.arange(size)] = data
+
+
+def _shift_extras(extras: NDArray[Any], row: int, delta: int) -> None:
+    try:
+        published = int(extras[row]["p"])
+    except (TypeError, ValueError):
+        return
+    extras[row] = {**extras[row], "p": str(published + delta)}
+
+
+def _joined(parts: Sequence[tuple[int, NDArray[Any] | None]], nothing: Any, kind: Any) -> NDArray[Any] | None:
+    if all(part is None for _, part in parts):
+        return None
+    return np.concatenate([np.full(count, nothing, kind) if part is None else part for count, part in parts])

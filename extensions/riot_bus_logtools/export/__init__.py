@@ -1,0 +1,1 @@
+"""Tables of a log in formats of other tools."""

@@ -1,0 +1,1 @@
+"""What all steps share: the workspace, failing logs, systems, test cases, external fields."""

@@ -1,0 +1,107 @@
+"""The whole chain over one finding; every step that has finished is read, not repeated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.chain.steps.step_budgets import budget_within
+from riot_bus.chain.unit.absence import other_cause
+from riot_bus.events import AnalysisFinished, StepStopped
+from riot_bus.findings.records import FindingRecord
+from riot_bus.findings.steps import STEPS, ChainStep
+from riot_bus.report.page import write_report
+from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.base.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """A finding that has gone through the chain.
+
+    Attributes:
+        folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
+        report: Path of the report page.
+        stopped: Reason why the chain ended early; empty if it did not.
+        unfinished: Whether it ended early for lack of time.
+    """
+
+    folder: Path
+    report: Path
+    stopped: str = ""
+    unfinished: bool = False
+
+
+Options = Mapping[str, Mapping[str, Any]]
+
+
+def analyze_all(
+    workspace: Workspace, folders: Sequence[Path], *, further: Sequence[ChainStep] = (), options: Options | None = None
+) -> list[Analysis]:
+    """Take findings through all steps, and further ones found on the way, with another cause of the same failure.
+
+    Arguments are those of `analyze`.
+    """
+    every = with_other_causes(folders)
+    return [analyze(workspace, folder, further=further, options=options) for folder, _ in every]
+
+
+def with_other_causes(folders: Sequence[Path]) -> Iterator[tuple[Path, int]]:
+    """Yield findings, and those with another cause of the same failure that analyzing them has added meanwhile.
+
+    Each comes with the number of findings that are left, itself included.
+    """
+    queue = list(folders)
+    for number, folder in enumerate(queue):
+        yield folder, len(queue) - number
+        other = other_cause(folder)
+        if FindingRecord.exists(other) and other not in queue:
+            queue.append(other)
+
+
+def analyze(
+    workspace: Workspace,
+    folder: Path,
+    *,
+    further: Sequence[ChainStep] = (),
+    options: Options | None = None,
+    left: Callable[[], float] | None = None,
+) -> Analysis:
+    """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
+
+    Args:
+        workspace: The system, its output folder and its slots.
+        folder: Folder of the finding.
+        further: Steps of other packages, which come after the built-in ones.
+        options: Options of steps, by the name of the step.
+        left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.
+
+    Raises:
+        ConfigError: `finding.json` or the file of a finished step cannot be used.
+    """
+    FindingRecord.load(folder)
+    outside = bool(workspace.context.file.external.topics)
+    stopped, unfinished, open_questions = "", False, list[str]()
+    steps = [step for step in (*STEPS[1:], *further) if outside or not step.whole_system or step.kind.exists(folder)]
+    for number, step in enumerate(steps):
+        if step.kind.exists(folder):
+            step.kind.load(folder)
+            continue
+        rest = [each for each in steps[number:] if not each.kind.exists(folder)]
+        limits = {} if left is None else budget_within(workspace, folder, rest, left())
+        try:
+            workspace.carry_out(step, folder, **limits | dict((options or {}).get(step.name, {})))
+        except (InconclusiveError, OutOfTimeError) as error:
+            stopped, unfinished = str(error), isinstance(error, OutOfTimeError)
+            workspace.tell(StepStopped(step.name, stopped, str(folder)))
+            open_questions.append(f"The step `{step.name}` ended early: {stopped}")
+            break
+    report = write_report(folder, open_questions=open_questions)
+    workspace.tell(AnalysisFinished(str(folder), str(report), stopped))
+    return Analysis(folder, report, stopped, unfinished)

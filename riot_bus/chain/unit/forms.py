@@ -1,0 +1,73 @@
+"""Forms of a rule for use in a maintainer's code: files in the finding's folder, and what extensions add."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.generalize.forms.python_form import python_file, python_predicate
+from riot_bus.generalize.rule import Rule
+from riot_bus.plugins import RULE_FORMS
+from riot_bus.report.formats import write_file
+from riot_bus.report.regression import file_stem
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
+    from riot_bus.generalize.forms.tree import Terms
+
+PYTHON = "sanitize.py"
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenRule:
+    """A rule that is to be written in some form: what the entry points `riot_bus.rule_forms` get.
+
+    Attributes:
+        terms: The rule.
+        types: Type of each field that it names.
+        scale: Nominal spread of each field.
+        lines: What it is about, for a comment.
+        name: Name of the finding, usable in an identifier.
+        folder: The finding's folder, to write a file to.
+    """
+
+    terms: Terms
+    types: Mapping[str, str]
+    scale: Mapping[str, float]
+    lines: Sequence[str]
+    name: str
+    folder: Path
+
+
+def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> RuleRecord:
+    """Write the rule in all forms into the finding's folder, and return its record with what they add to it.
+
+    Args:
+        record: Record of the rule.
+        finding: Record of its finding.
+        folder: The finding's folder.
+    """
+    terms, types = Rule.from_json(record.rule).terms, dict(record.types)
+    lines = [
+        f"{finding.component} fails: {finding.signature}",
+        f"It fails when {record.text}",
+        f"Precision {_rate(record.precision)}, recall {_rate(record.recall)}.",
+    ]
+    rule = WrittenRule(terms, types, record.scale, lines, file_stem(finding), folder)
+    (folder / PYTHON).unlink(missing_ok=True)  # of an earlier rule
+    with suppress(ConfigError):
+        write_file(python_file(terms, types=types, scale=record.scale, told=lines), folder / PYTHON)
+        record = record.model_copy(update={"python": python_predicate(terms, types=types, told=record.text)})
+    for form in RULE_FORMS.targets():
+        update: Mapping[str, Any] = RULE_FORMS.load(form)(rule)
+        record = record.model_copy(update=update)
+    return record
+
+
+def _rate(one: ProportionRecord) -> str:
+    return f"{one.count} of {one.total} fresh trials" if one.total else "not tested"

@@ -1,0 +1,1 @@
+"""Runs of the whole system with external fields driven, and what they show."""

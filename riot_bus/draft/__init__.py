@@ -1,0 +1,1 @@
+"""`riot init`: a first riot.toml from a live network, running processes or a recording."""

@@ -1,0 +1,157 @@
+"""A first start of components, each on a separate segment, to see which of them work, and what they read and write."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.draft.topic_look import TopicDraft, look_at
+from riot_bus.graph.model import Edge, Graph, Topic
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.processes.launcher import Launcher
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.stage import TrialSetup
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from riot_bus.draft.plain_draft import PlainFacts
+    from riot_bus.pipeline.event import Event
+    from riot_bus.trial.context import Context
+    from riot_bus.types.capabilities import Role
+    from riot_bus.vocabulary.message import Message
+
+_POLL_S = 0.02  # how late a connection is noticed; a look compares ids that sessions know
+_ASK_S = 0.2  # passes in full for each component that has not subscribed to every key
+_MOST_KEYS = 1000  # each is declared as a publisher with a listener, once for every component
+_MOST_WORDS = 300  # letters at the end of the last line: four lines of a terminal
+_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26  # 100 topics of the 200 payloads that `topic_look` reads; 64 MiB
+
+
+@dataclass(frozen=True, slots=True)
+class FirstRun:
+    """Behaviour of components when they were started.
+
+    Attributes:
+        reads: By component, the keys that it has subscribed to, out of those asked for and those published.
+        writes: By component, the keys that it has published on.
+        failed: By component, the reason why it does not work.
+        topics: By key, what the messages reveal about the topic.
+    """
+
+    reads: Mapping[str, Collection[str]] = field(default_factory=dict)
+    writes: Mapping[str, Collection[str]] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+    topics: Mapping[str, TopicDraft] = field(default_factory=dict)
+
+
+class _Tap:
+    """An interceptor that keeps the first messages."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self._bytes = 0
+
+    def message(self, event: Event) -> None:
+        size = len(event.message.payload)
+        if len(self.messages) < _MOST_MESSAGES and self._bytes + size <= _MOST_BYTES:
+            self.messages.append(event.message)
+            self._bytes += size
+
+
+def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
+    """Start components and watch them; their messages reach no other system.
+
+    Args:
+        context: Context of the system.
+        names: Names of the components.
+        keys: Further keys that they may have subscribed to.
+        seconds: Time to watch them after all have connected, in seconds.
+    """
+    failed: dict[str, str] = {}
+    tap = _Tap()
+    pipeline = Pipeline([tap], registry=context.registry)
+    with (
+        tempfile.TemporaryDirectory(prefix="riot-init-") as folder,
+        Launcher() as launcher,
+        TrialSetup(context, launcher, Path(folder), segments=(), intercept=["**"], pipeline=pipeline) as stage,
+    ):
+        for name in names:
+            try:
+                stage.start(name, seed=0, pace=RunPace(duration=seconds))
+            except EnvironmentFaultError as error:
+                failed[name] = error.message
+        failed |= _not_connected(stage)
+        stage.launcher.wait(list(stage.processes.values()), timeout=seconds)  # less long if all end
+        failed |= {name: _how_ended(stage, name) for name in stage.processes if stage.processes[name].status}
+        flows = [each for each, count in stage.bus.flows().items() if count]
+        asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
+        reads = {
+            name: set(asked) - set(stage.bus.wait_subscribed(name, asked, timeout=_ASK_S))
+            for name, process in stage.processes.items()
+            if asked and process.status is None
+        }
+    writes = {name: {key for key, segment in flows if segment == name} for name in stage.processes}
+    return FirstRun(reads, writes, failed, look_at(tap.messages, context.registry)[0])
+
+
+def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> PlainFacts:
+    """Return facts about a system, completed by what its components did when started; a pure function.
+
+    Args:
+        facts: Facts that were known before.
+        run: Behaviour of the components.
+        sessions: Name of the component by the id of its session.
+    """
+    first = {name: zid for zid, name in reversed(list(sessions.items()))}
+    homes = {each.zid: each.segment for each in facts.graph.components}
+
+    def edges(role: Role, used: Mapping[str, Iterable[str]]) -> list[Edge]:
+        return [
+            Edge(key, role, homes.get(first[name], ""), first[name], evidence=("started",))
+            for name, keys in used.items()
+            for key in keys
+        ]
+
+    new = [*edges("subscribes", run.reads), *edges("publishes", run.writes)]
+    told = {(each.topic, each.role) for each in new}
+    known = {each.identity for each in new}
+    kept = [e for e in facts.graph.edges if (e.zid or (e.topic, e.role) not in told) and e.identity not in known]
+    topics = {key: Topic(key, each.topic) for key, each in run.topics.items()}
+    topics |= {each.key: each for each in facts.graph.topics}
+    commands = {
+        zid: replace(each, missing=(*each.missing, f"what makes it work when riot starts it: {why}"))
+        if (why := run.failed.get(sessions.get(zid, "")))
+        else each
+        for zid, each in facts.commands.items()
+    }
+    graph = Graph.of(facts.graph.components, topics.values(), [*kept, *new], facts.graph.unknown)
+    return replace(facts, graph=graph, topics={**run.topics, **facts.topics}, commands=commands)
+
+
+def _not_connected(stage: TrialSetup) -> dict[str, str]:
+    """Wait until all have connected, ended or timed out; return those that have not connected, and why."""
+    begin, components = time.monotonic(), stage.context.file.components
+    results: dict[str, str] = {}  # empty for those that have connected
+    while missing := stage.processes.keys() - results.keys():
+        for name in sorted(missing):
+            timeout = components[name].ready.timeout
+            if stage.bus.segment(name).peers() - stage.bus.ids:
+                results[name] = ""
+            elif not stage.launcher.alive(stage.processes[name]):
+                results[name] = _how_ended(stage, name)
+            elif time.monotonic() - begin > timeout:
+                results[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
+        time.sleep(_POLL_S)
+    return {name: why for name, why in results.items() if why}
+
+
+def _how_ended(stage: TrialSetup, name: str) -> str:
+    process = stage.processes[name]
+    words = process.errors().strip().splitlines()
+    last = f": {words[-1][-_MOST_WORDS:]}" if words else ""
+    return f"it ended with status {process.status}{last}"

@@ -1,0 +1,1 @@
+"""Processes of components: how they are started, watched, looked into and ended."""

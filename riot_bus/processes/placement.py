@@ -1,0 +1,110 @@
+"""Environment of a test's processes that puts some of them into another segment (see `hook/sitecustomize.py`)."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+HOOK = Path(__file__).with_name("placement_hook")
+STARTED = ".started"
+"""Suffix of the file next to a plan of `only_some` in which the hook reports what was to be started."""
+_LARGEST = 1 << 20  # four times the size at which the hook stops writing reports
+
+
+@dataclass(frozen=True, slots=True)
+class StartedProcesses:
+    """Numbers of processes that Python has started, by name.
+
+    Attributes:
+        chosen: Processes in the other segment.
+        others: Processes in the segment of the command.
+    """
+
+    chosen: Mapping[str, int]
+    others: Mapping[str, int]
+
+
+class Placement:
+    """Puts processes into a segment by their names.
+
+    Args:
+        folder: Folder for two files; only this user should be able to write there.
+        segment: Segment of the chosen processes.
+        nodes: Regular expression for a whole name; None for none.
+        variables: Environment variables that a process of that segment needs.
+
+    Raises:
+        ConfigError: `nodes` is not a regular expression.
+    """
+
+    def __init__(self, folder: Path, *, segment: str, nodes: str | None, variables: Mapping[str, str]) -> None:
+        try:
+            re.compile(nodes or "")
+        except re.error as error:
+            hint = "such as 'planner|/robot1/controller'"
+            text = f"{nodes!r} is not a regular expression: {error}"
+            raise ConfigError(text, where="--unit-nodes", hint=hint) from None
+        self._plan, self._told = folder / "placement.json", folder / "started.jsonl"
+        self._told.touch(0o600)
+        plan = {"segment": segment, "nodes": nodes or "", "variables": dict(variables), "told": str(self._told)}
+        self._plan.write_text(json.dumps(plan), encoding="utf-8")
+
+    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
+        """Return the variables that activate the hook in a process with the given variables."""
+        return hooked(given, self._plan)
+
+    def started(self) -> StartedProcesses:
+        """Return what was started so far."""
+        return started_in(self._told)
+
+
+def started_in(told: Path) -> StartedProcesses:
+    """Return what was started so far, according to the hook's file of reports."""
+    found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
+    with told.open("rb") as stream:
+        lines = stream.read(_LARGEST).splitlines()
+    for line in lines:
+        event = _event(line)
+        names = event.get("names")
+        if isinstance(names, list) and names:
+            found[bool(event.get("segment"))][str(names[-1] if len(names) > 1 else names[0])] += 1
+    return StartedProcesses(found[True], found[False])
+
+
+def hooked(given: Mapping[str, str], plan: Path) -> dict[str, str]:
+    """Return the variables with which the hook carries out a plan in a process with the given variables."""
+    path = os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])])
+    return {"PYTHONPATH": path, "RIOT_PLACEMENT": str(plan)}
+
+
+def only_some(given: Mapping[str, str], only: str, *, plan: Path) -> dict[str, str]:
+    """Return the variables with which a process starts only some of its child processes.
+
+    Args:
+        given: Variables of the process.
+        only: Regular expression for the whole name of the processes that are started.
+        plan: File to write, in a folder to which only this user should be able to write; a file next to it reports
+            what would have been started.
+    """
+    told = plan.with_suffix(STARTED)
+    told.touch(0o600)
+    plan.write_text(json.dumps({"only": only, "told": str(told)}), encoding="utf-8")
+    return hooked(given, plan)
+
+
+def _event(line: bytes) -> dict[str, Any]:
+    try:
+        event = json.loads(line)
+    except ValueError:
+        return {}
+    return event if isinstance(event, dict) else {}

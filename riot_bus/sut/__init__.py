@@ -1,1 +1,0 @@
-"""The system under test: its file, its processes, and trials."""

@@ -1,0 +1,118 @@
+"""Known hangs of a unit, by their stacks, so that the same hang is detected much sooner than by the timeout.
+
+Only time tells a unit that still works from one that never ends. So the first hang is waited for until
+`settle.timeout`. From then on, a unit hangs if it is busy, stands in the same functions at several looks and publishes
+nothing for three times as long as it was ever seen busy before it continued: slow units get more time. Now and then,
+riot waits for a known hang to the timeout nevertheless, and forgets it if the unit continues. Workers share what is
+known with each other and with later commands.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from riot_bus.processes.python_report import ThreadStack
+
+HangStacks: TypeAlias = frozenset[tuple[str, ...]]
+"""Stacks of the threads that stand where no thread stands at rest; empty for a program that is not Python."""
+_PATIENCE, _TIMES = 0.75, 3.0
+_BLIND = 0.3
+"""Least patience if there are no stacks that tell a hang from work, as a share of the timeout."""
+_SHARE = 0.1
+"""Largest share of the time of all trials that may be spent on waiting for known hangs to the timeout."""
+
+
+def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
+    """Return the stacks that identify a hang.
+
+    Args:
+        stacks: Stacks of the unit's threads.
+        blocked: Functions in which threads stand, but no thread stands at rest.
+    """
+    return frozenset(stack.functions for stack in stacks if stack.functions[0] in blocked)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownHangs:
+    """Known hangs of one unit, in the form in which processes exchange them.
+
+    Attributes:
+        places: Stacks of each known hang (see `HangStacks`), sorted.
+        longest: Longest time that the unit was busy without an output before it continued, in seconds.
+    """
+
+    places: tuple[tuple[tuple[str, ...], ...], ...] = ()
+    longest: float = 0.0
+
+    def changed(self, told: KnownHangs, found: KnownHangs) -> KnownHangs:
+        """Return the known hangs with those that a process has added, and without those that it has removed.
+
+        Args:
+            told: Known hangs that the process was given.
+            found: Known hangs that the process returned.
+        """
+        gone = set(told.places) - set(found.places)
+        places = {*self.places, *found.places} - gone
+        return KnownHangs(tuple(sorted(places)), max(self.longest, found.longest))
+
+
+class Hangs:
+    """Known hangs of one unit; usable from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._known: set[HangStacks] = set()
+        self._longest = self._trials = self._waited = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self._known)
+
+    def know(self, told: KnownHangs) -> None:
+        """Replace the known hangs by those of all processes, which include the ones that this process reported."""
+        with self._lock:
+            self._known = set(map(frozenset, told.places))
+            self._longest = max(self._longest, told.longest)
+
+    def tell(self) -> KnownHangs:
+        """Return the hangs that are known now."""
+        with self._lock:
+            return KnownHangs(tuple(sorted(tuple(sorted(place)) for place in self._known)), self._longest)
+
+    def is_known(self, place: HangStacks, *, busy: float, timeout: float) -> bool:
+        """Return whether a unit is in a known hang.
+
+        Args:
+            place: Stacks that identify the hang.
+            busy: Time that the unit has been busy without an output, in seconds.
+            timeout: Seconds after which the unit counts as hanging in any case.
+        """
+        patience = max(_PATIENCE if place else _BLIND * timeout, _TIMES * self._longest)
+        return place in self._known and busy >= patience
+
+    def may_wait(self, timeout: float) -> bool:
+        """Return whether hangs took so little time so far that riot can wait for a known one to the timeout."""
+        return self._waited + timeout <= _SHARE * self._trials
+
+    def add(self, place: HangStacks, *, waited: float) -> None:
+        """Add a hang that was waited for to the timeout, for `waited` seconds."""
+        with self._lock:
+            self._waited += waited
+            self._known.add(place)
+
+    def ended(self, seconds: float, *, busy: float = 0.0, taken_for: HangStacks | None = None) -> None:
+        """Note the end of a trial.
+
+        Args:
+            seconds: Duration of the trial in seconds.
+            busy: Longest time that the unit was busy without an output before it continued, in seconds; 0 if it hung.
+            taken_for: Known hang for which the unit was mistaken before it continued.
+        """
+        with self._lock:
+            self._trials += seconds
+            self._longest = max(self._longest, busy)
+            self._known -= {taken_for}

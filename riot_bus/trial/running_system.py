@@ -1,0 +1,281 @@
+"""The components of a system in one or several runs: in real time, or in virtual time with a segment for each."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.trial.kept import MOST_TRIALS, KeptSetup, kept_folder, reset_components
+from riot_bus.trial.scarce import held
+from riot_bus.trial.virtual_time import VirtualTime
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.injection import PARAMETERS
+from riot_bus.zenoh.session import includes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from contextlib import ExitStack
+
+    from riot_bus.system.system_file import Reset, RunPace, SystemFile, VirtualClock
+    from riot_bus.trial.stage import TrialPlace, TrialSetup, Watch
+    from riot_bus.vocabulary.message import Message, Scalar
+    from riot_bus.vocabulary.trial import TestCase
+
+_VARYING = ("{seed}", "{duration}", "{speed}")
+_RESET_WINDOW = 0.1
+"""Window of rest after a reset, in seconds; on a loaded machine, a reset may take ten such windows to arrive."""
+
+
+class RunningSystem(KeptSetup):
+    """The components of a system in successive runs; a context manager.
+
+    Args:
+        place: Place in which they run.
+        names: Names of the components.
+        reset: Message or command that resets them to their first state; None if they serve one run only.
+        seed: Value of {seed} in commands.
+        pace: Values of {duration} and {speed} in commands.
+        parameters: Values of {param:NAME} that differ from the nominal ones.
+        timeout: Seconds after which a component that is still busy counts as hanging.
+        stall: Seconds after which a component that takes no messages loses its link.
+
+    Attributes:
+        runs: Number of runs so far.
+    """
+
+    def __init__(
+        self,
+        place: TrialPlace,
+        names: Sequence[str],
+        *,
+        reset: Reset | None,
+        seed: int,
+        pace: RunPace,
+        parameters: Mapping[str, Scalar],
+        timeout: float,
+        stall: float,
+    ) -> None:
+        self.runs = 0
+        self._place, self._names, self._reset = place, list(names), reset
+        self._made_for = seed, pace, dict(parameters)
+        self._timeout, self._stall = timeout, stall
+
+    def _open(self, stack: ExitStack) -> TrialSetup:
+        stack.enter_context(held(self._place.context.file, self._reserved()))
+        return stack.enter_context(
+            self._place.setup(
+                directory=kept_folder(self._place, stack) if self.may_go_on else None,
+                stall=self._stall,
+                parameters=self._made_for[2],
+                **self._crossing(),
+            )
+        )
+
+    def _reserved(self) -> Sequence[str]:
+        """Return the components whose limited resources are reserved as long as the setup is open."""
+        return self._names
+
+    @abstractmethod
+    def _crossing(self) -> dict[str, Any]:
+        """Return the segments, the intercepted keys and the pipeline, as arguments of `TrialSetup`."""
+
+    @abstractmethod
+    def begin(self, interceptors: Sequence[object], *, time: int) -> None:
+        """Begin a run: discard what was observed so far, and remove all observers.
+
+        Args:
+            interceptors: Interceptors of the messages from outside from now on.
+            time: Time of the first message of the run in nanoseconds, if it is in virtual time.
+        """
+
+    @abstractmethod
+    def watching(self, segment: str) -> Watch:
+        """Return a function that observes a segment until the next run."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Start the components, or reset those that run, once their observers are set up."""
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether another run is possible: they can be reset, and hold no limited resource that others wait for."""
+        components = self._place.context.file.components
+        free = not any(components[name].resources or components[name].attach for name in self._names)
+        return self._reset is not None and self.runs < MOST_TRIALS and free
+
+    def fits(self, *, seed: int, pace: RunPace, parameters: Mapping[str, Scalar]) -> bool:
+        """Return whether all components run, another run is possible, and it needs the same commands."""
+        stage, file = self.stage, self._place.context.file
+        if not self.may_go_on or not all(stage.launcher.alive(stage.processes[name]) for name in self._names):
+            return False
+        made_for, wanted = self._made_for, (seed, pace, dict(parameters))
+        words = [word for name in self._names for word in file.texts_of(file.components[name])]
+        varies = any(one in word for word in words for one in _VARYING)
+        return made_for == wanted if varies else made_for[2] == wanted[2]
+
+    def _start(self) -> None:
+        """Start the components."""
+        seed, pace, _ = self._made_for
+        for name in self._names:
+            self.stage.start(name, seed=seed, pace=pace)
+        self.stage.wait_ready(self._names)
+
+
+class RealTimeSystem(RunningSystem):
+    """Components that run in real time.
+
+    Args:
+        place: Place in which they run.
+        names: Names of the components.
+        drivers: Names of the external components that drive a run.
+        injected: Topics that injections change.
+        options: Further arguments of `RunningSystem`.
+
+    Attributes:
+        intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
+            external ones.
+    """
+
+    def __init__(
+        self, place: TrialPlace, names: Sequence[str], drivers: Sequence[str], injected: Sequence[str], **options: Any
+    ) -> None:
+        super().__init__(place, names, **options)
+        self._drivers = drivers
+        self._observers: dict[tuple[str, str], list[Callable[[Message], None]]] = {}
+        # A log is changed before it is played; played to a segment with cut keys, its messages would arrive twice.
+        driven = any(component.external for component in place.context.file.components.values())
+        every = place.context.file.external.topics if driven else ()
+        self.intercepted: Sequence[str] = every if self.may_go_on else injected
+
+    def _reserved(self) -> Sequence[str]:
+        return self._names if self.may_go_on else [*self._names, *self._drivers]
+
+    def _crossing(self) -> dict[str, Any]:
+        context = self._place.context
+        return {
+            "segments": context.file.system.segments,
+            "intercept": context.topics(*self.intercepted),
+            "pipeline": Pipeline([], registry=context.registry),
+            "attach": [*self._names, *self._drivers],
+        }
+
+    def begin(self, interceptors: Sequence[object], *, time: int) -> None:
+        """Begin a run; reset the components if they run already.
+
+        Raises:
+            ConfigError: No component has subscribed to the message that is to reset them.
+            EnvironmentFaultError: The components cannot be reset.
+        """
+        stage, self.runs = self.stage, self.runs + 1
+        if self.runs > 1:
+            for observers in self._observers.values():
+                observers.clear()
+            self._bring_back()
+            stage.renew()
+        stage.bus.set_interceptors(interceptors)
+        stage.bus.restart()
+
+    def start(self) -> None:
+        """Start the components in the first run."""
+        if self.runs == 1:
+            self._start()
+
+    def watching(self, segment: str) -> Watch:
+        """Return a function that observes a segment until the next run."""
+
+        def watch(expression: str, take: Callable[[Message], None]) -> None:
+            known = self._observers.get((segment, expression))
+            if known is None:
+                known = self._observers[segment, expression] = []
+                self.stage.bus.subscribe(segment, expression, partial(_tell, known))
+            known.append(take)
+
+        return watch
+
+    def _bring_back(self) -> None:
+        stage = self.stage
+        assert self._reset is not None
+        where, before = f"{self._place.context.file.path}: system.reset", stage.activity(self._names)
+
+        def publish(message: Message) -> bool:
+            cut = any(includes(text, message.key) for text in stage.bus.intercepted)
+            reached = (stage.bus.deliver(name, message) for name in stage.bus.sessions)
+            return any(list(reached)) if cut else any(reached)  # if not cut, it is routed to the others
+
+        reset_components(stage, self._reset, publish, where=where, timeout=self._timeout)
+        if not stage.settle(self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=stage.idle, since=before):
+            raise EnvironmentFaultError(f"components are still busy {self._timeout:g} s after their reset", where=where)
+        stage.bus.drain(self._timeout)
+
+
+class VirtualTimeSystem(RunningSystem):
+    """Components that run in virtual time, each on a separate segment.
+
+    Args:
+        place: Place in which they run.
+        clock: Settings of the virtual clock and of the reset.
+        timeout: Seconds after which a component that is still busy counts as hanging.
+        options: Further arguments of `RunningSystem`.
+
+    Attributes:
+        time: Virtual time of the components.
+    """
+
+    intercepted: Sequence[str] = ()
+
+    def __init__(self, place: TrialPlace, clock: VirtualClock, *, timeout: float, **options: Any) -> None:
+        names = list(place.context.file.components)
+        super().__init__(place, names, reset=clock.reset, timeout=timeout, **options)
+        self.time = VirtualTime(clock, names, timeout=timeout)
+
+    def _crossing(self) -> dict[str, Any]:
+        pipeline = Pipeline([self.time], registry=self._place.context.registry)
+        return {"segments": (), "intercept": ["**"], "pipeline": pipeline}
+
+    def begin(self, interceptors: Sequence[object], *, time: int) -> None:
+        """Begin a run at a virtual time; messages come from a log alone, which was changed before."""
+        self.time.begin(time)
+        self.stage.now = self.time.now
+        self.stage.renew()
+
+    def watching(self, segment: str) -> Watch:
+        """Return a function that observes the messages of all segments until the next run."""
+        matches = self._place.context.registry.matches
+
+        def watch(expression: str, take: Callable[[Message], None]) -> None:
+            self.time.observers.append(lambda one: take(one) if matches(expression, one.key) else None)
+
+        return watch
+
+    def start(self) -> None:
+        """Start the components, or reset those that run.
+
+        Raises:
+            ConfigError: No component has subscribed to the message that is to reset them.
+            EnvironmentFaultError: A component does not start, or cannot be reset.
+        """
+        self.runs += 1
+        if self.runs == 1:
+            self._start()
+        elif self._reset is not None:
+            where = f"{self._place.context.file.path}: system.clock.reset"
+            give = partial(self.time.give, self.stage)
+            reset_components(self.stage, self._reset, give, where=where, timeout=self._timeout)
+
+
+def can_be_kept(file: SystemFile, case: TestCase) -> bool:
+    """Return whether a case can be carried out in real time by components that are kept for it.
+
+    All topics that it injects into have to be cut between segments.
+    """
+    if case.messages:  # not with external components: played messages would bypass what is cut for these
+        return not any(component.external for component in file.components.values())
+    changed = {each.topic for each in case.injections if each.topic != PARAMETERS}
+    return not file.shared_segments() and changed <= set(file.external.topics)
+
+
+def _tell(observers: Sequence[Callable[[Message], None]], message: Message) -> None:
+    for observe in observers:
+        observe(message)

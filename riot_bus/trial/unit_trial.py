@@ -1,0 +1,239 @@
+"""One trial of a unit: an empty segment, a fresh process, a log played to it, and a verdict (RIOT II-A)."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from bisect import bisect_left
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.inject.apply import inject_log
+from riot_bus.inject.modes import MOST_MODES, modes_of
+from riot_bus.monitors.forging import mute_monitors
+from riot_bus.monitors.model import judge
+from riot_bus.trial.baseline import UNKNOWN, Baseline, growth_of
+from riot_bus.trial.evidence import write_evidence
+from riot_bus.trial.recorded_calls import serve_calls
+from riot_bus.trial.scarce import held
+from riot_bus.trial.signs import Feeder
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.trial import Outcome, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from riot_bus.trial.stage import TrialPlace, TrialSetup
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import TestCase
+
+_DEBUGGER_S = 60.0
+"""Timeout behind a debugger, which spends most of it reading symbols."""
+_MOST_KEYS = 64
+"""Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
+_GROWN = 1 / 32
+"""Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
+_WARM_UP = 0.15  # as `stage._MEASURE`: Zenoh's threads for callbacks wake up after 0.1 s
+_MOST_NAMES = 64
+"""Largest number of topics and fields in a summary, so that a line of the store stays below some KiB."""
+_MOST_OUTPUTS = 512
+"""Largest number of outputs that are decoded."""
+
+
+@dataclass(frozen=True, slots=True)
+class IdleTrial:
+    """Watches a unit without input; the outcome's statistics have the attributes of an `Idle`."""
+
+    unit: str
+
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
+        """Start the unit and watch it."""
+        try:
+            with unit_setup(self.unit, place) as stage:
+                name = stage.context.file.component_of(self.unit)
+                serve_calls(stage, self.unit)
+                stage.start(name, seed=case.seed)
+                stage.wait_ready([name])
+                stage.settle([name], window=_WARM_UP, timeout=1.0)
+                idle = stage.measure_timers([name])
+        except EnvironmentFaultError as error:
+            return Outcome(Verdict.ERROR, detail=str(error))
+        return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
+
+
+@dataclass(frozen=True, slots=True)
+class UnitTrial:
+    """Runs test cases against one unit.
+
+    Attributes:
+        baseline: Behaviour of the unit in nominal trials; without it, only checks that need no baseline apply.
+        nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
+        evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
+            is forked.
+        before: Prefix of the unit's command, such as a debugger.
+    """
+
+    unit: str
+    baseline: Baseline = UNKNOWN
+    nominal: bool = False
+    evidence: bool = False
+    before: tuple[str, ...] = ()
+
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
+        """Play the case to a freshly started unit and judge what it does.
+
+        A fault of the environment has its own verdict (`Verdict.ERROR`) and is never a failure of the unit.
+        """
+        more: dict[str, Any] = {"imports": None} if self.evidence else {}
+        try:
+            with unit_setup(self.unit, place, **more) as stage:
+                self.start(stage, case)
+                return self.play(stage, case, evidence=place.left if self.evidence else None)
+        except EnvironmentFaultError as error:
+            return Outcome(Verdict.ERROR, detail=str(error))
+
+    def start(self, stage: TrialSetup, case: TestCase) -> None:
+        """Start the unit for a case, and wait until it has subscribed to the keys of the messages that it will get.
+
+        Raises:
+            EnvironmentFaultError: It does not start.
+        """
+        name = stage.context.file.component_of(self.unit)
+        component = stage.context.file.components[name]
+        serve_calls(stage, self.unit)
+        stage.start(name, seed=case.seed, before=self.before)
+        keys = dict.fromkeys(each.key for each in (*case.messages, *self.baseline.probe))
+        stage.wait_subscribed(name, keys)
+        stage.watch_all_outputs(segment=stage.context.file.segment_of(component), inputs=component.inputs)
+
+    def play(self, stage: TrialSetup, case: TestCase, *, evidence: Path | None = None) -> Outcome:
+        """Play the case to the unit that runs on a stage, and judge what it does.
+
+        Args:
+            stage: Stage on which the unit runs.
+            case: Test case to play.
+            evidence: Folder for the evidence of a failing trial; None to write none.
+
+        Raises:
+            EnvironmentFaultError: The machine is too busy for a verdict.
+        """
+        started = time.monotonic()
+        context, unit = stage.context, stage.context.file.unit[self.unit]
+        name, reached, ahead = context.file.component_of(self.unit), list[list[int]](), list[int]()
+        process = stage.processes[name]
+        messages, touched = inject_log(
+            case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached, ahead=ahead
+        )
+        ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
+        feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
+        settled = feeder.feed_case(messages)
+        sent, answered = feeder.sent, len(stage.outputs)
+        turns = len(case.messages) if sent == len(messages) else bisect_left(ahead, sent)  # of the log's own messages
+        if self.before:
+            stage.launcher.wait([process], timeout=_DEBUGGER_S)
+        seen = feeder.nominal(self.baseline.probe) if self.nominal else None
+        settled = settled or (seen is not None and feeder.works(seen))
+        signs, settled = feeder.signs(settled=settled, unprobed=case.unprobed)
+        stage.sample_resources([name])
+        view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
+        view = replace(view, probed=feeder.probed, held_up=stage.held_up([name], since=feeder.begun)())
+        monitors = context.monitors_of(name)
+        judged = judge(view, monitors)
+        if seen is not None:
+            mute = mute_monitors(view, monitors)
+            seen = replace(seen, mute=mute, outputs=tuple(view.outputs), probed=view.probed)
+        violations = (*judged.violations, *self.baseline.mined.judge(view))
+        size = sum(len(message.payload) for message in stage.inputs)
+        grown = self.baseline.excess(growth_of(stage.samples(name)), input_bytes=size)
+        feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
+        if evidence and (violations or self.before):
+            write_evidence(evidence, view, violations, context=context)
+        return Outcome(
+            Verdict.FAIL if violations else Verdict.PASS,
+            violations,
+            seconds=time.monotonic() - stage.begun,
+            detail="; ".join(judged.broken),
+            statistics={
+                "played": sent,
+                "messages": len(messages),
+                "modified": sum(index < turns for index, _, _ in touched),
+                "delivered": [sum(index < turns for index in each) for each in reached],
+                "shown": _shown(stage.outputs[:answered]),
+                "behaviour": behaviour_of(stage.outputs[:answered], context.registry),
+                "outputs": answered,
+                "started": process.started,
+                "unseen": [*judged.unseen, *self.baseline.mute],
+                **({"baseless": judged.baseless} if judged.baseless else {}),
+                **({"unordered": True} if feeder.gave_up else {}),
+                **({"grown": grown} if grown >= _GROWN and not violations else {}),
+                **({"nominal": seen} if seen is not None else {}),
+            },
+        )
+
+
+@contextmanager
+def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSetup]:
+    """Reserve the resources that a unit needs, and open a setup for it alone.
+
+    Args:
+        unit: Name of the unit.
+        place: Place of the trial.
+        options: Arguments of `TrialPlace.setup` that differ.
+    """
+    context = place.context.alone(unit)
+    file, name = context.file, context.file.component_of(unit)
+    segments, stall = [file.segment_of(file.components[name])], file.unit[unit].settle.timeout
+    setup = place.setup(context=context, segments=segments, stall=stall, attach=[name], **options)
+    with held(file, [name]), setup as stage:
+        yield stage
+
+
+def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
+    """Return the number of outputs and an order-independent hash of their payloads, by key; None for too many keys."""
+    payloads: dict[str, list[bytes]] = {}
+    for message in outputs:
+        payloads.setdefault(message.key, []).append(hashlib.sha256(message.payload).digest())
+    if len(payloads) > _MOST_KEYS:
+        return None
+    return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}
+
+
+def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
+    """Return a summary of the behaviour that outputs show, sorted.
+
+    Args:
+        outputs: All outputs of a trial except those of its probe, in their order.
+        registry: Registry of topic names and types.
+
+    Returns:
+        By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by
+        `TOPIC:FIELD` the values of a field that has few of them, and which value followed which.
+    """
+    topics = [registry.topic(message.key) for message in outputs]
+    found: dict[str, list[str]] = {
+        f"number of {topic}": [str(topics.count(topic).bit_length())] for topic in sorted(set(topics))
+    }
+    found["order"] = sorted({f"{one} > {other}" for one, other in pairwise(topics)})[:_MOST_NAMES]
+    for topic in sorted(set(topics)):
+        messages = (message for other, message in zip(topics[:_MOST_OUTPUTS], outputs, strict=False) if other == topic)
+        for path, column in sorted(_columns(messages, registry).items()):
+            if len(set(column)) <= MOST_MODES:
+                found[f"{topic}:{path}"] = sorted({*column, *(f"{one} > {other}" for one, other in pairwise(column))})
+    return dict(list(found.items())[:_MOST_NAMES])
+
+
+def _columns(messages: Iterable[Message], registry: TypeRegistry) -> dict[str, list[str]]:
+    """Return the values of a topic's fields wherever they change; stops once all fields have many values."""
+    columns: dict[str, list[str]] = {}
+    for number, message in enumerate(messages):
+        if number > MOST_MODES and all(len(set(column)) > MOST_MODES for column in columns.values()):
+            break
+        for path, value in modes_of(message, registry):
+            column = columns.setdefault(path, [])
+            if not column or column[-1] != repr(value):
+                column.append(repr(value))
+    return columns
