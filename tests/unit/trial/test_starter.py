@@ -1,4 +1,4 @@
-"""What becomes of a setup; all else of starting: tests/integration/test_sut_starter.py."""
+"""What becomes of a setup; all else of starting: tests/integration/test_trial_starter.py."""
 
 from __future__ import annotations
 
