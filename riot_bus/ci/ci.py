@@ -157,10 +157,7 @@ def run_ci(
     """Test units one after the other, each in a folder of its own, for equal shares of the remaining time.
 
     Args:
-        units: Names of the units.
         opened: Function that opens the workspace of a unit.
-        out: Folder that contains the folders of all units.
-        known: The baseline.
         plan: Time and trials, and what follows a finding.
         now: Function that returns the time, in seconds.
 

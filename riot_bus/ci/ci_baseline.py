@@ -76,9 +76,6 @@ def accept(
     """Return a baseline with findings added, and lines on what has changed; entries keep what people wrote.
 
     Args:
-        known: The baseline.
-        folders: Folders of the findings.
-        since: Text of new entries on when they were added.
         note: Note of the entries; None to leave notes unchanged.
         keep: Folder, beside or below the baseline, for the files to replay the findings; None for none.
         reopen: Whether entries that are marked as fixed lose this mark.
@@ -171,11 +168,7 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
     Marked findings stay marked, and are still replayed, also by `riot ci change`.
 
     Args:
-        units: Units whose findings are replayed.
         opened: Function that opens the workspace of a unit.
-        out: Folder that contains the units' folders.
-        known: The baseline.
-        when: Text of entries on when they were fixed.
     """
     asked, fixed = list[PrunedFinding](), list[KnownFinding]()
     for unit in units:

@@ -16,7 +16,6 @@ def init_ci(folder: Path, *, github: bool = False, gitlab: bool = False, force: 
     """Write the requested workflows, or those that the repository suggests; return what was done and the next steps.
 
     Args:
-        folder: Root of the repository.
         github: Whether to write the workflow for GitHub.
         gitlab: Whether to write the workflow for GitLab.
         force: Whether to replace existing files.

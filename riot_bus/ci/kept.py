@@ -33,10 +33,6 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
 
     The folder `into` is then like an output folder, without references to the original one. The nominal run is copied
     with a finding that is judged by nominal trials, unless there is one already or it is too large.
-
-    Args:
-        folder: Folder of the finding.
-        into: Target folder, beside the system's code.
     """
     record, log = FindingRecord.load(folder), shortest_log(folder)
     if not log.is_file() or log.stat().st_size > LARGEST:
@@ -64,9 +60,6 @@ def take_up(
     Results from other versions of the code are put aside.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        source: Folder of the finding that was replayed.
-        found: Result of the replay.
         other: Violation of the log, if it fails in another way than before.
         evidence: Whether to repeat it until it leaves evidence.
     """

@@ -65,10 +65,6 @@ def _said(rate: ProportionRecord) -> str:
 def compare(old: Path, new: Path) -> Comparison:
     """Compare two output folders of `riot test`.
 
-    Args:
-        old: Folder of the older campaign.
-        new: Folder of the newer campaign.
-
     Raises:
         ConfigError: A folder holds no finished campaign, the units differ, or only one is of the whole system.
     """

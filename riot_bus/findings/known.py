@@ -85,7 +85,6 @@ class KnownFinding(_Table):
         """Return the entry for a finding.
 
         Args:
-            finding: Record of the finding.
             more: Values of `since`, `note` and `log`.
         """
         rate = finding.rate

@@ -31,11 +31,6 @@ class InjectionPlan:
     def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
         """Read a plan.
 
-        Args:
-            text: Text of the plan, as TOML.
-            name: Name shown to users.
-            seed: Seed of the run, added to the plan's own.
-
         Raises:
             ConfigError: It is not a plan, or an empty one.
         """

@@ -122,7 +122,6 @@ class ExternalField:
         """Return the injection that sets it to a number.
 
         Args:
-            value: The number.
             speed: Speed of the run, as a multiple of the system's own time.
             start: Start of the injection, in seconds since the first message.
             end: End of the injection, in seconds; None for never.
@@ -147,7 +146,6 @@ class ExternalField:
         """Return a random signal over its nominal range.
 
         Args:
-            seed: Seed of the signal.
             hold: Number of messages for which a value is held.
         """
         half = (self.high - self.low) / 2
@@ -181,10 +179,6 @@ def external_messages(workspace: Workspace) -> list[Message]:
 def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
     """Return the messages to play to the system in a nominal run; none if riot.toml names external components.
 
-    Args:
-        workspace: The system.
-        pace: Duration and speed of the run.
-
     Raises:
         ConfigError: There are no external components, and nothing external in the nominal log, or they share the
             system's segment.
@@ -201,7 +195,6 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
     """Return the external messages at the start of the nominal log, which has the speed of `nominal_run`.
 
     Args:
-        workspace: The system.
         duration: Seconds of the system's own time; by default those of a `trial_run`.
 
     Raises:
@@ -258,10 +251,6 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
 
 def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str, str]:
     """Return the external inputs that are not driven, and why, without those that riot.toml excludes.
-
-    Args:
-        workspace: The system.
-        fields: The external fields.
 
     Raises:
         ConfigError: riot.toml names no external topic.

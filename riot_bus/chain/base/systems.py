@@ -33,8 +33,6 @@ def system_of(recorded: str | None, folder: Path, *, named: Path | None = None, 
 
     Args:
         recorded: Path of the file that the finding was found with; None if that is not known.
-        folder: Folder of the finding, or its file.
-        named: File that the user has named.
         root: Folder of the project; the working folder by default.
 
     Raises:
@@ -96,7 +94,6 @@ def described(folder: Path, *, named: Path | None = None) -> tuple[SystemFile | 
     Of what the file names, installed adapters and codecs are loaded, and nothing else. It is None if it cannot be read.
 
     Args:
-        folder: Folder of the finding.
         named: File that the user has named instead.
 
     Raises:

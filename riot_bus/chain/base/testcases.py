@@ -33,7 +33,6 @@ class CaseTemplate:
     """A test case without its log.
 
     Attributes:
-        injections: Injections to apply to a log.
         signature: Signature of the failure to look for; None for any.
         unit: The unit that it made fail; None if not stated.
         system: Path of the system file; None if not stated.

@@ -39,8 +39,6 @@ def activation(
     If runs of the whole system cannot show the failure, nothing is searched, and the record says why.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
         budget: Runs of the whole system for the search; at most as many more repeat failing points.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
         study: Storage of optuna studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs

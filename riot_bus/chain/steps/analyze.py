@@ -27,7 +27,6 @@ class Analysis:
 
     Attributes:
         folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
-        report: Path of the report page.
         stopped: Reason why the chain ended early; empty if it did not.
         unfinished: Whether it ended early for lack of time.
     """
@@ -76,8 +75,6 @@ def analyze(
     """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        folder: Folder of the finding.
         further: Steps of other packages, which come after the built-in ones.
         options: Options of steps, by the name of the step.
         left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.

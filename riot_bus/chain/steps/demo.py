@@ -24,8 +24,6 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
     interrupted step come from the store.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        trials: Budget of the unit's campaign.
         seconds: Time budget of the unit's campaign.
     """
     started = time.monotonic()

@@ -27,10 +27,6 @@ class ListedDictionary:
 
     Attributes:
         name: `package/file.toml`, or the path of a file of the user's own.
-        units: Units of riot.toml that name it.
-        values: Number of values for all fields of their types.
-        fields: Number of bindings to some fields.
-        mutations: Number of mutations of messages.
     """
 
     name: str
@@ -42,15 +38,7 @@ class ListedDictionary:
 
 @dataclass(frozen=True, slots=True)
 class DictionaryLog:
-    """A log to which a dictionary is applied.
-
-    Attributes:
-        name: Name of the log, for people.
-        messages: Messages of the log.
-        registry: Registry of their types.
-        leave: Patterns of fields that campaigns leave alone.
-        include: Patterns of brittle fields that campaigns change.
-    """
+    """A log to which a dictionary is applied."""
 
     name: str
     messages: Sequence[Message]
@@ -106,8 +94,6 @@ def log_to_apply_to(log: Path | None, system: Path | None, unit: str | None) -> 
     """Return the log to use: a file, or the inputs of a unit in it or in the nominal log; None if none is named.
 
     Args:
-        log: Path of a log.
-        system: System file that describes the unit.
         unit: The unit, if there are several.
 
     Raises:

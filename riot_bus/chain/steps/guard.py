@@ -31,8 +31,6 @@ class GuardTrial:
     """Effect of a guard on a log.
 
     Attributes:
-        log: Name of the log.
-        messages: Number of messages of the unit's input in it.
         met: Number of messages for which the rule held.
         done: Number of messages by action: dropped, clamped, held, reported.
         unread: Number of messages that could not be judged, since they lack a field of the rule.
@@ -56,9 +54,6 @@ class GuardPlan:
     """A guard for riot.toml and for the command line, and its effect on the finding's logs.
 
     Attributes:
-        rule: The finding's rule, as text.
-        toml: Lines for riot.toml.
-        command: The command that starts a router with it.
         trials: Its effect on the logs of the finding, the nominal one first if there is one.
         bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
     """
@@ -82,7 +77,6 @@ def plan_guard(folder: Path, *, action: Literal["drop", "clamp", "hold", "report
     """Try a guard on the logs of a finding, and say how to put it in front of the unit; nothing is started.
 
     Args:
-        folder: Folder of the finding.
         action: Action on messages for which the rule holds.
 
     Raises:

@@ -53,11 +53,6 @@ def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRec
     the record names the messages of the nominal log that are missing. If the step is interrupted, the best result so
     far is saved and marked as unproven.
 
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Maximum number of trials.
-
     Raises:
         InconclusiveError: The failing log does not fail again.
     """
@@ -158,7 +153,6 @@ class _Minimization:
         """Return the messages of a log that are needed.
 
         Args:
-            log: A log that fails.
             within: The result so far that holds this log, to be reduced further; None for a first search.
         """
         n = len(log.messages)

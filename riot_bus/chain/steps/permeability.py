@@ -45,8 +45,6 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     These internal fields are the relevant ones and those of the rule.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
         runs: Number of long runs of the whole system. Half as many more follow if an effect is so weak that it may be
             chance. Three times as many, with constant fields, follow if some fields show nothing within runs (such as
             those of a message that is sent once), if nothing reaches an internal field, or if only the first value of a

@@ -62,11 +62,6 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
     Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped. Further trials
     show what the failure needs besides values: keys, the order of messages, times between them.
 
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Maximum number of trials of the search.
-
     Raises:
         ConfigError: The step before has not been done.
         InconclusiveError: The minimal log does not fail again.
@@ -165,7 +160,6 @@ def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> 
 
     Args:
         questions: Questions to the unit, whose dictionary and nominal log the values come from.
-        considered: Fields of the minimal log.
     """
     observed = questions.nominal(considered)
     return [

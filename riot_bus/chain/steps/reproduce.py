@@ -47,8 +47,6 @@ class Reproduction:
     Attributes:
         answer: `failing otherwise`: every trial failed, all in the same way, but none as before.
         missed: For `fixed`: the probability that no trial would have failed if the failure still had its former rate.
-        others: Other failures that occurred, each once.
-        expected: Failure rate of earlier trials.
     """
 
     answer: Answer
@@ -88,8 +86,6 @@ def play_again(
     """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        folder: Folder of the finding.
         times: Number of fresh trials; None for as many as it takes.
         whole_system: Whether to play the external messages of `activation.mcap` to the whole system instead of the
             minimal log to the unit.
@@ -170,10 +166,6 @@ def why_untold(workspace: Workspace, *, unit: str, monitor: str, signature: str,
     A hang without a place means that the unit never came to rest, or took no messages: that shows in any trial.
 
     Args:
-        workspace: The system.
-        unit: Name of the unit.
-        monitor: The monitor that found the failure.
-        signature: Signature of the failure.
         nominal: The unit's nominal log, empty if there is none.
     """
     place = signature.partition(": ")[2]

@@ -68,9 +68,7 @@ class _Subject:
     """The subject of a campaign: a unit with its nominal log, or the running system with its external messages.
 
     Attributes:
-        name: Name of the subject.
         log: Nominal messages for which injections are planned.
-        leave: Patterns of fields that are left alone.
         include: Patterns of fields that are injected though they would be left alone.
     """
 
@@ -109,8 +107,6 @@ def test_unit(
     """Run a campaign and write one folder per finding, the worst first, then those that occur easily.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        unit: The unit to test.
         trials: Maximum number of injected trials; None for no limit.
         seconds: Maximum time in seconds; None for no limit.
         covered: Whether to end when there is nothing left to try.
@@ -344,11 +340,6 @@ class _Inside:
 
     Failures that nominal runs of the whole system, judged in the same way, have shown are left out, too.
 
-    Args:
-        runner: The runner of the whole system.
-        external: Names of external components.
-        alarms: Signatures that nominal runs have shown.
-
     Attributes:
         failed: Signatures of external components that were left out, with the number of runs.
     """
@@ -434,10 +425,6 @@ def keep_evidence(
     """Repeat a case until it leaves evidence, or by its failure rate would have at 95 %, at most 30 times.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        finding: The finding.
-        case: Test case of the finding.
-        folder: Folder of the finding.
         in_system: Baseline of its unit in nominal runs of the whole system, if trials are such runs.
     """
     share = finding.rate.value if finding.rate else 1.0

@@ -56,9 +56,6 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong, or depends on, by more.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Number of trials for learning.
         validation: Number of fresh cases for one validation; half as many if the failure is rare.
 
     Raises:
@@ -111,9 +108,6 @@ class _Found:
     Attributes:
         questions: Questions to the unit about the log in which the rule's fields are named.
         passing: A value of each field without failure.
-        variables: The fields, or the arrays that contain them.
-        scale: Nominal spread of each variable.
-        learned: The learned rule.
         answers: Answers to some of its trials, repeated behind nominal messages.
         context: Number of messages in front of the minimal log that matter.
     """

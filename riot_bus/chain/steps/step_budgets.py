@@ -26,7 +26,6 @@ def budget_within(workspace: Workspace, folder: Path, steps: Sequence[ChainStep]
     """Return the option that limits the first of some steps, so that time is left for the others; none if it suffices.
 
     Args:
-        workspace: The system and its output folder.
         folder: Folder of the finding, with the records of finished steps.
         steps: The steps to carry out, in order.
         seconds: Time left for all of them.

@@ -45,8 +45,6 @@ def analyze_within(
     Unfinished steps continue if time is left in the end, and with the next command: no trial is lost.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        unit: The unit to test.
         seconds: The time in seconds.
         further: Steps of other packages, which run after ours.
         options: Options of steps, by the name of the step.

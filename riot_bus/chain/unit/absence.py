@@ -33,11 +33,6 @@ def absent_messages(
     """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
 
     Args:
-        step: The running step.
-        finding: The finding.
-        log: The part of the nominal log, with nothing modified.
-        cases: Runner of fresh trials.
-        noise: Known rates of failure.
         unprobed: Whether no probe follows the messages.
     """
     workspace, registry = step.workspace, step.workspace.context.registry
@@ -94,15 +89,7 @@ def other_cause(folder: Path) -> Path:
 def write_other_cause(
     step: StepRun, folder: Path, finding: FindingRecord, log: FailingLog, failed: tuple[int, int]
 ) -> Path:
-    """Write the finding of a log that fails in the same place with nothing modified; return its folder.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding with the modified messages.
-        finding: Record of that finding.
-        log: Log that fails in the same place.
-        failed: Numbers of failed and of all trials of that log.
-    """
+    """Write the finding of a log that fails in the same place with nothing modified; return its folder."""
     workspace = step.workspace
     other = other_cause(folder)
     other.mkdir(exist_ok=True)

@@ -31,8 +31,6 @@ def with_arrays(questions: UnitQuestions, named: Sequence[NamedField], variables
 
     Args:
         questions: Questions about the log in which the fields are named.
-        named: The fields of the variables, in the same order.
-        variables: Variables of single fields.
     """
     names = {variable.name for variable in variables}
     arrays: dict[str, Variable] = {}

@@ -39,8 +39,6 @@ class ContextAnswers:
     """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed.
 
     Attributes:
-        context: The messages that came before.
-        asked: Values of the rule's fields.
         predicted: Whether the rule predicts a failure.
         failed: Whether the unit failed.
     """
@@ -57,12 +55,7 @@ class ContextAnswers:
 
 
 def contexts(nominal: Sequence[Message], registry: TypeRegistry) -> list[tuple[Message, ...]]:
-    """Return the parts of the nominal log that trials follow: a short one and one up to its middle.
-
-    Args:
-        nominal: Inputs of the unit in the nominal log.
-        registry: Registry that names topics.
-    """
+    """Return the parts of the nominal log that trials follow: a short one and one up to its middle."""
     topics = [registry.topic(message.key) for message in nominal]
     first = {topic: place for place, topic in reversed(list(enumerate(topics)))}
     short = max(first.values(), default=-1) + 1
@@ -83,9 +76,6 @@ def near_the_limit(
     """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions.
 
     Args:
-        learned: The rule and its trials.
-        variables: Fields of the rule.
-        scale: Nominal spread of the fields.
         count: Number of failing and of passing trials to return, if there are as many.
     """
     samples = [one for one in learned.samples if one.phase != "context"]
@@ -110,10 +100,6 @@ def ask_in_contexts(
     """Run trials after each context.
 
     Args:
-        questions: Questions to the unit.
-        found: The contexts.
-        asked: Values of the rule's fields.
-        predicted: Prediction of the rule for these values.
         holds: Function that tells whether the rule holds anywhere in a log, such as already in the context.
         by_log: Whether this alone is the prediction, since the values do not decide it.
     """
@@ -136,7 +122,6 @@ def bring_in(
     """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
 
     Args:
-        questions: Questions to the unit.
         answers: Answers of which the rule predicts at least one wrongly.
         progress: Function that is called during the search.
     """

@@ -25,16 +25,7 @@ PYTHON = "sanitize.py"
 
 @dataclass(frozen=True, slots=True)
 class WrittenRule:
-    """A rule that is to be written in some form: what the entry points `riot_bus.rule_forms` get.
-
-    Attributes:
-        terms: The rule.
-        types: Type of each field that it names.
-        scale: Nominal spread of each field.
-        lines: What it is about, for a comment.
-        name: Name of the finding, usable in an identifier.
-        folder: The finding's folder, to write a file to.
-    """
+    """A rule that is to be written in some form: what the entry points `riot_bus.rule_forms` get."""
 
     terms: Terms
     types: Mapping[str, str]
@@ -45,13 +36,7 @@ class WrittenRule:
 
 
 def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> RuleRecord:
-    """Write the rule in all forms into the finding's folder, and return its record with what they add to it.
-
-    Args:
-        record: Record of the rule.
-        finding: Record of its finding.
-        folder: The finding's folder.
-    """
+    """Write the rule in all forms into the finding's folder, and return its record with what they add to it."""
     terms, types = Rule.from_json(record.rule).terms, dict(record.types)
     lines = [
         f"{finding.component} fails: {finding.signature}",

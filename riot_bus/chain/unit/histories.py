@@ -52,10 +52,6 @@ def shrink_history(
     Its case has one log: these cases with their injections, each followed by the probe, and then the last case.
 
     Args:
-        found: The failure and the cases before it.
-        runner: Runner of trials, each in a process of its own.
-        registry: Registry that names topics.
-        probe: Messages that the unit got after each case.
         progress: Function that is called during the search.
     """
     *before, last = (
@@ -103,8 +99,6 @@ def repeat_log(case: TestCase, times: int, *, registry: TypeRegistry) -> TestCas
 
     Args:
         case: The test case; it has a log.
-        times: Number of repeats of the log.
-        registry: Registry that names topics.
     """
     log = case.messages
     seconds = (log[-1].time - log[0].time + GAP_NS) / 1e9
@@ -142,8 +136,6 @@ def find_leak(
     Args:
         grown: Growth in the case beyond that of nominal trials, as a share of what is allowed.
         case: The case, which has passed.
-        runner: Runner of trials, each in a process of its own.
-        registry: Registry that names topics.
         types: Types of fields, by topic and path.
         progress: Function that is called during the search.
     """

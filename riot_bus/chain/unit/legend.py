@@ -25,9 +25,7 @@ def legend_of(rule: Rule, fields: Mapping[str, NamedField], topics: Sequence[str
     """Return names of the rule's values and units of its fields, in the order of the rule; at most twelve.
 
     Args:
-        rule: The rule.
         fields: Fields of the log in which the rule's variables are named.
-        topics: Topic of each message of that log.
     """
     known = {name: found for name in rule.variables if name in fields and (found := _described(fields[name]))}
     lines = (

@@ -39,11 +39,6 @@ def with_first(
     """Return the rule with `a before the first b` wherever a trial shows that an earlier b prevents the failure.
 
     The trial repeats the second message of the order in front of the minimal log.
-
-    Args:
-        questions: The trials of the unit.
-        learned: The learned rule.
-        variables: The variables of the rule.
     """
     words: dict[str, str] = {}
     failing = {variable.name: variable.failing for variable in variables}

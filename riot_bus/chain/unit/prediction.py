@@ -43,9 +43,7 @@ class Moment:
     """A message of a log by which a rule can be judged.
 
     Attributes:
-        place: Its place in the log.
         time: Time at which it was sent (ns).
-        values: Values of the rule's fields that are known then.
         last: Whether it is of the last of the rule's topics.
     """
 
@@ -66,7 +64,6 @@ class Prediction:
         fails: Number of judged messages at which the rule holds.
         moments: The first of these messages.
         begin: Time at which the first message of the log was sent (ns).
-        rule: The rule as text.
         topics: Topic of each message of the log in which the rule's fields are named.
         missed: Number of the campaign's trials that failed though the rule holds nowhere in them.
     """
@@ -111,7 +108,6 @@ class Explained(NamedTuple):
     """Comparison of a rule with earlier trials.
 
     Attributes:
-        trials: Number of trials compared.
         wrong: Trials that the rule predicts wrongly: what was injected, and whether they failed.
         holds: Numbers, if the failure occurs only sometimes: the failed and all trials in which the rule holds.
         unknown: Number of other trials: the rule holds nowhere in them, but could not be judged at some messages.
@@ -151,10 +147,6 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     holds only with earlier values, more failed than passed.
 
     Args:
-        record: The rule.
-        step: The running step.
-        unit: The unit.
-        signature: Signature of the failure.
         rate: Rate at which the failure occurs when triggered.
 
     """
@@ -208,11 +200,8 @@ def predict(
     has a known comparison that does not. An order is known only at messages of its second topic.
 
     Args:
-        rule: The rule.
         topics: Topic of each message of the short log in which the rule's fields are named.
         messages: The log, in order; it may be larger than memory.
-        registry: The registry of topics and types.
-        at_most: Maximum number of moments to keep.
         keeps: Whether a message that lacks a field leaves its earlier value in force.
 
     Raises:
@@ -245,10 +234,8 @@ def moments_of(
     """Yield the messages of a log by which a rule can be judged, some thousand at once.
 
     Args:
-        latest: The rule's fields, before the log.
         messages: The log, in order; it may be larger than memory.
         topics: Topic of each message of the short log in which the rule's fields are named.
-        registry: The registry of topics and types.
     """
     rows: list[Moment] = []
     for place, message in enumerate(messages):
@@ -285,7 +272,6 @@ def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[n
 
     Args:
         columns: One array of equal length per variable.
-        count: Number of rows.
     """
     mixed = [column for column in columns.values() if column.dtype == np.object_]
     if not mixed:

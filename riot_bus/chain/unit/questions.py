@@ -104,8 +104,6 @@ def measured_rate(
 
     Args:
         ask: Function that carries out some fresh trials of it and returns which failed.
-        failed: Failed trials that are known.
-        total: All trials that are known.
         most: Maximum number of further trials; fewer are made if none fails.
     """
     known, enough = total, None
@@ -138,7 +136,6 @@ class FreshCases:
     """A runner that gives each case a fresh trial each time: the store knows the first, second, ... of each.
 
     Args:
-        runner: The runner that executes the trials.
         after: Number of first trials of each case to skip, since they have another purpose.
     """
 
@@ -171,16 +168,8 @@ class FreshCases:
 class UnitQuestions:
     """Asks a unit whether it fails when fields of its minimal log have other values.
 
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-
     Attributes:
-        finding: The finding whose failure is asked for.
         fields: The minimal log, by field.
-        dictionary: Exceptional values for the unit.
-        runner: The runner that executes the trials.
-        noise: Knowledge about the rates of the failure.
     """
 
     def __init__(self, step: StepRun, folder: Path) -> None:
@@ -251,8 +240,6 @@ class UnitQuestions:
         One trial decides unless the failure was seen to occur only sometimes. What is known about a case counts.
 
         Args:
-            cases: The test cases.
-            doubt: Maximum probability that an answer is wrong.
             priors: Probability of each case to trigger the failure before any trial; None if nothing is known.
 
         Raises:

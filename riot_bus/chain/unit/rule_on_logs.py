@@ -33,13 +33,8 @@ class ScanRule:
         source: Folder of a finding, `region` in it, or a rule file such as its `rule.json`.
 
     Attributes:
-        record: The rule's record.
-        rule: The rule.
         topics: Topic of each message of the log in which the rule's fields are named.
         keeps: Whether a message that lacks a field leaves its earlier value in force.
-        names: Names of the rule's fields.
-        read: Topics that the rule reads.
-        text: The rule as text.
 
     Raises:
         ConfigError: There is no rule.
@@ -86,7 +81,6 @@ def predict_log(path: Path, folder: Path) -> Prediction:
 
     Args:
         path: Path of the log, which may be larger than memory.
-        folder: Folder of the finding.
 
     Raises:
         ConfigError: There is no such log, or the finding has no rule.

@@ -51,17 +51,10 @@ class Simplification:
     """Simplifies a failing log.
 
     Args:
-        log: A log that fails.
         failing: Function that runs a fresh trial of each log and tells whether it fails.
-        registry: The registry of topics and types.
         paced: Whether times between messages matter.
         observed: Function that returns the values of fields (by name) in nominal messages; these explain nothing.
         better: Function that is called with each simpler log found to fail.
-
-    Attributes:
-        log: The simplest log so far.
-        records: Records of the simplifications.
-        trials: Number of trials so far.
     """
 
     def __init__(
@@ -87,9 +80,6 @@ class Simplification:
         """Simplify the log; return what is then known about the failure rates.
 
         Args:
-            noise: Knowledge about the failure rates so far.
-            budget: Maximum number of trials.
-            parallelism: Number of questions worth asking in one batch.
             progress: Function that is called after every batch.
         """
         for stage in (self._gaps, self._payloads, self._fields):
@@ -240,10 +230,7 @@ def rungs_of(
     """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones.
 
     Args:
-        path: Path of the field.
-        kind: Type of the field.
         value: The failing value; it comes last.
-        nominal: The value before the modification.
         observed: Values in nominal messages, which do not explain a failure.
     """
     if path.startswith("len("):

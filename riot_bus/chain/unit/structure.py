@@ -69,7 +69,6 @@ class Structure:
     """What was found.
 
     Attributes:
-        needed: The parts that have to stay as they are.
         asked: Number of parts for which this was decided, by kind; 0 if trials did not decide.
         failed: Numbers of failed and of all trials with the other parts of a kind changed at once.
     """
@@ -85,8 +84,6 @@ def parts_of(
     """Return what can be changed in a log besides values.
 
     Args:
-        fields: The log.
-        considered: Fields that may be varied.
         known: Fields whose values matter, so that they must be there anyway.
         paced: Whether times between messages matter.
     """
@@ -114,12 +111,7 @@ def search_structure(
     """Find the parts that have to stay as they are.
 
     Args:
-        log: A log that fails.
-        parts: The parts of it that may be changed.
         ask: Function that runs a fresh trial of each log and tells whether it fails.
-        noise: Knowledge about the failure rates.
-        budget: Maximum number of trials.
-        parallelism: Number of questions worth asking in one batch.
         progress: Function that is called after every batch.
     """
     needed: list[Needed] = []

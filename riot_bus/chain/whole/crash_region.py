@@ -45,7 +45,6 @@ class RegionRule(NamedTuple):
     """A rule over external fields.
 
     Attributes:
-        rule: The rule.
         samples: Values of its fields, and whether a run with them failed.
         tested: Runs that the rule was not learnt from: whether each was predicted to fail, and whether it did.
     """
@@ -79,7 +78,6 @@ class RegionRule(NamedTuple):
         """Write it into a finding's folder as a rule that `riot scan` and guards accept.
 
         Args:
-            folder: Folder of the finding.
             fields: Fields of the rule; nothing is written if one is not a field of a log, such as a parameter.
         """
         if any(field.constant for field in fields):
@@ -121,8 +119,6 @@ def box_rule(
 
     Args:
         region: The region, which is a box.
-        fields: Fields of the box.
-        fixed: Values of other fields that the failure needs.
         samples: All runs in which those other fields had these values.
     """
     literals = _equal(fixed)
@@ -146,8 +142,6 @@ def learnt_rule(
     Args:
         system: The system, which runs the tests.
         region: The region, which is not a box.
-        fields: Fields of the region.
-        fixed: Places of other fields that the failure needs.
         samples: All runs in which those other fields had these places.
     """
     told = {name: system.fields[name].told(value) for name, value in fixed.items()}

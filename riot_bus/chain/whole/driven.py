@@ -71,7 +71,6 @@ class Usual(NamedTuple):
 
     Attributes:
         rate: Its messages per second in the nominal log.
-        values: Number of its values in a run.
         moves: Whether it has more than one value.
     """
 
@@ -84,8 +83,6 @@ class ConstantRuns(NamedTuple):
     """Results of runs in which each external field is constant.
 
     Attributes:
-        edges: Results for pairs of external and internal fields.
-        runs: Number of runs.
         untold: External fields that could not, or not fully, be judged, and why.
         intermediate: Results for pairs of external and intermediate fields.
     """
@@ -101,13 +98,9 @@ class DrivenRuns:
     """Runs of the whole system in which external fields are driven.
 
     Attributes:
-        step: The running step.
         runner: Runner that observes the internal fields, and the times of the external topics.
         driving: Messages played to the system; empty if external components drive it.
-        internals: Names of the internal fields.
-        usual: Behaviour of each of them in nominal runs.
         speed: Speed of the runs, as a multiple of the system's own time.
-        signature: Signature of the failure under analysis.
         intermediates: Fields on the path to the internal ones, which the runner observes, too.
         changed: Names of the fields that were set in a message in some run.
         failures: Failed runs by signature; a run that fails with `signature` counts for it alone.
@@ -127,12 +120,7 @@ class DrivenRuns:
     failing: list[dict[str, float]] = field(default_factory=list)
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
-        """Return runs in which all fields are driven, each by its own signal in each run.
-
-        Args:
-            fields: External fields.
-            numbers: Numbers of the runs.
-        """
+        """Return runs in which all fields are driven, each by its own signal in each run."""
         return self._driven([fields] * len(numbers), numbers)
 
     def _driven(self, groups: Sequence[Sequence[ExternalField]], numbers: range) -> list[Perturbed]:
@@ -154,9 +142,6 @@ class DrivenRuns:
 
         Args:
             plans: For each case the fields that it sets, in the order of its injections.
-            cases: The test cases.
-            doing: Purpose of these runs, for the progress.
-            before: Number of runs before these, for the progress.
         """
         outcomes: list[Outcome] = []
         for start in range(0, len(cases), self.runner.parallelism):
@@ -177,13 +162,7 @@ class DrivenRuns:
             self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
 
     def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
-        """Return why runs did not set a field, so that they say nothing about it; empty if they did.
-
-        Args:
-            one: The external field.
-            outcomes: Outcomes of the runs.
-            least: Number of runs with messages that is enough.
-        """
+        """Return why runs did not set a field, so that they say nothing about it; empty if they did."""
         if one.parameter:
             refused = sum(one.path in outcome.statistics.get("refused", {}) for outcome in outcomes)
             return _REFUSED if refused and len(outcomes) - refused < least else ""
@@ -198,7 +177,6 @@ class DrivenRuns:
         """Return how constant external fields affect mean, spread and last value of internal ones over runs.
 
         Args:
-            fields: External fields.
             numbers: Numbers of the runs; as many more follow if something almost reaches an otherwise unreached field.
             alpha: Accepted share of false discoveries for each internal field in each of the two tests.
             design: Design of the runs; `beyond nominal` spreads values over all that may be tried, on search scale.
@@ -284,7 +262,6 @@ class DrivenRuns:
         A failed run does not count as frozen: a crashed component publishes nothing more, but it refused no input.
 
         Args:
-            outcome: Outcome of the run.
             constant: Whether external fields were constant in it, so that internal ones may be.
         """
         if outcome.violations:
@@ -302,7 +279,6 @@ class DrivenRuns:
 
         Args:
             fields: External fields that freeze internal ones when they are driven together.
-            numbers: Numbers of the runs, as many as may be used.
 
         Returns:
             These fields, those that the runs did not suffice to tell apart, and the number of runs used. There are no
@@ -331,7 +307,6 @@ class DrivenRuns:
         """Return runs in which fields were driven, in the form that the analysis takes.
 
         Args:
-            some: Signals and outcomes of the runs.
             intermediate: Whether outputs are the intermediate fields, with fewer samples, instead of the internal ones.
         """
         outputs = as_numbers([outcome for _, outcome in some], self.intermediates if intermediate else self.internals)
@@ -383,9 +358,6 @@ def changed_in_log(
 
     Args:
         fields: The fields, in the order of its injections; parameters of commands are left out.
-        case: The test case.
-        registry: Registry of topics and types.
-        known: Names of fields that need no check.
     """
     injections = [each for each in case.injections if each.topic != PARAMETERS]
     pairs = [(one, each) for one, each in zip(fields, injections, strict=True) if one.name not in known]

@@ -65,9 +65,6 @@ def least_distance(
     earlier message if the rule refers to that.
 
     Args:
-        rule: The unit-level rule.
-        observed: Its variables over time.
-        scale: Nominal spread of each variable.
         topics: Topic of each message of the short log in which the variables are named.
     """
     stamps: dict[str, NDArray[np.float64]] = {}
@@ -92,12 +89,8 @@ class DrivenSystem:
     """Runs of the whole system with external fields held at given values.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
         driving: Messages played to the system, with fields changed; empty if external components drive it.
         judged: Name and baseline of the unit that is compared with its nominal runs.
-        names: Names of the fields that may be set.
-        budget: Largest number of runs that repeat failing points.
     """
 
     def __init__(
@@ -167,7 +160,6 @@ class DrivenSystem:
 
         Args:
             points: Points as in `VariedInputs.drives`.
-            phase: Purpose of these runs, for the record.
         """
         cases: list[TestCase] = []
         for point in points:
@@ -279,7 +271,6 @@ class DrivenSystem:
 
         Args:
             axes: Names of the fields; a run that left one alone had its nominal value.
-            fixed: Values that other fields had in these runs.
         """
         failed, total = self.controls()
         usual = {name: self.fields[name].told(self.fields[name].nominal) for name in (*axes, *fixed)}

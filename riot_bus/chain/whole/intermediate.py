@@ -35,8 +35,6 @@ def intermediate_fields(
     """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log.
 
     Args:
-        workspace: The system.
-        graph: Graph of the readers and writers of topics.
         topics: The internal topics, which are left out.
         externals: The external topics, which are left out.
     """
@@ -92,7 +90,6 @@ def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[st
 
     Args:
         tree: Backtrack tree, as `Hop.as_json` returns it.
-        edges: Edges to fields of its topics.
 
     Returns:
         The tree; each node has `follows` (an edge as data; None if no field of the topic was tested).
@@ -117,7 +114,6 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
 
     Args:
         trees: Backtrack trees, as `Hop.as_json` returns them.
-        edges: Edges to fields of their topics.
     """
     known = {(edge.external, _topic_of(edge)): edge for edge in sorted(edges, key=_shown)}
     sources: dict[str, dict[str, None]] = {}

@@ -33,7 +33,6 @@ class Replay(NamedTuple):
 
     Attributes:
         messages: Number of external messages; 0 if they were not kept.
-        total: Number of replays of all these messages.
         failed: Number of replays that failed again.
         needed: Number of messages that are enough; 0 if unknown.
         proven: Whether it was shown that none of these can be left out.
@@ -57,7 +56,6 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
     """Replay only the external messages of a failing run in fresh runs, all and then fewer; write the logs.
 
     Args:
-        system: The system.
         case: The failing run; None if there is none.
         log: Path of the log of its external messages; None if the case itself plays them.
     """

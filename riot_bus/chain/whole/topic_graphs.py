@@ -26,13 +26,7 @@ _SAYS_IT_ALL = frozenset({"ros2 token", "bridge token", "declaration", "bridge"}
 
 
 def topics_named(name: str, keys: Mapping[str, str], registry: TypeRegistry) -> frozenset[str]:
-    """Return the topics of logs that a name or key expression matches; the name itself if it matches none.
-
-    Args:
-        name: Name or key expression, as users write it.
-        keys: Zenoh key of each topic.
-        registry: The registry that resolves names.
-    """
+    """Return the topics of logs that a name or key expression matches; the name itself if it matches none."""
     found = {topic for topic, key in keys.items() if name == topic or registry.matches(name, key)}
     return frozenset(found or {name})
 
