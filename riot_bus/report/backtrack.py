@@ -189,32 +189,3 @@ def _notes(record: BacktrackRecord) -> Iterator[str]:
 
 def _path(name: str) -> str:
     return name.rpartition(":")[2]
-
-
-def dot(record: BacktrackRecord) -> str:
-    """Return the record as a Graphviz graph: topics are ellipses, external ones boxes.
-
-    Steps with evidence are solid, others dotted, inferred ones dashed; labels give components and strength.
-    """
-    roots = [tree["topic"] for tree in record.trees]
-    ends = [end for step in record.steps for end in (step.source, step.target) if end]
-    topics = list(dict.fromkeys([*roots, *ends]))
-    number = {topic: f"t{place}" for place, topic in enumerate(topics)}
-    out = ["digraph riot {", "  rankdir=LR;"]
-    for topic in topics:
-        shape = "box" if topic in record.externals else "ellipse"
-        marks = ", style=dashed" if topic in record.missing else ", penwidth=3" if topic in roots else ""
-        out.append(f"  {number[topic]} [shape={shape}, label={_quoted(topic)}{marks}];")
-    for step in (one for one in record.steps if one.source):
-        best = next((one for one in step.evidence if one.found), None)
-        label = ", ".join(step.components)
-        if best is not None and best.strength is not None:
-            label += f"\n{share(best.strength)}"
-        style = "dashed" if step.inferred else "solid" if best is not None else "dotted"
-        out.append(f"  {number[step.source]} -> {number[step.target]} [style={style}, label={_quoted(label)}];")
-    return "\n".join([*out, "}"]) + "\n"
-
-
-def _quoted(text: str) -> str:
-    plain = "\n".join(clean(one) for one in text.split("\n")).replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + plain.replace("\n", "\\n") + '"'

@@ -48,7 +48,7 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
 
     Raises:
         ConfigError: `finding.json` is missing or unusable.
-        MissingExtraError: jinja2 or matplotlib is not installed.
+        MissingExtraError: jinja2 is not installed.
     """
     return write_file(HtmlReport(open_questions).render(load(directory)), directory / PAGE)
 
@@ -69,7 +69,7 @@ class HtmlReport:
         """Return the page.
 
         Raises:
-            MissingExtraError: jinja2 or matplotlib is not installed.
+            MissingExtraError: jinja2 is not installed.
         """
         return rendered("report.html.j2", **_context(view, self._open_questions))
 

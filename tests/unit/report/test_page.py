@@ -317,11 +317,7 @@ def test_loads_nothing(finding: Path) -> None:
     assert not [name for _, name, _ in page.attributes if name == "style" or name.startswith("on")]
     assert "url(" not in page.css
     assert "@import" not in page.css
-    links = [target[1:] for target in page.get("href") if target.startswith("#")]
-    clips = [found for value in page.get("clip-path") for found in re.findall(r"url\(#(.+?)\)", value)]
-    assert links
-    assert clips
-    assert set(links + clips) <= set(page.ids)
+    assert {target[1:] for target in page.get("href") if target.startswith("#")} <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
 
 

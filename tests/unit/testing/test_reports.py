@@ -27,7 +27,6 @@ from riot_bus.testing.reports import (
 from riot_bus.vocabulary.errors import ConfigError
 
 pytest.importorskip("jinja2")
-pytest.importorskip("matplotlib")
 
 
 class TestHtml(ReportConformance):
