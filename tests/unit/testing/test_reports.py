@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from riot_bus.plugins import REPORTS
-from riot_bus.report.allure import AllureReport
 from riot_bus.report.github import GithubReport
 from riot_bus.report.json_form import JsonReport
 from riot_bus.report.junit import JunitReport
@@ -32,10 +31,6 @@ pytest.importorskip("jinja2")
 class TestHtml(ReportConformance):
     report = HtmlReport
     markup = True
-
-
-class TestAllure(CampaignReportConformance):
-    report = AllureReport
 
 
 class TestJunit(CampaignReportConformance):
@@ -178,7 +173,6 @@ def test_the_bench_has_the_campaigns_that_it_names(name: str, tmp_path: Path) ->
 
 def test_the_shipped_formats_are_plug_ins() -> None:
     shipped = {
-        "allure": AllureReport,
         "github": GithubReport,
         "html": HtmlReport,
         "json": JsonReport,
