@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.findings.steps import STEPS, ChainStep, find_step
     from riot_bus.inject.apply import inject_log
     from riot_bus.interceptors.parsing import from_text
-    from riot_bus.log.limits import LogLimits
+    from riot_bus.log.engine.limits import LogLimits
     from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.table import columns, iter_columns
     from riot_bus.log.writer import LogWriter
@@ -44,7 +44,7 @@ _MODULES = {
     "findings.steps": "STEPS ChainStep find_step",
     "inject.apply": "inject_log",
     "interceptors.parsing": "from_text",
-    "log.limits": "LogLimits",
+    "log.engine.limits": "LogLimits",
     "log.reader": "LogReader",
     "log.tables.table": "columns iter_columns",
     "log.writer": "LogWriter",
