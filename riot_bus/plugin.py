@@ -7,6 +7,7 @@ example of each kind. All other modules of riot_bus may move from one version to
 An extension of riot itself may also fill hooks, entry points of the group `riot_bus.hooks`:
 
     access            try out who can do what at a fleet's router (`riot doctor --acl`)
+    backtrack_lines   show paths found in logs alone on a finding's page (`riot report`)
     difference_from   compare delivered messages with a log (the fixture's `expect`)
     play_expecting    compare the answers to a played log with the expected ones (`riot play --expect`)
     transparency      compare a router with a plain one (`riot doctor --transparency`)

@@ -35,22 +35,14 @@ _EXPLAINING = {step.name for step in STEPS[1:]}
 
 @dataclass(frozen=True, slots=True)
 class AskedReport:
-    """A requested report of a campaign.
-
-    Attributes:
-        path: File that it is written to; None for stdout.
-    """
+    """A requested report of a campaign, and the file that it is written to; None for stdout."""
 
     made: CampaignFormat
     path: Path | None
 
 
 def asked_report(text: str, *, out: Path) -> AskedReport:
-    """Return the report that `NAME` or `NAME=FILE` requests.
-
-    Args:
-        text: Name of the format, and the file; without a file, the format's own file name in the output folder.
-        out: The output folder.
+    """Return the report that `NAME` or `NAME=FILE` requests; without a file, the format's own in the output folder.
 
     Raises:
         ConfigError: There is no such format, it does not report campaigns, or the file has no name.
@@ -71,10 +63,6 @@ def asked_report(text: str, *, out: Path) -> AskedReport:
 
 def reports_of(texts: Sequence[str], folders: Mapping[str, Path]) -> dict[str, list[str]]:
     """Return the requests for each of several units, with `{unit}` replaced by the name of its folder.
-
-    Args:
-        texts: Requests, as for `asked_report`.
-        folders: Output folders of the units.
 
     Raises:
         ConfigError: As for `asked_report`, or several units would write to one file.
@@ -97,9 +85,6 @@ class ReportFollower:
     Reports without a file are printed once, at the end. However the work ends, the reports say how.
 
     Args:
-        asked: Requested reports.
-        out: The campaign's output folder.
-        say: Function that prints.
         known: The baseline, if findings that it knows do not count.
         lenient: Whether faults of the environment do not count as errors.
     """

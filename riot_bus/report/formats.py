@@ -58,11 +58,7 @@ class CampaignFormat(Protocol):
 
 @runtime_checkable
 class SummaryFormat(Protocol):
-    """A format that also adds to a file which an environment variable names, once the work has ended.
-
-    Attributes:
-        summary_variable: Name of the variable.
-    """
+    """A format that, once the work has ended, also adds to the file that an environment variable names."""
 
     summary_variable: str
 
@@ -97,11 +93,6 @@ def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView
 
 def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) -> CampaignView:
     """Return a view in which the findings that a baseline knows do not count.
-
-    Args:
-        made: Format of the report.
-        view: Finding or campaign that is reported.
-        path: File of the baseline.
 
     Raises:
         ConfigError: There is no such file, it is unusable, or the format does not show which findings are known.

@@ -83,11 +83,7 @@ def region_plots(
     """Return the map of trials around the crash region, and the one over the whole searched range.
 
     A region in more fields is drawn in its first two; one of a single field is not drawn.
-
-    Args:
-        points: Runs of the whole system.
-        region: The crash region.
-        nominal: Center and spread of external fields.
+    Of external fields, `nominal` has center and spread.
     """
     if len(region.ranges) < 2:
         return []
@@ -166,16 +162,7 @@ def _decade(spread: float) -> float:
 
 
 def _draw(dots: Sequence[Dots], areas: Sequence[PlotArea], x: Axis, y: Axis, names: tuple[str, str], title: str) -> str:
-    """Return a scatter plot as an SVG element: areas below dots, a legend above, labels left and below.
-
-    Args:
-        dots: Trials, drawn in this order.
-        areas: Shaded parts of the plane.
-        x: The axis to the right.
-        y: The axis upwards.
-        names: Names of the two fields.
-        title: Text for screen readers.
-    """
+    """Return a scatter plot as an SVG element: areas below dots, a legend above, labels left and below."""
     legend, top = _legend(dots, areas, x, y)
     left = _MARGIN + 2 * _SIZE + max((width_of(label, _SIZE) for label in y.ticks().values()), default=0)
     width, height = _WIDTH - _MARGIN - left, _HEIGHT - 3.5 * _SIZE - top

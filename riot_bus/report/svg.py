@@ -9,13 +9,7 @@ from unicodedata import east_asian_width
 
 
 def element(tag: str, *content: str, **attributes: float | str) -> str:
-    """Return an element.
-
-    Args:
-        tag: Its name.
-        content: Finished elements inside of it.
-        attributes: Its attributes, with `_` for `-`; numbers are rounded to tenths.
-    """
+    """Return an element with finished ones inside, and attributes with `_` for `-`; numbers are rounded to tenths."""
     given = "".join(
         f' {name.replace("_", "-")}="{escape(one) if isinstance(one, str) else f"{one:.1f}".removesuffix(".0")}"'
         for name, one in attributes.items()

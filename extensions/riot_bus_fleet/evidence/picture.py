@@ -52,7 +52,7 @@ def picture(record: BacktrackRecord, colours: Mapping[str, str] = COLOURS) -> st
     """Return a picture as SVG: external topics are on the left, the targets on the right.
 
     Args:
-        record: What was found.
+        record: Record of `riot backchain`.
         colours: Colours by the names of `COLOURS`.
     """
     columns = _columns(record)

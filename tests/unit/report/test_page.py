@@ -13,11 +13,11 @@ import pytest
 from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PathRecord, PermeabilityRecord, StageRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
-from riot_bus.report.backtrack import lines
 from riot_bus.report.page import write_report
 from riot_bus.report.regression import regression_name
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
-from tests.unit.report.backtracks import RECORD
+from riot_bus_fleet.evidence.text import lines
+from tests.unit.riot_bus_fleet.evidence.backtracks import RECORD
 
 SECTIONS = {
     "minimal.json": "minimal",

@@ -7,7 +7,7 @@ import pytest
 
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_fleet.evidence.picture import check_picture, dot, write_picture
-from tests.unit.report.backtracks import RECORD
+from tests.unit.riot_bus_fleet.evidence.backtracks import RECORD
 
 
 def test_a_picture_has_all_topics_and_is_the_same_each_time(tmp_path):
