@@ -14,7 +14,6 @@ from riot_bus.pool.local import LocalRunner, Pool
 from riot_bus.pool.nominal import measure_baseline, measure_in_system
 from riot_bus.trial.baseline import UNKNOWN
 from riot_bus.trial.evidence import DEBUGGER, has_debugger, native_backtrace
-from riot_bus.trial.persistent import PersistentTrial
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.trial.unit_trial import UnitTrial
 
@@ -51,13 +50,12 @@ def slots_for(busy: float, processors: int) -> int:
 class RunnerFactory(Protocol):
     """Gives the runners that answer the questions of a chain."""
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> Runner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> Runner:
         """Return a runner for trials of a unit alone.
 
         Args:
             unit: Name of the unit.
             log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
-            persistent: Whether trials that pass may share a process.
         """
         ...
 
@@ -166,12 +164,11 @@ class LocalRunners:
     def _measured(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
         return measure() if self._fresh else self._kept.get(unit, where, log, measure)
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> LocalRunner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
-        kind = PersistentTrial if persistent else UnitTrial
 
         def trial() -> Trial:
-            return kind(unit, self.baseline(unit, log))
+            return UnitTrial(unit, self.baseline(unit, log))
 
         def slots(_: float) -> int:
             return slots_for(self.baseline(unit, log).busy, self._processors) if self._spread else self._pool.jobs

@@ -15,7 +15,6 @@ from riot_bus.processes.python_report import ThreadStack
 from riot_bus.system.system_file import RunPace
 from riot_bus.trial.baseline import Baseline, NominalTrial
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.persistent import PersistentTrial
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.trial.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary import errors
@@ -29,10 +28,10 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 _MOST_KNOWN = 8
 """Number of logs that a worker keeps in memory; a chain works with one or two at a time."""
-Trial = UnitTrial | PersistentTrial | IdleTrial | SystemTrial
+Trial = UnitTrial | IdleTrial | SystemTrial
 """Ways in which a worker can execute a test case."""
 
-_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, PersistentTrial, IdleTrial, SystemTrial)}
+_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, IdleTrial, SystemTrial)}
 _ERRORS = {name: getattr(errors, name) for name in vars(errors) if name.endswith("Error")}
 _LARGE_INT = 1
 """Extension type of integers that do not fit into 64 bits."""
@@ -157,7 +156,7 @@ class TrialBatch:
 
 
 def _log_of(trial: Trial) -> tuple[Message, ...]:
-    return trial.baseline.log if isinstance(trial, UnitTrial | PersistentTrial) else ()
+    return trial.baseline.log if isinstance(trial, UnitTrial) else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,6 @@ from riot_bus.trial.context import Context, open_system
 from riot_bus.trial.hangs import KnownHangs
 from riot_bus.trial.kept import end_kept
 from riot_bus.trial.kept_network import KeptNetwork
-from riot_bus.trial.persistent import PersistentTrial
 from riot_bus.trial.stage import TrialPlace
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.zenoh.session import prepare_runtime
@@ -87,7 +86,7 @@ class TrialWorker:
             for name, told in request.hangs.items():
                 hangs[name].know(told)
             place = self._place(request.directory)
-            if not isinstance(request.trial, PersistentTrial | SystemTrial):  # these end them themselves if needed
+            if not isinstance(request.trial, SystemTrial):  # it ends them itself if needed
                 end_kept(place)
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)
