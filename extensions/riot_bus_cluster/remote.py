@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import msgpack  # type: ignore[import-untyped]
 
 from riot_bus.pool.local import how_ended, start_worker
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import EXTERNAL_LOG
 from riot_bus_cluster.facts import differences
 

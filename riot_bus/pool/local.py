@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Protocol, Self
 from riot_bus.pool.wire import TrialBatch, read_answer, remember
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.kept import FOLDER_PREFIX
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.running_system import FOLDER_PREFIX
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus.zenoh.session import environment_of_others
 

@@ -26,9 +26,9 @@ from riot_bus.processes.launcher import Launcher
 from riot_bus.processes.supervisor import IGNORED
 from riot_bus.trial.context import Context, open_system
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.kept import end_kept
 from riot_bus.trial.kept_network import KeptNetwork
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.running_system import end_kept
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.zenoh.session import prepare_runtime
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.trial.starter import FIXED, fixes_addresses
+from riot_bus.trial.processes import FIXED, fixes_addresses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
