@@ -88,7 +88,6 @@ class WorkerState:
         begun: Its answer to `begin`.
         refused: Reason why it takes no trials; empty if it does.
         ready: Whether it has agreed to take trials.
-        worker: The worker of the pool that uses it now.
     """
 
     slot: int
@@ -103,7 +102,6 @@ class ClusterWorkers:
     """Workers of a Dask cluster, as the source of a pool.
 
     Args:
-        executor: `dask://HOST:PORT`.
         context: Context of the system.
         jobs: Maximum number of workers to use; 0 for all.
 

@@ -462,8 +462,6 @@ class LocalRunner:
     """A `Runner` over a pool.
 
     Args:
-        trial: Function that returns the trial; called when there are cases.
-        pool: Pool that executes the cases.
         slots: Function that returns how many trials run at once, given the share of a processor that earlier trials
             took, 0 if there were none.
         into: Target of what a case is asked to leave.

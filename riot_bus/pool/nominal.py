@@ -43,12 +43,6 @@ def measure_baseline(context: Context, unit: str, pool: Pool, log: Sequence[Mess
 
     If nominal trials fail, only the former is known.
 
-    Args:
-        context: Context of the system.
-        unit: Name of the unit.
-        pool: Pool that executes the trials.
-        log: Nominal log of the unit.
-
     Raises:
         EnvironmentFaultError: The unit does not start.
         ConfigError: The unit hits one of its limits.

@@ -66,14 +66,7 @@ class RunnerFactory(Protocol):
     def in_system(
         self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
     ) -> Baseline:
-        """Return the baseline of a unit in nominal runs of the whole system, which is measured once.
-
-        Args:
-            unit: Name of the unit.
-            log: Function that returns the nominal log.
-            pace: Duration and speed of external components.
-            driving: Messages that are played to the system instead, if it has no external components.
-        """
+        """Return the baseline of a unit in nominal runs of the whole system, which is measured once."""
         ...
 
     def keep_evidence(
@@ -122,7 +115,6 @@ class LocalRunners:
     """Factory of runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
-        context: Context of the system.
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
         workers: Function that returns a source of workers to use instead of this machine; called when first needed.
         keep: Folder in which the files of failing trials, and the baselines, are kept.

@@ -95,12 +95,7 @@ def _unpack_other(code: int, data: bytes) -> Any:
 class TrialBatch:
     """Data that many requests share: how cases are executed, and the log from which their messages come.
 
-    Args:
-        trial: Trial that executes each case.
-        log: Messages that are sent once; cases refer to them by number.
-
     Attributes:
-        shared: The shared data as bytes.
         digest: Hash of the shared data, which is not sent again to a worker that knows it.
     """
 
@@ -211,7 +206,6 @@ class TrialAnswer:
     """The answer of a worker.
 
     Attributes:
-        outcome: Outcome of the trial.
         imports: Modules that Python components import, by program, without those known to the worker before.
         hangs: Known hangs, by component, where they differ from the request.
     """

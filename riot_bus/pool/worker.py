@@ -46,12 +46,7 @@ _SPARE_RECEIVERS = 8
 
 
 class TrialWorker:
-    """Executes requests.
-
-    Args:
-        system: Path of riot.toml.
-        launcher: Launcher of components.
-    """
+    """Executes requests."""
 
     def __init__(self, system: Path, launcher: Launcher) -> None:
         self._system, self._launcher = system, launcher

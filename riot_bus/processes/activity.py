@@ -264,12 +264,7 @@ def families(pids: Sequence[int]) -> list[int]:
 
 
 def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
-    """Read the resources of processes from /proc; ended processes count as nothing.
-
-    Args:
-        pids: Ids of the processes.
-        messages: Number of inputs published so far.
-    """
+    """Read the resources of processes from /proc; ended processes count as nothing."""
     memory = files = threads = 0
     for pid in pids:
         memory += int(read_proc(f"/proc/{pid}/status").partition(b"VmRSS:")[2].split(b"kB")[0] or 0) << 10

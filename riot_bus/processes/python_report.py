@@ -53,11 +53,7 @@ class ThreadStack:
 
 
 class PythonReport:
-    """The files of one trial that the hook writes.
-
-    Args:
-        directory: Folder of the trial.
-    """
+    """The files of one trial that the hook writes."""
 
     def __init__(self, directory: Path) -> None:
         self._events = directory / "python.events"

@@ -27,11 +27,6 @@ class HangWatch:
     """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang.
 
     Args:
-        hangs: Known hangs of the unit.
-        network: Network of the trial.
-        observation: Observation of its components.
-        name: Name of the unit's component.
-        baseline: Behaviour of the unit in nominal trials.
         timeout: Seconds after which the unit counts as hanging in any case.
 
     Attributes:

@@ -33,13 +33,7 @@ class KeptNetwork:
         self._lent: dict[Network, _Kind] = {}
 
     def take(self, segments: Sequence[str], cut: Sequence[str], *, wait_before_close_s: float) -> Network:
-        """Return a network for one trial: the free one if it is of this kind and empty, else one to be opened.
-
-        Args:
-            segments: Names of the segments.
-            cut: Key expressions that will be intercepted.
-            wait_before_close_s: Longest wait of a publication for a slow receiver, in seconds.
-        """
+        """Return a network for one trial: the free one if it is of this kind and empty, else one to be opened."""
         kind, free = _Kind(tuple(segments), tuple(canonical(cut)), wait_before_close_s), self._free
         self._free = None
         if free is not None and free[0] == kind and wait_until(lambda: _is_empty(free[1]), _LEAVE_S):
@@ -53,12 +47,7 @@ class KeptNetwork:
         return network
 
     def give_back(self, network: Network, *, usable: bool) -> None:
-        """Keep a network for the next trial, or close it.
-
-        Args:
-            network: A network from `take`.
-            usable: Whether all went well with it.
-        """
+        """Keep a network for the next trial, or close it."""
         kind = self._lent.pop(network)
         if usable:
             self.close()

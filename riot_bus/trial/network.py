@@ -30,16 +30,13 @@ class TrialNetwork:
     """Segments of their own for the components of a trial; a context manager.
 
     Args:
-        context: Context of the system.
         segments: Names of the segments; empty for one segment for each component, with its name.
         intercept: Key expressions that are cut and passed through `pipeline`.
-        pipeline: Pipeline of the interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
         kept: Network that is kept between trials; without it, segments are opened and closed.
 
     Attributes:
-        bus: Router between the segments.
         inputs: Messages that were published to components, in order.
         outputs: Collected messages of components, in order of reception.
         now: Function that returns the time of published messages, in nanoseconds.

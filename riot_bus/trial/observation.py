@@ -34,13 +34,8 @@ _ALIKE = 0.2  # timers do about the same each time, a start does not; a guess
 class Observation:
     """What components do, and when they rest.
 
-    Args:
-        processes: The components.
-        network: Their network; its threads in this process are observed, too.
-
     Attributes:
         idle: Activity of components that are ready and never rest; no activity if they rest.
-        senders: Threads of this process that send.
         others: All threads of this process except the one that runs the trial.
     """
 

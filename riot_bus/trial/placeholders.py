@@ -24,14 +24,7 @@ _PORTS = range(15_000, 32_000)
 
 
 class Placeholders:
-    """Values of placeholders, and the ports and ROS domains that are reserved for them until `close`.
-
-    Args:
-        file: The system file.
-        directory: Folder of the trial, for copies of files.
-        slot: Value of `{slot}`.
-        parameters: Values of `{param:NAME}`.
-    """
+    """Values of placeholders, and the ports and ROS domains that are reserved for them until `close`."""
 
     def __init__(self, file: SystemFile, directory: Path, *, slot: int, parameters: Mapping[str, Scalar]) -> None:
         self._file, self._directory, self._parameters = file, directory, parameters

@@ -75,8 +75,6 @@ class TrialProcesses:
     """The processes of components, and what belongs to each: its container, its bridge to DDS; a context manager.
 
     Args:
-        context: Context of the system.
-        launcher: Owner of the processes.
         directory: Folder for their output and for what they write to `{trial_dir}`.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
@@ -86,7 +84,6 @@ class TrialProcesses:
         started: The started components, by name.
         alike: Text that is the same for components that are started in the same way, by name.
         started_at: Time of the start, in seconds of the monotonic clock, by name.
-        python: Reports of Python components.
     """
 
     def __init__(

@@ -31,15 +31,7 @@ _POLL = 0.002
 
 
 class Readiness:
-    """Readiness of components; a component is watched by `expect` before it is started.
-
-    Args:
-        context: Context of the system.
-        launcher: Owner of the processes.
-        network: Network of the trial.
-        processes: Its components.
-        observation: Observation of these.
-    """
+    """Readiness of components; a component is watched by `expect` before it is started."""
 
     def __init__(
         self,

@@ -45,18 +45,9 @@ class RunningSystem(ABC):
     """The components of a system in successive runs; a context manager.
 
     Args:
-        place: Place in which they run.
-        names: Names of the components.
         reset: Message or command that resets them to their first state; None if they serve one run only.
-        seed: Value of {seed} in commands.
-        pace: Values of {duration} and {speed} in commands.
-        parameters: Values of {param:NAME} that differ from the nominal ones.
         timeout: Seconds after which a component that is still busy counts as hanging.
         stall: Seconds after which a component that takes no messages loses its link.
-
-    Attributes:
-        runs: Number of runs so far.
-        setup: The setup; available once entered.
     """
 
     setup: TrialSetup
@@ -154,11 +145,6 @@ class RunningSystem(ABC):
     def _reset_components(self, reset: Reset, publish: Callable[[Message], bool], *, where: str) -> None:
         """Reset components to their first state, by the command or by the message that riot.toml names.
 
-        Args:
-            reset: Command or message.
-            publish: Function that publishes the message and returns whether a component has subscribed to it.
-            where: Place of `reset` in riot.toml, for errors.
-
         Raises:
             ConfigError: The command fails, or no component has subscribed to the message.
             EnvironmentFaultError: The command cannot be executed, or takes too long.
@@ -178,11 +164,8 @@ class RealTimeSystem(RunningSystem):
     """Components that run in real time.
 
     Args:
-        place: Place in which they run.
-        names: Names of the components.
         drivers: Names of the external components that drive a run.
         injected: Topics that injections change.
-        options: Further arguments of `RunningSystem`.
 
     Attributes:
         intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
@@ -268,13 +251,7 @@ class VirtualTimeSystem(RunningSystem):
     """Components that run in virtual time, each on a separate segment.
 
     Args:
-        place: Place in which they run.
-        clock: Settings of the virtual clock and of the reset.
         timeout: Seconds after which a component that is still busy counts as hanging.
-        options: Further arguments of `RunningSystem`.
-
-    Attributes:
-        time: Virtual time of the components.
     """
 
     intercepted: Sequence[str] = ()

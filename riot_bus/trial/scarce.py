@@ -39,10 +39,6 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
 
     Resources are taken in the order of their names, and only one trial at a time takes pieces of a resource, so that no
     two trials wait for each other.
-
-    Args:
-        file: The system file.
-        names: Names of the components that run together.
     """
     needs = needed(file, names)
     if not needs:

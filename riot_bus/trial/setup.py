@@ -64,14 +64,6 @@ class TrialPlace:
 class TrialSetup:
     """The parts of one trial; a context manager that leaves nothing behind.
 
-    Args:
-        context: Context of the system.
-        launcher: Owner of the processes.
-        directory: Folder of the trial.
-        parameters: Values of {param:NAME} that differ from the nominal ones.
-        imports: Modules that Python components import, by program (see `TrialProcesses`).
-        options: Arguments of `TrialNetwork`.
-
     Attributes:
         begun: Start of the trial, in seconds of the monotonic clock.
     """

@@ -47,10 +47,6 @@ class Feeder:
     """Plays messages to a running unit, and finds out whether it still works afterwards.
 
     Args:
-        setup: Setup in which the unit runs.
-        name: Name of its component.
-        unit: Settings of the unit.
-        baseline: Behaviour of the unit in nominal trials.
         ordered: Whether the order of the log is kept across topics.
 
     Attributes:
@@ -138,10 +134,6 @@ class Feeder:
 
     def _publish(self, messages: Sequence[Message], before: Activity) -> Activity:
         """Publish messages.
-
-        Args:
-            messages: Messages to publish.
-            before: Activity of the unit so far.
 
         Returns:
             Activity of the unit just before the last message.

@@ -56,7 +56,6 @@ class RunSettings:
 
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
-        pace: Duration and speed of external components.
         record: Whether every message of the run is written into the file `TrialPlace.left`.
         unit: Unit that is judged as in a unit trial; empty for none.
         baseline: Behaviour of the unit in nominal runs of the whole system.
@@ -80,18 +79,11 @@ class RunSettings:
 class SystemRun:
     """One run.
 
-    Args:
-        settings: What to observe and to record.
-        case: Test case.
-        place: Place of the trial.
-        system: The components, started or not.
-
     Attributes:
         tap: The messages from outside.
         external: The messages from outside in order of time, once the run is over.
         inner: Observed messages of components inside, in order of reception.
         refused: Parameters whose value a running node has refused, each with the reason.
-        probe: Judge of one component; None if there is none.
         alone: View of that component, once the run is over.
         begin: Time from which observed fields count, in nanoseconds.
     """
@@ -237,12 +229,7 @@ class SystemRun:
             setup.network.bus.drain(latest + _UNIT_SETTLE.timeout)
 
     def _come_to_rest(self, setup: TrialSetup, begun: tuple[Activity, Activity]) -> bool:
-        """Wait until the components inside rest; return False if they are still busy at the deadline.
-
-        Args:
-            setup: Setup in which they run.
-            begun: What they and the router had done before the run.
-        """
+        """Wait until the components inside rest; return False if they are still busy at the deadline."""
         observation = setup.observation
 
         def certain() -> bool:
@@ -282,11 +269,7 @@ class SystemRun:
 
 
 class OutsideTap:
-    """The last interceptor: keeps delivered messages with the time of delivery, and counts what injections changed.
-
-    Args:
-        injector: The interceptor before it.
-    """
+    """The last interceptor: keeps delivered messages with the time of delivery, and counts what injections changed."""
 
     def __init__(self, injector: Injector) -> None:
         self.messages: list[Message] = []
@@ -314,13 +297,7 @@ class OutsideTap:
 class Probe:
     """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end.
 
-    Args:
-        settings: Settings of the run.
-        setup: Setup in which it runs; nothing is started there yet.
-        watching: Function that returns the observer of a segment.
-
     Attributes:
-        name: Name of the component.
         feeder: Player of the probe; set by `begin`.
         statistics: Additional statistics for the outcome of a nominal trial.
     """
@@ -366,12 +343,7 @@ class Probe:
         return view
 
     def judge(self, view: TrialView, *, seconds: float) -> tuple[Violation, ...]:
-        """Return the violations of the component.
-
-        Args:
-            view: View of the component.
-            seconds: Duration of the trial.
-        """
+        """Return the violations of the component."""
         found = judge(view, [monitor() for monitor in LIVENESS]).violations
         self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
         return (*found, *self._baseline.mined.judge(view))

@@ -74,7 +74,6 @@ class UnitTrial:
         nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
         evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
             is forked.
-        before: Prefix of the unit's command, such as a debugger.
     """
 
     unit: str
@@ -162,13 +161,7 @@ class UnitTrial:
 
 @contextmanager
 def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSetup]:
-    """Reserve the resources that a unit needs, and open a setup for it alone.
-
-    Args:
-        unit: Name of the unit.
-        place: Place of the trial.
-        options: Arguments of `TrialPlace.setup` that differ.
-    """
+    """Reserve the resources that a unit needs, and open a setup for it alone."""
     context = place.context.alone(unit)
     file, name = context.file, context.file.component_of(unit)
     segments, stall = [file.segment_of(file.components[name])], file.unit[unit].settle.timeout

@@ -42,7 +42,6 @@ class VirtualTime:
     """The time of a run, and an interceptor that holds messages of components until it is their turn.
 
     Args:
-        clock: Settings of the virtual clock.
         names: The components, each with a segment of the same name.
         timeout: Seconds after which a component that is still busy counts as hanging.
 
@@ -89,11 +88,6 @@ class VirtualTime:
         self, messages: Sequence[Message], publish: Callable[[Message], None], *, stop: Callable[[], bool]
     ) -> bool:
         """Give all components each message when those before it have been processed, until the end, a stop or a hang.
-
-        Args:
-            messages: Messages in the order of their times.
-            publish: Function that is called with each message when it is its turn.
-            stop: Function that returns True when nothing more need be published.
 
         Returns:
             Whether all messages were played.
@@ -187,11 +181,6 @@ class VirtualTime:
 
 class _ClockMessages:
     """Messages that publish the time on the clock topic.
-
-    Args:
-        clock: Settings of the virtual clock, with the topic.
-        setup: Setup in which the system runs.
-        messages: The log; if it is from ROS 2, components use the same domain and type names.
 
     Attributes:
         missing: Error to raise if no component has subscribed to the topic.
