@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 _EVIDENCE_TRIALS = 5
 _MOST_SLOTS = 4
 """Trials at once for each processor: more of them cost memory, and wake up at the same time."""
-_SYSTEM_BATCH = 2
-"""Runs of a whole system that are asked for at once, for each processor: they wait for about as long as they work."""
 
 
 def slots_for(busy: float, processors: int) -> int:
@@ -242,7 +240,7 @@ class LocalRunners:
         if timed or not self._spread:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
         # The load of runs varies from day to day, but the questions of a search must not: a batch has a fixed size.
-        batch = _SYSTEM_BATCH * self._processors
+        batch = 2 * self._processors  # runs wait for about as long as they work
 
         def slots(busy: float) -> int:
             return min(batch, slots_for(busy, self._processors))

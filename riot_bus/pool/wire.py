@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _T = TypeVar("_T")
-_MOST_KNOWN = 8
+MOST_KNOWN = 4
 """Number of logs that a worker keeps in memory; a chain works with one or two at a time."""
 Trial = UnitTrial | IdleTrial | SystemTrial
 """Ways in which a worker can execute a test case."""
@@ -192,7 +192,7 @@ class TrialRequest:
 def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:
     """Add the shared data of a request and forget the oldest; the worker and riot use the same rule."""
     known[digest] = shared
-    if len(known) > _MOST_KNOWN:
+    if len(known) > MOST_KNOWN:
         del known[next(iter(known))]
 
 

@@ -26,7 +26,7 @@ from riot_bus.processes.launcher import Launcher
 from riot_bus.processes.supervisor import IGNORED
 from riot_bus.trial.context import Context, open_system
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.kept_network import KeptNetwork
+from riot_bus.trial.network import KeptNetwork
 from riot_bus.trial.running_system import end_kept
 from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import SystemTrial
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 
 _ENDS_WITHIN_S = 15.0
 """Time that a trial with dead components needs at most to remove its segments, even on a loaded machine."""
-_SPARE_RECEIVERS = 8
-"""Receive threads of a router for its links to other routers and riot's own sessions; each component adds two."""
 
 
 class TrialWorker:
@@ -58,7 +56,8 @@ class TrialWorker:
     @cached_property
     def _context(self) -> Context:
         context = open_system(self._system)
-        prepare_runtime(2 * len(context.file.components) + _SPARE_RECEIVERS)
+        # a thread receives from each component's two links; some, from other routers and riot's own sessions
+        prepare_runtime(2 * len(context.file.components) + 8)
         return context
 
     def _place(self, directory: Path) -> TrialPlace:

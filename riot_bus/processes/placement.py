@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 HOOK = Path(__file__).with_name("placement_hook")
 STARTED = ".started"
 """Suffix of the file next to a plan of `only_some` in which the hook reports what was to be started."""
-_LARGEST = 1 << 20  # four times the size at which the hook stops writing reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ def started_in(told: Path) -> StartedProcesses:
     """Return what was started so far, according to the hook's file of reports."""
     found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
     with told.open("rb") as stream:
-        lines = stream.read(_LARGEST).splitlines()
+        lines = stream.read(1 << 20).splitlines()
     for line in lines:
         event = _event(line)
         names = event.get("names")

@@ -23,12 +23,12 @@ _PROBE = 16
 class Growth(NamedTuple):
     """Increase of a unit's memory in bytes, open files and threads from the start to the end of a trial."""
 
-    memory: int
-    files: int
-    threads: int
+    memory: int = 0
+    files: int = 0
+    threads: int = 0
 
 
-NO_GROWTH = Growth(0, 0, 0)
+NO_GROWTH = Growth()
 _MUCH = Growth(32 << 20, 32, 32)
 """Allowed growth above twice the nominal one: allocators keep some MB, pools open some files and threads."""
 _PER_BYTE = 8

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.observation import Observation
 
-_STEP, _LOOKS = 0.25, 3
+_STEP, LOOKS = 0.25, 3
 """Seconds between two looks at the stacks, and the number of looks that have to agree. A look takes some milliseconds
 of the unit's time."""
 
@@ -80,10 +80,10 @@ class HangWatch:
         begin, before = self._since
         self._busy = now - begin - seen.waited_since(before)  # a loaded machine is not a hang
         if self._hangs:
-            self._looks = [*self._looks, self._observation.stacks(self._name)][-_LOOKS:]
+            self._looks = [*self._looks, self._observation.stacks(self._name)][-LOOKS:]
             stacks = deepest_common(self._looks)
             place = hang_stacks(stacks, self._baseline.blocked(stacks, anywhere=True))
-            agreed = len(self._looks) == _LOOKS
+            agreed = len(self._looks) == LOOKS
             if agreed and self._hangs.is_known(place, busy=self._busy, timeout=self._timeout):
                 self.known, self._stands = not self._waits, place
         return self.known

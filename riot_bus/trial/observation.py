@@ -6,23 +6,23 @@ import time
 from typing import TYPE_CHECKING, Unpack
 
 from riot_bus.processes.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
-from riot_bus.trial.settling import all_wait, is_at_rest, own_others, own_senders, wait_settled
+from riot_bus.system.system_file import Settle
+from riot_bus.trial.settling import POLL, all_wait, is_at_rest, own_others, own_senders, wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.monitors.model import ResourceSample
     from riot_bus.processes.python_report import MainEnd, ThreadStack
+    from riot_bus.system.system_file import Settle
     from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.processes import TrialProcesses
-    from riot_bus.trial.settling import RestOptions
+from riot_bus.trial.settling import RestOptions
 
-_POLL = 0.002
-_MEASURE = 0.15
+MEASURE_S = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
-_MEASURED, _STILL = 3, 0.03
-"""Number of measurements for components that are started in the same way, and the window of rest, in seconds, that
-they have to keep once it is known, as long as the default of `settle.window`."""
+_MEASURED = 3
+"""Number of measurements for components that are started in the same way."""
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
@@ -149,12 +149,14 @@ class Observation:
         if len(known) >= _MEASURED:
             self.idle = sorted(known, key=lambda each: each.switches)[_MEASURED // 2]
             while (left := deadline - time.monotonic()) > 0:
-                if self.settle(names, window=_STILL, timeout=left, idle=self.idle) and not self.wants_processor(names):
+                if self.settle(
+                    names, window=Settle().window, timeout=left, idle=self.idle
+                ) and not self.wants_processor(names):
                     return
         last: Idle | None = None
         while time.monotonic() < deadline:
             self.include_started(names)
-            now = self.measure_idle(names, seconds=_MEASURE)
+            now = self.measure_idle(names, seconds=MEASURE_S)
             self.idle = now if last is None else now.or_more(last)
             alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
             if (now.ran <= _LITTLE or alike) and not self.wants_processor(names):
@@ -173,7 +175,7 @@ class Observation:
             return
         begin, held_up = time.monotonic(), self.held_up(names)
         while processes.alive(names) and time.monotonic() - begin - held_up() < seconds:
-            time.sleep(_POLL)
+            time.sleep(POLL)
         if not any(map(self._network.connected, set(map(self._network.segment_of, names)))):
             processes.wait(names, timeout=timeout)  # all have closed their sessions, so they are ending
 

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _LOG = logging.getLogger(__name__)
-_CHECKED_EVERY_S = 0.1
-"""Shortest time between two executions of `ready.command`."""
 _ENDED_WITHIN_S = 10.0
 """Time that `stop` and the end of its component may take, as long as the command of a reset may, and a killed process,
 which dies late if it waits for a disk or a device."""
@@ -291,7 +289,7 @@ class TrialProcesses:
             return None
         if check.process is None or not self._launcher.alive(check.process):
             check.told = "" if check.process is None else f" ended with status {check.process.status}"
-            if time.monotonic() - check.started >= _CHECKED_EVERY_S:
+            if time.monotonic() - check.started >= 0.1:  # seconds between two executions
                 check.started = time.monotonic()
                 check.process = self._launcher.start(
                     f"{name}.ready", check.ready, env=check.env, cwd=check.cwd, directory=self._directory

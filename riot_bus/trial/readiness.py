@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.router.services.offer import ServiceOffer
 from riot_bus.trial.processes import last_words
+from riot_bus.trial.settling import POLL
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
-_POLL = 0.002
 
 
 class Readiness:
@@ -108,7 +108,7 @@ class Readiness:
                 if time.monotonic() > deadline:
                     what = f"has not connected to {network.bus.endpoint(segment)} within {timeout:g} s"
                     raise self._did_not_start(here[-1], f"(or another of {', '.join(here)}) {what}")
-                time.sleep(_POLL)
+                time.sleep(POLL)
             inputs = self._context.topics(*sorted({topic for name in here for topic in components[name].inputs}))
             left = deadline - time.monotonic()
             network.bus.wait_subscribed(
@@ -137,7 +137,7 @@ class Readiness:
                 self._check_alive([name])
                 if time.monotonic() - self._processes.started_at[name] > ready.timeout + ready.after:
                     raise self._did_not_start(name, f"{missing} within {ready.timeout:g} s")
-                time.sleep(_POLL)
+                time.sleep(POLL)
 
     def _missing(self, name: str, ready: Ready) -> str | None:
         """Return what is still missing of what `ready` asks for; None if nothing is."""

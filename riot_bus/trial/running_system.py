@@ -37,8 +37,6 @@ FOLDER_PREFIX = "kept-{}-"
 _MOST_RUNS = 100
 """Largest number of runs of one set of processes, so that a start costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
-_RESET_WINDOW = 0.1
-"""Window of rest after a reset, in seconds; on a loaded machine, a reset may take ten such windows to arrive."""
 
 
 class RunningSystem(ABC):
@@ -239,9 +237,7 @@ class RealTimeSystem(RunningSystem):
             return any(list(reached)) if cut else any(reached)  # if not cut, it is routed to the others
 
         self._reset_components(self._reset, publish, where="system.reset")
-        if not observation.settle(
-            self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=observation.idle, since=before
-        ):
+        if not observation.settle(self._names, window=0.1, timeout=self._timeout, idle=observation.idle, since=before):
             where = f"{self._place.context.file.path}: system.reset"
             raise EnvironmentFaultError(f"components are still busy {self._timeout:g} s after their reset", where=where)
         bus.drain(self._timeout)

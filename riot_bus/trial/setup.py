@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, Signs, TrialView
 from riot_bus.processes.activity import out_of_memory_kills
-from riot_bus.trial.kept_network import KeptNetwork
-from riot_bus.trial.network import TrialNetwork
+from riot_bus.trial.network import KeptNetwork, TrialNetwork
 from riot_bus.trial.observation import Observation
 from riot_bus.trial.processes import TrialProcesses
 from riot_bus.trial.readiness import Readiness

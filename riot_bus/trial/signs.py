@@ -12,9 +12,9 @@ from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.processes.python_report import deepest_common
 from riot_bus.processes.resource_limits import Guard
 from riot_bus.trial.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.trial.hang_watch import HangWatch
+from riot_bus.trial.hang_watch import LOOKS, HangWatch
 from riot_bus.trial.hangs import hang_stacks
-from riot_bus.trial.settling import wait_sent, wait_taken
+from riot_bus.trial.settling import POLL, wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
 if TYPE_CHECKING:
@@ -29,15 +29,14 @@ if TYPE_CHECKING:
 
 _CHECK_EVERY = 64
 _SAMPLES = 16
-_POLL = 0.005
 _TAKEN_S = 2.0
 """A unit that works for longer, or has a thread that never sleeps, gets all further messages without waiting."""
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
-_LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
 """A thread without an end takes all of a processor that it gets, one that works off its timers some percent."""
-_RUNS_OUT_S, _RUNS_OUT_AT_MOST_S = 30.0, 120.0
-"""Longest wait for the end of a program that fills memory, without and with the time in which it has no processor."""
+_RUNS_OUT_S = 30.0
+"""Longest wait for the end of a program that fills memory, without the time in which it has no processor; with that,
+four times as long."""
 _TAKEN_BYTES, _TAKEN_RUN, _TAKEN_LOOK = 1 << 22, 0.1, 0.5
 """A program that fills memory gets so many bytes in so many seconds in which it runs, a fortieth of what one does that
 is alone on its machine; one that sleeps is looked at after so many seconds."""
@@ -279,7 +278,7 @@ class Feeder:
                 count, last = len(self._network.outputs), now
             elif now - last > _LATE_STILL and not self._observation.wants_processor([self._name]):
                 break
-            time.sleep(_POLL)
+            time.sleep(POLL)
 
     def works(self, trial: NominalTrial) -> bool:
         """Return whether a unit that did not come to rest in a nominal trial still works.
@@ -298,7 +297,7 @@ class Feeder:
         if limits == "off" or self._watch.known:
             return False
         held_up, begin, memory = observation.held_up(names), time.monotonic(), 0
-        while self.alive and time.monotonic() - begin < min(_RUNS_OUT_S + held_up(), _RUNS_OUT_AT_MOST_S):
+        while self.alive and time.monotonic() - begin < min(_RUNS_OUT_S + held_up(), 4 * _RUNS_OUT_S):
             if Guard(self._process.pid, limits.model_dump()).excess():
                 return self._processes.wait(names, timeout=_RUNS_OUT_S)
             now = observation.sample_resources(self._name)[-1].memory
@@ -308,7 +307,7 @@ class Feeder:
             while self.alive and (seen := observation.activity(names)).ran_since(before) < _TAKEN_RUN:
                 if time.monotonic() - start - seen.waited_since(before) > _TAKEN_LOOK:
                     break
-                time.sleep(_POLL)
+                time.sleep(POLL)
         return not self.alive
 
     def _spins(self) -> bool:
@@ -334,7 +333,7 @@ class Feeder:
             waited = time.monotonic() - start - held_up()
             if waited > _LATE_TIMERS or (waited > wait and not self._observation.wants_processor([self._name])):
                 break
-            time.sleep(_POLL)
+            time.sleep(POLL)
         return tuple(sorted(missing))
 
     def _linger(self) -> None:
@@ -375,11 +374,11 @@ class Feeder:
     def _look(self) -> list[ThreadStack]:
         """Return where threads stand: of a thread that runs, what several looks have in common."""
         looks = []
-        for _ in range(_LOOKS):
+        for _ in range(LOOKS):
             looks.append(self._observation.stacks(self._name))
             if not looks[0]:
                 break
-            time.sleep(_BETWEEN_LOOKS)
+            time.sleep(0.02)  # a thread that runs is elsewhere then
         return deepest_common(looks)
 
     def _has_failed(self) -> bool:

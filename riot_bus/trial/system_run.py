@@ -18,8 +18,10 @@ from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.system.system_file import RunPace, Settle
 from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.trial.node_parameters import set_parameters
+from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.running_system import VirtualTimeSystem
 from riot_bus.trial.scarce import held
+from riot_bus.trial.settling import POLL
 from riot_bus.trial.signs import Feeder
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -44,10 +46,7 @@ if TYPE_CHECKING:
 
 _UNIT_SETTLE = Settle()
 """Settings of units; systems have none of their own."""
-_TICK = 0.02  # how late the death of a component inside is noticed; a look is one `select`
 _PATIENCE = 3.0  # a loaded machine may run external components at a third of the pace; a guess
-_GRACE = 10.0  # for their start and end, which take as long in short runs; a guess
-_LOOK = 0.1  # only ranks components for an error; those that never rest switch within it
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,10 +183,11 @@ class SystemRun:
             setup.start(name, seed=self._case.seed, pace=pace)
         commands = [setup.context.file.components[name].command for name in self._outside]
         ends = all(any("{duration}" in word for word in command) for command in commands)
-        limit = _PATIENCE * pace.duration / pace.speed + _GRACE if ends else pace.duration
+        grace = _UNIT_SETTLE.timeout  # for their start and end, which take as long in short runs
+        limit = _PATIENCE * pace.duration / pace.speed + grace if ends else pace.duration
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
-            if processes.wait(self._outside, timeout=_TICK) or not processes.alive(self._inside):
+            if processes.wait(self._outside, timeout=5 * POLL) or not processes.alive(self._inside):
                 return True
         if ends:
             late = ", ".join(repr(name) for name in self._outside if processes.started[name].status is None)
@@ -258,7 +258,7 @@ class SystemRun:
 
     def _restless(self, setup: TrialSetup) -> EnvironmentFaultError:
         """Return the error for a run in virtual time that was not played to its end: a component never rests."""
-        measure = functools.partial(setup.observation.measure_idle, seconds=_LOOK)
+        measure = functools.partial(setup.observation.measure_idle, seconds=MEASURE_S)
         busiest = max(self._inside, key=lambda name: measure([name]).switches)
         late = f"component {busiest!r} is not at rest after {_UNIT_SETTLE.timeout:g} s"
         return EnvironmentFaultError(

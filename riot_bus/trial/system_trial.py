@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import TestCase
 
 EXTERNAL_LOG = "external.mcap"
-_STALL = 60.0  # above `settle.timeout` of units: slow components that still read keep their links; a guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ class SystemTrial(RunSettings):
         if system and goes_on and system.fits(**made):
             return system
         end_kept(place)
-        made |= {"timeout": Settle().timeout, "stall": _STALL}
+        made |= {"timeout": (timeout := Settle().timeout), "stall": 6 * timeout}  # slow ones that still read keep links
         if clock is not None:
             system = VirtualTimeSystem(place, clock, **made)
         else:

@@ -16,6 +16,7 @@ from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.trial.baseline import UNKNOWN, Baseline, growth_of
 from riot_bus.trial.evidence import write_evidence
+from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.recorded_calls import serve_calls
 from riot_bus.trial.scarce import held
 from riot_bus.trial.signs import Feeder
@@ -31,15 +32,11 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-_DEBUGGER_S = 60.0
-"""Timeout behind a debugger, which spends most of it reading symbols."""
-_MOST_KEYS = 64
-"""Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
 _GROWN = 1 / 32
 """Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
-_WARM_UP = 0.15  # as `observation._MEASURE`: Zenoh's threads for callbacks wake up after 0.1 s
 _MOST_NAMES = 64
-"""Largest number of topics and fields in a summary, so that a line of the store stays below some KiB."""
+"""Largest number of keys whose outputs are compared with nominal ones, and of topics and fields in a summary, so that a
+line of the store stays below some KiB."""
 _MOST_OUTPUTS = 512
 """Largest number of outputs that are decoded."""
 
@@ -58,7 +55,7 @@ class IdleTrial:
                 serve_calls(setup.network, setup.context, self.unit)
                 setup.start(name, seed=case.seed)
                 setup.readiness.wait_ready([name])
-                observation.settle([name], window=_WARM_UP, timeout=1.0)
+                observation.settle([name], window=MEASURE_S, timeout=1.0)
                 idle = observation.measure_timers([name])
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
@@ -119,7 +116,7 @@ class UnitTrial:
         sent, answers = feeder.sent, tuple(setup.network.outputs)
         turns = len(case.messages) if sent == len(messages) else bisect_left(ahead, sent)  # of the log's own messages
         if self.before:
-            setup.processes.wait([name], timeout=_DEBUGGER_S)
+            setup.processes.wait([name], timeout=60.0)  # a debugger reads symbols
         seen = feeder.nominal(self.baseline.probe) if self.nominal else None
         settled = settled or (seen is not None and feeder.works(seen))
         signs, settled = feeder.signs(settled=settled, unprobed=case.unprobed)
@@ -175,7 +172,7 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
     payloads: dict[str, list[bytes]] = {}
     for message in outputs:
         payloads.setdefault(message.key, []).append(hashlib.sha256(message.payload).digest())
-    if len(payloads) > _MOST_KEYS:
+    if len(payloads) > _MOST_NAMES:
         return None
     return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}
 
