@@ -53,7 +53,7 @@ def test_a_unit_with_a_command_of_its_own_has_another_context(tmp_path: Path) ->
 
 
 def test_definitions_that_are_missing_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no such file: 'none.msg'"):
+    with pytest.raises(ConfigError, match="no such file"):
         open_system(written(tmp_path, f'[system]\nmessages = ["none.msg"]\n{SYSTEM}'))
 
 
