@@ -157,7 +157,7 @@ class ElfFile:
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: It is nott a file of this format.
+        ValueError: It is not a file of this format.
     """
 
     def __init__(self, path: str) -> None:
