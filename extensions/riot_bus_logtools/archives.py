@@ -30,9 +30,7 @@ class ArchiveDone:
     """Result of a conversion.
 
     Attributes:
-        messages: Number of messages written.
         skipped: Number of messages of other kinds, which the format cannot hold.
-        loss: Part of the log that could not be read.
         damage: Part of the other file that could not be read, empty if there is none.
     """
 
@@ -100,12 +98,6 @@ def import_archive(
     file: Path | str, out: Path | str, adapters: Sequence[Adapter], *, force: bool = False
 ) -> ArchiveDone:
     """Convert a file in a format of another tool to a log; the log appears when complete.
-
-    Args:
-        file: File to read; its ending names the format.
-        out: Log to write.
-        adapters: Adapters, one of which knows the format.
-        force: Whether an existing file is replaced.
 
     Raises:
         ConfigError: The file is missing or holds nothing of its kind, the log exists, or no adapter knows the format.

@@ -28,14 +28,6 @@ _OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the 
 class Recordings:
     """The present recording of a bus; thread-safe, except that there must be only one `start` or `settle` at a time.
 
-    Args:
-        bus: Function that returns the open bus.
-        registry: The registry of topics and types.
-        folder: Folder for recordings requested over the network.
-        name: Name of files for which none was given.
-        metadata: Function that returns the metadata of each file.
-        profile: MCAP profile.
-
     Attributes:
         path: Path of the present file; None if there is none.
         graph_notes: Notes of the graph in the recording.

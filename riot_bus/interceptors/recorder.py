@@ -81,12 +81,6 @@ class Recorder:
 
     If an intercepted message was changed, delayed, copied or dropped, both the original and what was delivered are
     written, under the same sequence number.
-
-    Args:
-        writer: Writer of the log; closed by `close`.
-        capacity: Largest number of messages in the queue.
-        capacity_bytes: Largest number of payload bytes in the queue.
-        topic: Function that returns the topic of a key.
     """
 
     def __init__(
@@ -128,12 +122,7 @@ class Recorder:
         self._offer(message, "delivered", changes)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> bool:
-        """Write a record that is not a message, in order with the messages; return whether there was room.
-
-        Args:
-            name: Name of the record, such as `riot_bus.graph`.
-            mapping: Keys and texts of the record.
-        """
+        """Write a record that is not a message, in order with the messages; return whether there was room."""
         job = partial(self._guard, lambda: self._writer.note(name, mapping))
         return self._mailbox.offer(job, sum(map(len, mapping.values())))
 

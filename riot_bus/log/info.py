@@ -34,11 +34,6 @@ class TopicInfo:
     """One topic of a log.
 
     Attributes:
-        topic: Name of the topic shown to users.
-        key: Zenoh key of the topic.
-        type: Name of the messages' type.
-        encoding: MCAP's message encoding.
-        count: Messages that were delivered.
         originals: Originals of messages that were changed, delayed or dropped.
         bytes: Bytes of all payloads; None if the log was not read.
         first: Time of the first message, nanoseconds; approximate if the log was not read.
@@ -69,19 +64,12 @@ class LogInfo:
     """An overview of a log.
 
     Attributes:
-        path: Path of the file.
-        size: Size of the file in bytes.
-        profile: MCAP profile.
         topics: Facts about each topic, sorted by name.
-        count: Messages that were delivered.
         start: Time of the first message, nanoseconds; None if there is none.
         end: Time of the last message, nanoseconds; None if there is none.
-        metadata: Metadata of the run, from the recorder.
         loss: Messages and blocks that cannot be read; unknown unless `scanned`.
         scanned: Whether all of the file was read, not only its summary.
         account: The recorder's own account of what it lost; None if it gave none.
-        library: Library that has written the file.
-        chunks: Number of chunks.
     """
 
     path: str

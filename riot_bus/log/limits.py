@@ -37,11 +37,7 @@ def lifted(limits: LogLimits = DEFAULT_LIMITS) -> LogLimits:
 
 
 def tight_limits(files: int = 1) -> LogLimits:
-    """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too.
-
-    Args:
-        files: Number of files that are read at once.
-    """
+    """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too."""
     share = max(1, files)
     return lifted(replace(_TIGHT, chunks=max(_FEW, _TIGHT.chunks // share), held=_TIGHT.held // share))
 

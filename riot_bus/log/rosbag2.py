@@ -69,9 +69,6 @@ class BagDetails:
     """The metadata of a bag that does not follow from its messages; an edit keeps that of its input.
 
     Attributes:
-        present: Whether the bag has metadata.
-        mapping: Mapping of its metadata record.
-        distro: Name of the ROS distribution.
         custom: The user's own data, as YAML.
     """
 
@@ -104,16 +101,7 @@ def bag_file(name: str, writer: LogWriter) -> BagFile:
 def bag_of(
     name: str, channels: Sequence[Channel], schemas: Sequence[Schema], counts: Mapping[int, int], start: int, end: int
 ) -> BagFile:
-    """Return the content of a file.
-
-    Args:
-        name: Name of the file, without folder.
-        channels: All channels; those without messages may be left out.
-        schemas: Schemas of the channels.
-        counts: Number of messages by channel.
-        start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message, nanoseconds.
-    """
+    """Return the content of a file."""
     types = {each.id: each.name for each in schemas}
     topics = [
         BagTopic(

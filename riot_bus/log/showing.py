@@ -41,8 +41,6 @@ class ShownMessage:
     Attributes:
         number: Position among the delivered messages, from 0; None if it was not delivered.
         seconds: Seconds since the first message of the log.
-        topic: Name of its topic.
-        type: Name of its type; empty if that is not known.
         fields: Fields, changed ones first, up to a limit.
         more: Number of fields that are not among them.
         note: Further remarks, such as why there are no fields.
@@ -62,7 +60,6 @@ class ShownLog:
     """Messages of a log: all, or if there are too many, the changed ones, or the first ones if none was changed.
 
     Attributes:
-        messages: Messages in their order.
         total: Number of delivered messages in the log.
         modified: Number of messages that were changed or dropped.
         left_out: Number of changed messages that are not shown.
@@ -117,13 +114,7 @@ class ShownLog:
 
 
 def show_log(reader: LogReader, *, registry: TypeRegistry, most: int = 20) -> ShownLog:
-    """Return a view of a log with a limited number of messages.
-
-    Args:
-        reader: Reader of the log.
-        registry: Registry that names topics and knows their types.
-        most: Most messages that are shown.
-    """
+    """Return a view of a log with a limited number of messages."""
     total = sum(1 for _ in reader.messages())
     originals: dict[int, Message] = {}
     modified = 0

@@ -271,11 +271,7 @@ class LogWriter:
                 self._provenance.append(Provenance(message.sequence, message.key, time, role, tuple(changes)))
 
     def track(self, message: Message) -> ChannelWriter | None:
-        """Return what `append` needs for the messages of a key; None if the file can hold no more keys.
-
-        Args:
-            message: One of these messages; its attributes define the channel.
-        """
+        """Return what `append` needs for the messages of a key; None if the file can hold no more keys."""
         with self._lock:
             try:
                 return self._known["delivered"][message.key]
@@ -322,10 +318,6 @@ class LogWriter:
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write an MCAP metadata record; `LogReader.notes` returns it.
-
-        Args:
-            name: Name of the record, such as `riot_bus.graph`.
-            mapping: Keys and texts of the record.
 
         Raises:
             LostMessagesError: The disk failed, now or before.

@@ -19,14 +19,7 @@ _LISTEN_S = 1.0  # finds publishers without a token that send at least once a se
 
 
 class PublisherConflicts:
-    """Search for other publishers, by their liveliness tokens and, for one second, by their messages.
-
-    Args:
-        session: Session of the player, whose own tokens and messages do not count.
-        keys: Keys that are to be played.
-        registry: Registry that can parse tokens.
-        found: Function called once for each key with a publisher, with the key and the publisher's name.
-    """
+    """Search for other publishers, by their liveliness tokens and, for one second, by their messages."""
 
     def __init__(
         self,

@@ -29,10 +29,6 @@ _SHOWN = 5  # topics with lost messages that an error names
 def run_play(options: PlayOptions, foreground: Foreground) -> bool:
     """Play, then report the result.
 
-    Args:
-        options: Logs, and how they are played.
-        foreground: Frame that prints the result and takes keys.
-
     Returns:
         False if a signal has ended it.
 

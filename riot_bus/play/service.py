@@ -55,12 +55,8 @@ class PlayResult:
     """Result of a playback.
 
     Attributes:
-        published: Number of published messages.
-        seconds: Duration of the playback.
         passes: Number of times that the logs were begun.
-        stopped: Whether it was stopped before the end.
         lateness: Seconds that messages were late: `p50`, `p99` and `max`.
-        lost: Number of messages by topic that could not be published.
         problems: The first error by topic, and other failures.
         unread: Messages that could not be read, by log.
         unsettled: Number of messages in lock-step after which subscribers did not settle in time.
@@ -83,10 +79,6 @@ class PlayResult:
 
 class PlayService:
     """Playback of logs; as a context manager, it starts on entry and stops on exit.
-
-    Args:
-        options: Logs, and how they are played.
-        warn: Function that receives each warning as one line.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.

@@ -21,13 +21,7 @@ _TOKENS = "**/@adv/pub/**"
 
 
 class LatchedCaches:
-    """Queries of the publishers' caches, one for each publisher that announces a cache.
-
-    Args:
-        session: Session that sends the queries.
-        wanted: Function that returns whether a key is recorded.
-        record: Function called with the key and the samples of one publisher, oldest first.
-    """
+    """Queries of the publishers' caches, one for each publisher that announces a cache."""
 
     def __init__(
         self, session: zenoh.Session, *, wanted: Callable[[str], bool], record: Callable[[str, list[Any]], None]

@@ -20,9 +20,6 @@ _MOST_TRIES = 100_000  # one system call each: a folder full of such names is gi
 class Naming:
     """Names files one after another: `run.mcap`, `run-2.mcap` ..., or in a bag `run/run_0.mcap`, `run/run_1.mcap` ...
 
-    Args:
-        options: `output`, `folder`, `bag` and `overwrite`.
-
     Raises:
         ConfigError: The output exists already, or is not a name of a log.
     """

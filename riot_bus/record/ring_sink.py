@@ -30,13 +30,7 @@ if TYPE_CHECKING:
 
 
 class RingSink(RecordingSink):
-    """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded.
-
-    Args:
-        options: Limits of the ring and of its chunks.
-        notes: Function that returns further records for the beginning of each file.
-        more: Further arguments of `RecordingSink`.
-    """
+    """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded."""
 
     def __init__(
         self, options: CaptureOptions, *, notes: Callable[[], Sequence[tuple[str, Mapping[str, str]]]], **more: Any
@@ -75,9 +69,6 @@ class RingSink(RecordingSink):
 
     def dump(self, text: str | None = None) -> Path:
         """Write the ring to a file; recording continues meanwhile.
-
-        Args:
-            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or nothing is kept.

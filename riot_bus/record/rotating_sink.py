@@ -59,13 +59,7 @@ class _OpenFile:
 
 
 class RotatingSink(RecordingSink):
-    """Sink that writes to files.
-
-    Args:
-        options: Limits of files and chunks.
-        began: Function called, without the lock, when another file has begun.
-        more: Further arguments of `RecordingSink`.
-    """
+    """Sink that writes to files."""
 
     def __init__(self, options: CaptureOptions, *, began: Callable[[], None], **more: Any) -> None:
         super().__init__(options, **more)
@@ -105,9 +99,6 @@ class RotatingSink(RecordingSink):
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
         """Continue in another file, and return the former and the new path; each message is in one of the two.
-
-        Args:
-            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or cannot be written.

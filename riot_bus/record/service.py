@@ -94,10 +94,6 @@ class CaptureService:
 
     Its operations may be called by several threads.
 
-    Args:
-        options: Options of the recording.
-        warn: Function that receives each warning as one line; called on other threads too.
-
     Raises:
         ConfigError: An option is not usable.
     """
@@ -190,9 +186,6 @@ class CaptureService:
 
     def split(self, path: str | None = None) -> tuple[Path, Path]:
         """Continue in another file; return the former and the new path.
-
-        Args:
-            path: Path relative to the folder; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or there is nothing to split.

@@ -53,7 +53,6 @@ class KeyRules:
     """Rules for the messages of one key.
 
     Attributes:
-        topic: Name of the topic.
         stamp: Function that reads attachments; None if they say nothing.
         least_ns: Least time between two recorded messages, nanoseconds; 0 to record all.
         trigger: Function that gets each message; None if there is none.
@@ -90,18 +89,7 @@ class _KeyRoute:
 
 
 class RecordingSubscriber:
-    """Subscriber that records; one per key expression.
-
-    Args:
-        session: Session that receives.
-        expression: Key expression of what is recorded.
-        sink: Sink that is written to.
-        gaps: Tracking of publishers' numbers.
-        owner: Function that returns which of several overlapping expressions a key belongs to.
-        rules: Function that returns the rules for a key, None if it is not recorded.
-        paused: Function that returns whether recording is paused.
-        sequence: Numbers for messages that have none.
-    """
+    """Subscriber that records; one per key expression."""
 
     def __init__(
         self,

@@ -26,13 +26,7 @@ _CLEAR = 1e-9  # above rounding errors: one of a sum of 100,000 costs is 1.5e-11
 
 
 def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] | None:
-    """Return the pairs of an alignment, increasing in both; None if it would take too long.
-
-    Args:
-        costs: Function that returns the costs of pairs.
-        count_a: Length of one sequence.
-        count_b: Length of the other one.
-    """
+    """Return the pairs of an alignment, increasing in both; None if it would take too long."""
     if count_a > count_b:
         turned = aligned(lambda rows, columns: costs(columns, rows), count_b, count_a)
         return None if turned is None else [(a, b) for b, a in turned]

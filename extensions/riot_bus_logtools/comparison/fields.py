@@ -117,12 +117,7 @@ class FieldChange:
 
 
 class Shapes:
-    """Reads the messages of one topic in both logs.
-
-    Args:
-        tolerances: Tolerances of their fields.
-        attachments: Whether attachments are compared.
-    """
+    """Reads the messages of one topic in both logs."""
 
     def __init__(self, tolerances: TolerancesOfTopic, *, attachments: bool = True) -> None:
         self._tolerances, self._attachments = tolerances, attachments
@@ -130,12 +125,7 @@ class Shapes:
         self._paths = self._count = 0
 
     def read(self, message: Message, registry: TypeRegistry) -> Reading:
-        """Return the fields of a message; if it does not decode, its whole payload is one field.
-
-        Args:
-            message: Message to read.
-            registry: Registry that knows the types of its log.
-        """
+        """Return the fields of a message; if it does not decode, its whole payload is one field."""
         payload = message.payload
         kind = registry.type_of_message(message) if payload else None
         why = "" if kind or not payload else "no type is known"
@@ -187,13 +177,7 @@ class Shapes:
 
 
 def differing(a: Reading, b: Reading, tolerances: TolerancesOfTopic) -> list[FieldChange]:
-    """Return the fields that are not the same, whether that is tolerated or not.
-
-    Args:
-        a: The first message.
-        b: The second one.
-        tolerances: Tolerances that both were read with.
-    """
+    """Return the fields that are not the same, whether that is tolerated or not."""
     one, other = a.shape, b.shape
     if one is other:
         pairs = zip(a.values, b.values, strict=True)

@@ -75,10 +75,8 @@ class Proposal:
     """Tolerances with which nominal runs are the same.
 
     Attributes:
-        logs: Names of the runs.
         pairs: Number of pairs of runs that were compared.
         messages: Number of pairs of messages that were compared.
-        tolerances: Tolerances by topic and field.
         unsettled: Topics in which pairs of runs still differ.
     """
 
@@ -171,12 +169,7 @@ def _drifts(fields: Sequence[FieldDifference]) -> bool:
 
 
 def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence[LogDifference]]) -> Proposal:
-    """Propose tolerances with which nominal runs are the same.
-
-    Args:
-        names: Names of the nominal runs, for messages.
-        compared: Function that compares all pairs of them with given tolerances.
-    """
+    """Propose tolerances with which nominal runs are the same."""
     found = compared(TopicTolerances())
     proposal = Proposal(tuple(names), len(found), sum(each.compared for each in found))
     known: dict[str, Proposed] = {}

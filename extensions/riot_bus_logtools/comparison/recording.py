@@ -74,7 +74,6 @@ class Recording:
 
     Attributes:
         tracks: Tracks by key, in the order in which the keys first occur.
-        count: Number of messages.
         start: Time of the first message, nanoseconds.
         missing: Parts of the log that could not be read, or were lost during recording; a line each.
     """

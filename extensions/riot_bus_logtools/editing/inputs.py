@@ -36,11 +36,6 @@ _HEAD_BYTES = 64  # a chunk's record begins with 40 bytes and the name of its co
 class InputLog(LogReader):
     """Reads a log as batches of records.
 
-    Args:
-        number: Position among the inputs.
-        path: Path of the file.
-        salvage: Whether to take messages of damaged chunks that an index confirms.
-
     Attributes:
         shift: Nanoseconds that are added to all its times.
 
@@ -102,12 +97,7 @@ class InputLog(LogReader):
         return None if found is None else found.time + self.shift
 
     def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch | None:
-        """Return the messages of a block in the order of the file; None if there are none.
-
-        Args:
-            block: One of the `stored_blocks`.
-            edit_of: Function that returns the number of a channel's edit.
-        """
+        """Return the messages of a block in the order of the file; None if there are none."""
         records = self._load_or_salvage(block)
         if records is None:
             return None

@@ -75,13 +75,6 @@ class _Draft:
 class OutputFile:
     """Writes messages to one file.
 
-    Args:
-        path: File to create.
-        where: Name that the user gave it, for errors.
-        profile: MCAP profile.
-        compression: `zstd`, `lz4` or `none`.
-        chunk_bytes: Size of a chunk before compression.
-
     Raises:
         ConfigError: The file cannot be written.
     """

@@ -35,13 +35,7 @@ class _Item:
 
 
 class Piping:
-    """Feeds a pipeline, and holds its delayed messages until they are due.
-
-    Args:
-        pipeline: Pipeline that is fed in the order of time.
-        table: Table of the channels.
-        refuse: Function called with the topic of each message whose time does not fit into a log.
-    """
+    """Feeds a pipeline, and holds its delayed messages until they are due."""
 
     def __init__(self, pipeline: Pipeline, table: ChannelTable, refuse: Callable[[str], None]) -> None:
         self._pipeline = pipeline

@@ -121,10 +121,6 @@ class Selection:
 def parse_selection(text: str, option: str) -> Selection:
     """Parse a selection.
 
-    Args:
-        text: Text that the user wrote.
-        option: Option such as `--drop`, for errors.
-
     Raises:
         ConfigError: The text is not a selection.
     """
@@ -146,12 +142,6 @@ def parse_selection(text: str, option: str) -> Selection:
 
 def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection:
     """Parse the clauses after a topic.
-
-    Args:
-        topic: Name or key expression.
-        clauses: Text of the clauses, such as ` during 5..9 where x > 3`.
-        text: Whole text that the user wrote.
-        option: Option that the text stands in, for messages.
 
     Raises:
         ConfigError: It is not of this form.

@@ -26,13 +26,7 @@ _NO_KEY = re.compile(r"\A\Z|//|[*$?#\s]")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputChannel:
-    """A channel of the output.
-
-    Attributes:
-        channel: Record of the channel.
-        schema: Record of its schema, None if it has none.
-        source: Common properties of its messages.
-    """
+    """A channel of the output."""
 
     channel: Channel
     schema: Schema | None
@@ -59,12 +53,7 @@ class Targets:
         self._schema_numbers: set[int] = {0}
 
     def open(self, channel: Channel, schema: Schema | None) -> OutputChannel:
-        """Return a channel of the output; the same one for equal definitions.
-
-        Args:
-            channel: Definition of the channel; its number is used if it is free.
-            schema: Schema of the channel; its number is used if it is free.
-        """
+        """Return a channel of the output; the same one for equal definitions."""
         own_schema = None if schema is None else self._schema(schema)
         number = 0 if own_schema is None else own_schema.id
         identity = channel.topic, channel.message_encoding, frozenset(channel.metadata.items()), number
@@ -84,12 +73,6 @@ class Targets:
 
 def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> Channel:
     """Return a channel under another name.
-
-    Args:
-        channel: The channel as it was read.
-        topic: Topic that is recorded in it.
-        name: New name of the topic.
-        adapters: Adapters that are asked for the key.
 
     Raises:
         ConfigError: No topic can have this name.

@@ -41,9 +41,7 @@ class Exported:
     """Result of an export.
 
     Attributes:
-        rows: Number of messages.
         values: Number of messages with a value, by column.
-        loss: Parts of the log that could not be read.
     """
 
     rows: int

@@ -132,11 +132,7 @@ class Draft(NamedTuple):
 
 
 class ChunkBuilder:
-    """Collects the messages of a chunk.
-
-    Attributes:
-        size: Bytes so far.
-    """
+    """Collects the messages of a chunk."""
 
     __slots__ = ("_definitions", "_extras", "_parts", "size")
 

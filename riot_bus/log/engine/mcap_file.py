@@ -58,12 +58,6 @@ class McapFile:
 
     It is an error if the disk is full or fails (OSError).
 
-    Args:
-        path: File to create; an existing one is overwritten.
-        profile: MCAP profile.
-        library: Name of the writing library.
-        compression: One of `COMPRESSIONS`.
-
     Attributes:
         statistics: MCAP statistics of what was written so far: counts by channel, earliest and latest time.
 

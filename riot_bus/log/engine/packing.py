@@ -53,11 +53,6 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
 
     Compressing data that is compressed already, such as images, takes longer than writing it. A sample does not show
     that a message is in a chunk twice, such as an original and the delivered one; this is checked separately.
-
-    Args:
-        compression: One of `COMPRESSIONS`.
-        payloads: Large payloads of a chunk (`riot_bus.log.engine.chunk.LARGE`).
-        size: Size of the whole chunk in bytes.
     """
     large = sum(map(len, payloads))
     if compression == "none" or not payloads or _LEAST_SHARE * (size - large) > size:
@@ -77,14 +72,9 @@ class PackedChunk:
     """A chunk as it is stored in a file.
 
     Attributes:
-        compression: One of `COMPRESSIONS`.
         data: Its records, compressed, whole or in pieces.
         size: Size of the records before compression, in bytes.
         checksum: CRC of the uncompressed records.
-        start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message.
-        indexes: Message index record of each channel.
-        counts: Number of messages of each channel.
     """
 
     compression: str

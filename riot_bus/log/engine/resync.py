@@ -25,12 +25,6 @@ def next_record(file: int, start: int, size: int, channels: Container[int]) -> i
 
     Chunks are recognised by the lengths in their head, which must agree. Messages must be of known channels and be
     followed by other whole records.
-
-    Args:
-        file: Descriptor of the log.
-        start: Offset at which to begin.
-        size: Size of the file in bytes.
-        channels: Numbers of the known channels.
     """
     import numpy as np
 

@@ -42,14 +42,7 @@ _PACKED_STEP = 1 << 10  # compressed bytes of lz4: up to this many are lost befo
 def salvage(
     file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None
 ) -> Records | None:
-    """Return the definitions and messages left of a chunk that cannot be read as a whole; None if nothing is left.
-
-    Args:
-        file: Descriptor of the log.
-        block: The damaged chunk.
-        limits: Limits of what is read.
-        memory: Most bytes, before and after decompression, if these are fewer.
-    """
+    """Return the definitions and messages left of a chunk that cannot be read as a whole; None if nothing is left."""
     import numpy as np
 
     limit = limits.chunk if memory is None else min(limits.chunk, memory)

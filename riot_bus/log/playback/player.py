@@ -32,10 +32,8 @@ class PlayReport:
     """How a replay went.
 
     Attributes:
-        count: Messages that were published.
         seconds: Time that it took, by the clock.
         latest: Worst lateness of a message, seconds; 0 when no pace was asked for.
-        stopped: Whether it was stopped before the end.
     """
 
     count: int
@@ -108,11 +106,7 @@ class PlayStatus:
     """The state of a player.
 
     Attributes:
-        position: Present time of the log, nanoseconds.
-        start: Time at which the time line begins.
-        end: Time at which the time line ends.
         passes: Number of the present pass, from 1.
-        published: Messages so far.
     """
 
     state: PlayState

@@ -31,8 +31,6 @@ class LoadedBlock:
     """One block's messages, in the order of the file.
 
     Attributes:
-        block: The block that was read.
-        records: The records of the block.
         heads: Header before each message's payload, shape (n,).
         times: Time of each message, nanoseconds, shape (n,); -1 beyond the year 2262.
     """

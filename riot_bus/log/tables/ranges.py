@@ -101,12 +101,8 @@ class TopicFields:
     """The fields of a topic.
 
     Attributes:
-        topic: Name of the topic.
-        key: Its Zenoh key.
         type: Name of the type; empty if it is not known.
-        count: Number of messages.
         unreadable: Number of messages that cannot be decoded.
-        fields: Fields in payload order.
         omitted: Number of fields that were left out, as too many or too deeply nested.
     """
 
