@@ -269,8 +269,8 @@ class _Editor:
         self._count_written(batch)
         ready = None
         if batch.whole is not None:
-            log, block = batch.whole
-            ready = partial(log.packed, block, self._table.targets())
+            number, block = batch.whole
+            ready = partial(self._inputs[number].packed, block, self._table.targets())
         self._output.write(batch, self._table.target_list(), ready)
 
     def _count(self, batch: Batch, name: str) -> None:

@@ -117,7 +117,7 @@ class InputLog(LogReader):
             edit,
             heads["time"].astype(np.uint64),
             self._extras(block, records),
-            whole=(self, block) if is_whole else None,
+            whole=(self.number, block) if is_whole else None,
         )
         if block.number in self._spans:
             batch.notes = self._notes(block, batch, heads)
