@@ -56,7 +56,6 @@ class Recordings:
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
-        self._before = (0, 0)
 
     def begin(self, path: Path) -> Recorder:
         """Open a file, replacing an existing one; the caller hands the recorder to the bus."""
@@ -65,7 +64,7 @@ class Recordings:
         recorder = Recorder(self._writer(path), topic=self._registry.topic)
         with self.graph_notes.new_log():
             self._recorder, self._stem = recorder, path.stem
-            self._begun(path, (0, 0))
+            self.path, self._since = path, time.monotonic()
         return recorder
 
     def start(self, text: str | None = None) -> Path:
@@ -108,7 +107,8 @@ class Recordings:
             recorder, former = self._present("record/split")
             path = claim(self.folder, text, self._stem)
             with self.graph_notes.new_log():
-                self._begun(path, recorder.switch(self._writer(path)))
+                recorder.switch(self._writer(path))
+                self.path, self._since = path, time.monotonic()
             return former, path
 
     def stop(self) -> tuple[Path, dict[str, Any]]:
@@ -151,11 +151,11 @@ class Recordings:
         recorder, path = self._recorder, self.path
         if recorder is None or path is None:
             return None
-        messages, lost = recorder.totals()
+        account = recorder.present()
         return {
             "file": str(path),
-            "messages": messages - self._before[0],
-            "lost": lost - self._before[1],
+            "messages": sum(account.recorded.values()),
+            "lost": account.total(),
             "seconds": round(time.monotonic() - self._since, 3),
             "problem": recorder.problem,
         }
@@ -164,9 +164,6 @@ class Recordings:
         if self._recorder is None or self.path is None:
             raise ConfigError("this router does not record", where=where, hint="begin with: riot ctl record start")
         return self._recorder, self.path
-
-    def _begun(self, path: Path, before: tuple[int, int]) -> None:
-        self.path, self._since, self._before = path, time.monotonic(), before
 
     def _writer(self, path: Path) -> LogWriter:
         from riot_bus.log.rosbag2 import bag_epilogue

@@ -50,7 +50,7 @@ class Record:
     @property
     def recorded(self) -> int:
         """Number of messages written."""
-        return 0 if self._recorder is None else self._recorder.totals()[0]
+        return 0 if self._recorder is None else sum(self._recorder.recorded.values())
 
     @property
     def lost(self) -> Counter[str]:
@@ -78,7 +78,7 @@ class Record:
             self._unopened.add(event.topic)
         elif self._open:
             self._recorder.delivered(event.message)
-        if self.lost and not self._told:
+        if not self._told and (self._recorder is None or self._recorder.lossy):
             self._told = True
             text = "messages are not recorded"
             raise DataLossError(text, where=str(self.path), hint="is the disk full, or too slow?")

@@ -22,8 +22,8 @@ from riot_bus.control.router_options import registry_of
 from riot_bus.control.server import Control, free_name
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
+from riot_bus.record.gaps import Gaps
 from riot_bus.record.latched import LatchedCaches
-from riot_bus.record.losses import Gaps
 from riot_bus.record.naming import Naming
 from riot_bus.record.ring_sink import RingSink
 from riot_bus.record.rotating_sink import FileResult, RotatingSink
