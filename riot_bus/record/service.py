@@ -34,6 +34,7 @@ from riot_bus.record.watched_network import WatchedNetwork
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Claims
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
 from riot_bus.zenoh.publisher_tokens import Announcements
@@ -307,7 +308,7 @@ class CaptureService:
         claims, numbers = Claims(expressions), itertools.count(1)
         for text in expressions:
             subscriber = RecordingSubscriber(
-                session,
+                Batches(session, text),
                 text,
                 sink=sink,
                 gaps=self._gaps,

@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import BoundedCounts
 from riot_bus.vocabulary.message import Message
-from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Converter, is_delete
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Hashable, Iterator
 
     from riot_bus.log.engine.chunk import Row
     from riot_bus.log.layout import Constants
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
+    from riot_bus.zenoh.batches import Batches
 
 _LOG = logging.getLogger(__name__)
 _SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
@@ -58,7 +58,7 @@ class KeyRules:
         trigger: Function that gets each message; None if there is none.
     """
 
-    __slots__ = ("due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
+    __slots__ = ("choosy", "due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
 
     def __init__(
         self,
@@ -69,6 +69,7 @@ class KeyRules:
         trigger: Callable[[bytes, str], None] | None = None,
     ) -> None:
         self.topic, self.stamp, self.least_ns, self.trigger = topic, stamp, least_ns, trigger
+        self.choosy = trigger is not None or least_ns > 0
         self.due = 0
         self.first: Any = None  # Zenoh timestamp of the first message that was not fetched
         self.fetched: set[str] | None = None  # timestamps of messages that were fetched from a cache
@@ -93,7 +94,7 @@ class RecordingSubscriber:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        batches: Batches,
         expression: str,
         *,
         sink: RecordingSink,
@@ -114,7 +115,7 @@ class RecordingSubscriber:
         self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
         self._known: dict[str, KeyRules | None] = {}
         self._senders: dict[str, set[str]] = {}
-        self._batches = Batches(session, expression)
+        self._batches = batches
         self._thread = threading.Thread(target=self._run, name="riot-subscriber", daemon=True)
         self._thread.start()
 
@@ -186,10 +187,13 @@ class RecordingSubscriber:
         return found, True
 
     def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
+        """Return what is to be written, and whether a slow disk may hold up the publishers.
+
+        Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
+        """
         rows: list[Row] = []
         put, take, routes, clock, number_of = rows.append, _TAKE, self._routes, time.time_ns, self._sequence.__next__
-        paused, patient = self._paused(), False
-        # Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
+        paused, patient, origin, see = self._paused(), False, self._origin, None if fetched else self._gaps.see
         for sample in samples:
             key, content, encoding, priority, congestion, express, attached, stamp, info = take(sample)
             try:
@@ -198,42 +202,20 @@ class RecordingSubscriber:
                 route = self._learn(key, sample)
             if route is None:
                 continue
-            now = clock()
-            payload = content.to_bytes()
+            now, payload, rules = clock(), content.to_bytes(), route.rules
             extras: dict[str, Any] | None = None
             sequence = published = None
-            rules = route.rules
-            if attached is not None:
-                attachment = attached.to_bytes()
-                extras = {"a": attachment}
-                if rules.stamp is not None and (said := rules.stamp(attachment)) is not None:
-                    sequence, published, publisher = said
-                    if not fetched and (missed := self._gaps.see((route.key, publisher), sequence)):
-                        self._sink.counts.lose("missed", rules.topic, missed)
-            if info is not None and sequence is None:
-                source = info.source_id
-                sequence = info.source_sn
-                if not fetched and (missed := self._gaps.see((route.key, str(source.zid), source.eid), sequence)):
-                    self._sink.counts.lose("missed", rules.topic, missed)
+            if attached is not None or info is not None:
+                sequence, published, extras = origin(route, attached, info, see)
             if stamp is not None:
-                if rules.first is None and not fetched:
-                    rules.first = stamp
-                if rules.fetched is not None and not fetched and str(stamp) in rules.fetched:
+                if not fetched and (rules.first is None or rules.fetched is not None) and _came_before(rules, stamp):
                     continue
                 if published is None:
                     published = stamp.get_time_as_ntp64().as_nanos()
-            if rules.trigger is not None:
-                rules.trigger(payload, route.key)
-            if paused:
-                self._sink.counts.left_out["paused"].add(rules.topic)
+            if (paused or rules.choosy) and not self._is_chosen(route, payload, now, paused=paused):
                 continue
-            if rules.least_ns:
-                if now < rules.due:
-                    self._sink.counts.left_out["throttled"].add(rules.topic)
-                    continue
-                rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
-            if route.number < 0:
-                self._refused(route)
+            if route.number < 0:  # there is no room for its key in the file
+                self._sink.counts.lose("refused", rules.topic)
                 continue
             if not (
                 express is route.express
@@ -257,6 +239,40 @@ class RecordingSubscriber:
             put((route.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
         return rows, patient
 
+    def _origin(
+        self, route: _KeyRoute, attached: Any, info: Any, see: Callable[[Hashable, int], int] | None
+    ) -> tuple[int | None, int | None, dict[str, Any] | None]:
+        """Return number and time that the publisher gave, and extras; count the numbers that are missing."""
+        sequence = published = extras = None
+        publisher: Hashable = None
+        if attached is not None:
+            attachment = attached.to_bytes()
+            extras = {"a": attachment}
+            stamp = route.rules.stamp
+            if stamp is not None and (said := stamp(attachment)) is not None:
+                sequence, published, publisher = said
+        if info is not None and sequence is None:
+            source, sequence = info.source_id, info.source_sn
+            publisher = str(source.zid), source.eid
+        if sequence is not None and see is not None and (missed := see((route.key, publisher), sequence)):
+            self._sink.counts.lose("missed", route.rules.topic, missed)
+        return sequence, published, extras
+
+    def _is_chosen(self, route: _KeyRoute, payload: bytes, now: int, *, paused: bool) -> bool:
+        """Show a message to the trigger; return whether it is recorded, and count it if it is not."""
+        rules, left_out = route.rules, self._sink.counts.left_out
+        if rules.trigger is not None:
+            rules.trigger(payload, route.key)
+        if paused:
+            left_out["paused"].add(rules.topic)
+            return False
+        if now < rules.due:
+            left_out["throttled"].add(rules.topic)
+            return False
+        if rules.least_ns:
+            rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
+        return True
+
     def _different(self, sample: Any, route: _KeyRoute, extras: dict[str, Any] | None) -> dict[str, Any] | None:
         """Add what differs from the channel's first message."""
         from riot_bus.log.layout import extras_of
@@ -265,12 +281,6 @@ class RecordingSubscriber:
         found = extras_of(self._convert.at(sample, 0), route.constants) or {}
         found = {name: found[name] for name in ("e", "q") if name in found}
         return {**(extras or {}), **found} or None
-
-    def _refused(self, route: _KeyRoute) -> None:
-        """Count a message for whose key there is no room in the file."""
-        counts, topic = self._sink.counts, route.rules.topic
-        counts.recorded.add(topic)
-        counts.lose("refused", topic, written=True)
 
     def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
         if len(self._routes) >= _CACHED_KEYS:
@@ -311,3 +321,10 @@ class RecordingSubscriber:
             zids = self._senders.setdefault(route.key, set())
             if len(zids) < _MOST_SENDERS:
                 zids.add(str(stamp.get_id()))
+
+
+def _came_before(rules: KeyRules, stamp: Any) -> bool:
+    """Return whether a message was fetched from a cache before it was received."""
+    if rules.first is None:
+        rules.first = stamp
+    return rules.fetched is not None and str(stamp) in rules.fetched
