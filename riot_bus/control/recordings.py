@@ -168,18 +168,17 @@ class Recordings:
     def _writer(self, path: Path) -> LogWriter:
         from riot_bus.log.rosbag2 import bag_epilogue
         from riot_bus.log.run import run_facts
-        from riot_bus.log.writer import LogWriter
+        from riot_bus.log.writer import LogSettings, LogWriter
 
         profile = self._profile or ("ros2" if self._announcements else None)
         return LogWriter(
             path,
+            LogSettings(threaded=True, durable=True),
             registry=self._registry,
             metadata={**run_facts(), **self._metadata()},
             profile=profile,
             channel_metadata=self._announcements.details,
             epilogue=bag_epilogue if profile == "ros2" else None,
-            threaded=True,
-            durable=True,
         )
 
     def _await_observation(self) -> None:

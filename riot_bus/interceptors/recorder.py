@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.account import Account
 from riot_bus.log.recorded_file import RecordedFile, Writer
-from riot_bus.log.writer import LostMessagesError
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.pipeline.mailbox import Mailbox
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from riot_bus.log.account import LOST, LossCounts
-from riot_bus.log.writer import LostMessagesError
+from riot_bus.log.writing_queue import LostMessagesError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -7,7 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from riot_bus.log.recorded_file import RecordedFile
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LogSettings, LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -59,6 +60,14 @@ class RecordingSink:
         self.generation = 0
         self._options, self._registry, self._naming = options, registry, naming
         self._metadata, self._details, self._profile, self._warn = metadata, details, profile, warn
+        self._settings = LogSettings(
+            compression=options.compression,
+            chunk_bytes=options.chunk_bytes,
+            chunk_seconds=options.chunk_seconds,
+            threaded=True,
+            durable=options.durable,
+            queue_bytes=options.queue_bytes,
+        )
 
     def append(self, rows: Sequence[Row], *, patient: bool) -> None:
         """Write messages, with the lock held; lost ones are counted."""
@@ -74,17 +83,8 @@ class RecordingSink:
         """Append to a file from now on."""
         self._file, self.writer, self.counts = file, file.writer, file.counts
 
-    def _new_file(self, kind: type[FileT], path: Path | str, **settings: Any) -> FileT:
-        options = self._options
-        writer = LogWriter(
-            path,
-            registry=self._registry,
-            chunk_bytes=options.chunk_bytes,
-            channel_metadata=self._details,
-            threaded=True,
-            queue_bytes=options.queue_bytes,
-            **settings,
-        )
+    def _new_file(self, kind: type[FileT], path: Path | str, settings: LogSettings, **more: Any) -> FileT:
+        writer = LogWriter(path, settings, registry=self._registry, channel_metadata=self._details, **more)
         return kind(writer, topic=self._registry.topic, lock=self.lock, failed=self._failed)
 
     def _failed(self, file: RecordedFile[LogWriter], error: Exception) -> None:

@@ -16,7 +16,8 @@ from riot_bus.log.account import LOST
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.recorded_file import RecordedFile
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -41,7 +42,8 @@ class RingSink(RecordingSink):
         self._ring = Ring(options.ring_seconds, most_bytes=options.ring_bytes, compression=options.compression)
         # Chunks are dropped as a whole, so they must be short compared with the ring.
         age = min(options.chunk_seconds, options.ring_seconds / 10)
-        self._use(self._new_file(RecordedFile[LogWriter], "ring", chunk_seconds=age, storage=self._ring))
+        settings = replace(self._settings, chunk_seconds=age, durable=False)
+        self._use(self._new_file(RecordedFile[LogWriter], "ring", settings, storage=self._ring))
         self._files: list[FileResult] = []
         self._bag: list[BagFile] = []
         self._dumping = threading.Lock()

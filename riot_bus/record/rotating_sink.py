@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.log.account import Account
 from riot_bus.log.recorded_file import RecordedFile
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -158,15 +159,12 @@ class RotatingSink(RecordingSink):
     # -- files --------------------------------------------------------------------------------------------------------
 
     def _open(self, path: Path) -> _LogFile:
-        options = self._options
         return self._new_file(
             _LogFile,
             path,
+            self._settings,
             metadata=self._metadata(),
             profile=self._profile,
-            compression=options.compression,
-            chunk_seconds=options.chunk_seconds,
-            durable=options.durable,
             epilogue=bag_epilogue if self._profile == "ros2" else None,
         )
 

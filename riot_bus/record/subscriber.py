@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Row
     from riot_bus.log.layout import Constants
-    from riot_bus.log.writer import ChannelWriter
+    from riot_bus.log.log_channels import ChannelWriter
     from riot_bus.record.gaps import Gaps
     from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp

@@ -13,7 +13,7 @@ from riot_bus.interceptors.recorder import Recorder
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until
@@ -126,7 +126,7 @@ def test_what_a_broken_file_lost_is_counted_and_the_next_file_goes_on(
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    recorder = Recorder(LogWriter(tmp_path / "a.mcap", chunk_seconds=0.1, threaded=True))
+    recorder = Recorder(LogWriter(tmp_path / "a.mcap", LogSettings(chunk_seconds=0.1, threaded=True)))
     with monkeypatch.context() as patch:
         patch.setattr(McapFile, "chunk", full)
         for key in ("a", "a", "b"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from riot_bus.log.reader import LogReader
 from riot_bus.log.recorded_file import RecordedFile
-from riot_bus.log.writer import LostMessagesError
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.naming import Naming
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.recording_sink import RecordingSink
@@ -17,7 +17,7 @@ class FileSink(RecordingSink):
     """The least that is needed of a sink."""
 
     def __init__(self, path: Path) -> None:
-        options = CaptureOptions(output=path)
+        options = CaptureOptions(output=path, durable=False)
         super().__init__(
             options,
             registry=TypeRegistry(),
@@ -27,7 +27,7 @@ class FileSink(RecordingSink):
             profile="",
             warn=print,
         )
-        self._use(self._new_file(RecordedFile, path, durable=False))
+        self._use(self._new_file(RecordedFile, path, self._settings))
 
     def put(self, key: str, payload: bytes) -> None:
         with self.lock:

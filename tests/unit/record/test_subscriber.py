@@ -11,7 +11,7 @@ from typing import Any
 
 from riot_bus.log.account import Account, LossCounts
 from riot_bus.log.layout import Constants
-from riot_bus.log.writer import ChannelWriter
+from riot_bus.log.log_channels import ChannelWriter
 from riot_bus.record.gaps import Gaps
 from riot_bus.record.subscriber import KeyRules, RecordingSubscriber
 from riot_bus.types.capabilities import Stamp
