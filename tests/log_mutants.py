@@ -156,8 +156,8 @@ def ours(compression: str) -> bytes:
     """A log of riot_bus with everything in it: attachments, originals, provenance, notes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "a.mcap")
-        options: dict[str, Any] = {"chunk_bytes": 900, "clock": ManualClock(START), "metadata": {"seed": "7"}}
-        with LogWriter(path, LogSettings(compression=compression), **options) as writer:
+        settings = LogSettings(compression=compression, chunk_bytes=900)
+        with LogWriter(path, settings, clock=ManualClock(START), metadata={"seed": "7"}) as writer:
             writer.note(layout.GRAPH, {"time": "0", "whole": "true", "gone": "{}", "new": "{}"})
             for number in range(COUNT):
                 payload = json.dumps({"x": number, "name": f"n{number}", "list": [1, 2.5]}).encode()
