@@ -12,7 +12,7 @@ import numpy as np
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.engine.chunk import LARGE, Chunk, indexes_of
+from riot_bus.log.engine.chunk import LARGE, Chunk, chunk_of, indexes_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.engine.packing import PackedChunk, worthwhile
 from riot_bus.log.layout import Provenance
@@ -63,13 +63,10 @@ class _Draft:
 
     def chunk(self) -> Chunk:
         """Return the chunk: definitions, then messages, and an index of them."""
-        definitions = b"".join(self.definitions)
-        data = b"".join([definitions, *self.pieces])
-        channel, time, length = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
-        offsets = np.cumsum(length) - length + len(definitions)
-        indexes, counts = indexes_of(channel, time, offsets)
-        large = _large(data, offsets, length)
-        return Chunk(data, int(time.min()), int(time.max()), indexes, counts, definitions, large)
+        data = b"".join(self.pieces)
+        channels, times, lengths = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
+        large = _large(data, np.cumsum(lengths) - lengths, lengths)
+        return chunk_of(b"".join(self.definitions), (data,), channels, times, lengths, large)
 
 
 class OutputFile:
@@ -156,7 +153,7 @@ class OutputFile:
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
             compression,
-            data,
+            (data,),
             len(batch.buffer),
             crc32(batch.buffer),
             int(batch.time.min()),

@@ -28,7 +28,7 @@ from mcap.records import (
 from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, HEAD, MAGIC
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.chunk import Companions
-from riot_bus.log.engine.packing import PackedChunk, check_compression, pieces_of
+from riot_bus.log.engine.packing import PackedChunk, check_compression
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class McapFile:
         for channel, record in chunk.indexes.items():
             offsets[channel] = position
             position += len(record)
-        body = (head, name, struct.pack("<Q", packed), *pieces_of(chunk.data))
+        body = (head, name, struct.pack("<Q", packed), *chunk.data)
         self._append(self._missing, *body, *chunk.indexes.values())
         self._missing = b""
         self._indexes[Opcode.CHUNK_INDEX].append(

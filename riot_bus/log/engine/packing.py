@@ -72,13 +72,13 @@ class PackedChunk:
     """A chunk as it is stored in a file.
 
     Attributes:
-        data: Its records, compressed, whole or in pieces.
+        data: Its records, compressed, in pieces.
         size: Size of the records before compression, in bytes.
         checksum: CRC of the uncompressed records.
     """
 
     compression: str
-    data: bytes | tuple[bytes, ...]
+    data: tuple[bytes, ...]
     size: int
     checksum: int
     start: int
@@ -89,15 +89,14 @@ class PackedChunk:
     @classmethod
     def of(cls, chunk: Chunk, compression: str) -> PackedChunk:
         """Compress a chunk, if that makes it smaller."""
-        pieces = pieces_of(chunk.data)
         checksum = 0
-        for piece in pieces:
+        for piece in chunk.data:
             checksum = crc32(piece, checksum)
-        size = sum(map(len, pieces))
+        size = sum(map(len, chunk.data))
         compression = worthwhile(compression, chunk.large, size)
         return cls(
             compression,
-            COMPRESSIONS[compression](pieces),
+            COMPRESSIONS[compression](chunk.data),
             size,
             checksum,
             chunk.start,
@@ -114,9 +113,4 @@ class PackedChunk:
     @property
     def length(self) -> int:
         """Bytes of the compressed records."""
-        return sum(map(len, pieces_of(self.data)))
-
-
-def pieces_of(data: bytes | tuple[bytes, ...]) -> tuple[bytes, ...]:
-    """Return data that is whole or in pieces as pieces."""
-    return (data,) if isinstance(data, bytes) else data
+        return sum(map(len, self.data))
