@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter
     from riot_bus.vocabulary.message import Message
 
-_PIECE = 1 << 20  # bytes read at once: few calls, and memory does not grow with the file
-
 
 @dataclass(frozen=True, slots=True)
 class ArchiveDone:
@@ -120,7 +118,7 @@ def import_archive(
 def _unpacked(file: Path, unpacker: Unpacker) -> Iterator[Message]:
     try:
         with given_file(file).open("rb") as source:
-            while data := source.read(_PIECE):
+            while data := source.read(1 << 20):
                 yield from unpacker.feed(data)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(file)) from error

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.given_files import given_file
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -30,7 +31,6 @@ RECORD = "rosbag2"
 FIELD = "serialized_metadata"
 """Key of the text in that record."""
 _VERSION, _VERSION_OF_NAMES = 8, 9  # of metadata.yaml: Humble reads 8; from 9 on, QoS are names, not numbers
-_MOST_BYTES = 1 << 26  # default limit of a metadata record (LogLimits.definitions)
 _NAMES = re.compile(r"(?:history|reliability|durability|liveliness):\s*[A-Za-z]")
 _DISTRO = re.compile(r'^ros_distro:\s*"?([\w.-]*)"?\s*$', re.MULTILINE)
 _CUSTOM = re.compile(r"^custom_data:(?:[ \t]*\n(?:[ \t]+.*(?:\n|\Z))+|[^\n]*)", re.MULTILINE)
@@ -80,7 +80,7 @@ class BagDetails:
 
 def bag_details(text: str, mapping: Mapping[str, str] | None = None) -> BagDetails:
     """Return the details in the text of a `metadata.yaml`, or of a metadata record `rosbag2` with this mapping."""
-    text = text[:_MOST_BYTES]
+    text = text[: DEFAULT_LIMITS.definitions]
     if text.startswith(_HEAD):
         text = textwrap.dedent(text.removeprefix(_HEAD))
     distro, custom = _DISTRO.search(text), _CUSTOM.search(text)

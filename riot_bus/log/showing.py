@@ -81,8 +81,8 @@ class ShownLog:
             yield f"{number}  {message.seconds:+.3f} s  {message.topic}  {message.type}{note}"
             width = max((len(each.path) for each in message.fields), default=0)
             for each in message.fields:
-                was = f"{_text(each.before)} -> " if each.changed else ""
-                yield f"  {'*' if each.changed else ' '} {each.path:{width}}  {was}{_text(each.value)}"
+                was = f"{value_text(each.before)} -> " if each.changed else ""
+                yield f"  {'*' if each.changed else ' '} {each.path:{width}}  {was}{value_text(each.value)}"
             if message.more:
                 yield f"    ... {counted(message.more, 'further field')}"
         if self.left_out:
@@ -194,7 +194,8 @@ def _json(value: Scalar | None) -> bool | int | float | str | None:
     return value.hex() if isinstance(value, bytes) else value
 
 
-def _text(value: Scalar | None) -> str:
+def value_text(value: Scalar | None) -> str:
+    """Return a value as text that fits in a line."""
     if value is None:
         return "(none)"
     shown = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(_json(value))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.layout import Role
 
-_MOST_PENDING = 4  # chunks, by default of 1 MiB: bounds the memory where `most_bytes` does not
+MOST_PENDING = 4  # chunks, by default of 1 MiB: bounds the memory where `most_bytes` does not
 
 
 class LostMessagesError(EnvironmentFaultError):
@@ -114,7 +114,7 @@ class WritingQueue:
         else:
             self._pending.append((self._thread.submit(action, *arguments), size))
             self.waiting += size
-            self.collect(_MOST_PENDING if self._most is None else 0)
+            self.collect(MOST_PENDING if self._most is None else 0)
 
     def has_room(self, size: int, attempt: Attempts, *, patient: bool) -> bool:
         """Return whether so many bytes may wait, too; wait for room where that helps."""

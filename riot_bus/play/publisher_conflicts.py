@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-_ASK_S = 1.0  # for each expression; delays the start only where an answer does not come
 _LISTEN_S = 1.0  # finds publishers without a token that send at least once a second
 
 
@@ -41,7 +40,7 @@ class PublisherConflicts:
         from riot_bus.zenoh import api as zenoh
 
         for expression in expressions(self._registry):
-            for reply in self._session.liveliness().get(expression, timeout=_ASK_S):
+            for reply in self._session.liveliness().get(expression, timeout=_LISTEN_S):
                 if reply.ok is not None:
                     self._token(str(reply.ok.key_expr))
         for key in self._keys:

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
 _END_S = _FLUSH_S + 5.0
-_LOOK_S = 0.002
-_SHOWN = 5
+SHOWN = 5  # topics that a message names
 _CONFIG = {
     "timestamping/enabled": True,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,  # microseconds; 5 s are the usual
@@ -284,7 +283,7 @@ class PlayService:
     def _wait_matched(self) -> None:
         deadline = time.monotonic() + self.options.wait
         while (unmatched := self._publishing.unmatched()) and time.monotonic() < deadline and not self._stopped:
-            time.sleep(_LOOK_S)
+            time.sleep(0.002)
         self._waiting = False
         self._unmatched = set(unmatched)
         if unmatched and self.options.wait and not self._stopped:
@@ -298,8 +297,8 @@ class PlayService:
 
     def _names(self, keys: Collection[str]) -> str:
         names = sorted(map(self.programme.name, keys))
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-        return ", ".join(names[:_SHOWN]) + more
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        return ", ".join(names[:SHOWN]) + more
 
     def _publish(self, message: Message) -> None:
         if self._ticker is not None:

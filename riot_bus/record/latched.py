@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-_TIMEOUT_S = 2.0  # publishers are asked one by one, so a silent one delays the others
 _TOKENS = "**/@adv/pub/**"
 
 
@@ -52,7 +51,7 @@ class LatchedCaches:
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
-            timeout=_TIMEOUT_S,
+            timeout=2.0,  # publishers are asked one by one, so a silent one delays the others
         )
         samples = [reply.ok for reply in replies if reply.ok is not None and str(reply.ok.key_expr) == source.key]
         if samples:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
 
 _SUFFIX = ".mcap"
-_MOST_TRIES = 100_000  # one system call each: a folder full of such names is given up soon
 
 
 class Naming:
@@ -57,7 +56,7 @@ class Naming:
             return claim(self._remote, text, self.stem)
         if self.bag and not self._number:
             self._make_bag()
-        for _ in range(_MOST_TRIES):
+        for _ in range(100_000):  # one system call each: a folder full of such names is given up soon
             self._number += 1
             path = self.folder / self._name()
             first = self._number == 1

@@ -21,8 +21,8 @@ from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import registry_of
 from riot_bus.control.server import Control, free_name
 from riot_bus.log.account import Account
+from riot_bus.log.gaps import Gaps
 from riot_bus.log.run import run_facts
-from riot_bus.record.gaps import Gaps
 from riot_bus.record.latched import LatchedCaches
 from riot_bus.record.naming import Naming
 from riot_bus.record.ring_sink import RingSink
@@ -50,8 +50,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
-_LINK_S = 1.0  # a guess: a lost link is reported this late; each look lists all transports
-_ASK_S = 1.0  # routers answer at once; one that does not delays the start by as much
+_LINK_S = 1.0  # a lost link is reported, and a router that does not answer holds up the start, for as long
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
 
@@ -429,7 +428,7 @@ class CaptureService:
 def _await_routes(session: zenoh.Session) -> None:
     """Wait until the router knows our subscriptions, since it processes what comes over a link in order."""
     with suppress(Exception):  # whatever is at the other end
-        for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_ASK_S):
+        for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_LINK_S):
             pass
 
 

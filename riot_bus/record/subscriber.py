@@ -14,7 +14,8 @@ from collections import Counter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.pipeline.runner import BoundedCounts
+from riot_bus.log.engine.blocks import TIMES
+from riot_bus.pipeline.runner import MOST_TOPICS, BoundedCounts
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.convert import Converter, is_delete
 
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator
 
     from riot_bus.log.engine.chunk import Row
+    from riot_bus.log.gaps import Gaps
     from riot_bus.log.layout import Constants
     from riot_bus.log.log_channels import ChannelWriter
-    from riot_bus.record.gaps import Gaps
     from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
@@ -32,10 +33,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
-_CACHED_KEYS = 1 << 16  # any client may invent keys: bounds the memory; a log holds 65,000 at most
-_MOST_SENDERS = 64  # ids of a key: any client may invent them, and few keys have more publishers
 _MOST_FETCHED = 10_000  # timestamps of a key, 1 to 2 MB: a cache may send any number
-_LARGEST = 1 << 64  # MCAP stores times in 64 bits
 _TAKE = attrgetter(
     "key_expr",
     "payload",
@@ -229,7 +227,7 @@ class RecordingSubscriber:
                 extras = {**(extras or {}), "d": True}
             if published is None:
                 published = now
-            elif published == now or not 0 <= published < _LARGEST:
+            elif published == now or not 0 <= published < TIMES:
                 extras = {**(extras or {}), "p": str(published)}
                 published = now
             if sequence is None:
@@ -283,7 +281,7 @@ class RecordingSubscriber:
         return {**(extras or {}), **found} or None
 
     def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
-        if len(self._routes) >= _CACHED_KEYS:
+        if len(self._routes) >= MOST_TOPICS:
             self._routes.clear()
             self._known.clear()
         key = str(key_expr)
@@ -313,13 +311,9 @@ class RecordingSubscriber:
     def _note_sender(self, sample: Any) -> None:
         stamp = sample.timestamp
         route = self._routes.get(sample.key_expr)
-        if (
-            stamp is not None
-            and route is not None
-            and (route.key in self._senders or len(self._senders) < _CACHED_KEYS)
-        ):
+        if stamp is not None and route is not None and (route.key in self._senders or len(self._senders) < MOST_TOPICS):
             zids = self._senders.setdefault(route.key, set())
-            if len(zids) < _MOST_SENDERS:
+            if len(zids) < 64:  # any client may invent ids, and few keys have more publishers
                 zids.add(str(stamp.get_id()))
 
 

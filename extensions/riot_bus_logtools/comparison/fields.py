@@ -12,6 +12,7 @@ import msgpack  # type: ignore[import-untyped]
 
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus_logtools.comparison.recording import HASH_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,7 +31,6 @@ PAYLOAD, KIND, ATTACHMENT = "(payload)", "(kind)", "(attachment)"
 _INDEX = re.compile(r"\[\d+\]")
 _SEQUENCE = "sequence number"
 _MOST_PATHS = 1 << 18  # of all known shapes: those of 64 arrays that are MOST_ELEMENTS long
-_HASH_BYTES = 16  # 128 bits: among 1e9 messages, two collide with a chance of 1.5e-21
 
 
 class _Odd:
@@ -88,7 +88,7 @@ class Reading:
         """Return a hash of the fields that are compared; messages of equal content are the same."""
         values = self.values
         known = [self.shape.number, *[values[place] for place in self.shape.compared]]
-        return blake2b(_PACK(known), digest_size=_HASH_BYTES).digest()
+        return blake2b(_PACK(known), digest_size=HASH_BYTES).digest()
 
     def identity(self) -> tuple[Value, ...] | None:
         """Return the stamps or sequence numbers, None if there are none."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.log import layout
+from riot_bus.log.engine.blocks import NUMBERS
 from riot_bus.log.engine.mcap_file import record_bytes
 from riot_bus.log.reader import ChannelSource, channel_source
 from riot_bus.types.capabilities import PublishesAs
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
 
-_NUMBERS = 1 << 16  # MCAP's numbers of channels and schemas have 16 bits
 _NO_KEY = re.compile(r"\A\Z|//|[*$?#\s]")
 
 
@@ -102,9 +102,9 @@ def _new_key(topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> st
 
 def _free(wish: int, taken: set[int]) -> int:
     number = wish
-    if number in taken or not 0 <= number < _NUMBERS:
-        number = next((each for each in range(1, _NUMBERS) if each not in taken), -1)
+    if number in taken or not 0 <= number < NUMBERS:
+        number = next((each for each in range(1, NUMBERS) if each not in taken), -1)
         if number < 0:
-            raise ConfigError(f"more than {_NUMBERS - 1} channels do not fit into one log", hint="merge fewer logs")
+            raise ConfigError(f"more than {NUMBERS - 1} channels do not fit into one log", hint="merge fewer logs")
     taken.add(number)
     return number

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 EXTRAS, EXTRAS_TYPE = "riot_bus.extras", "application/msgpack+zstd"
 """Name and media type of an attachment that belongs to the chunk after it; other attachments are left alone."""
+TIMES = 1 << 64
+"""MCAP's times have 64 bits and no sign: all lie below."""
+NUMBERS = 1 << 16
+"""MCAP's numbers of channels and schemas have 16 bits: all lie below."""
 MAX_BLOCK = 1 << 30
 """Largest chunk in bytes, uncompressed, that is searched for after damage."""
 

@@ -41,7 +41,6 @@ _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
 _CHANNEL, _LENGTH = struct.Struct("<HH"), struct.Struct("<I")
 _NONE = Companions()
-_MOST_PARTS = 1000  # of one call to pwritev
 
 
 def record_bytes(record: McapRecord) -> bytes:
@@ -215,7 +214,7 @@ class McapFile:
         unwritten = [part for part in parts if part]
         try:
             while unwritten:
-                written = os.pwritev(self._file, unwritten[:_MOST_PARTS], position)
+                written = os.pwritev(self._file, unwritten[:1000], position)  # it takes 1024
                 position += written
                 unwritten = _without(unwritten, written)
         except OSError:

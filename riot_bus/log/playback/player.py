@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-_LOOK_UP_NS = 100_000_000  # a stop takes effect within 0.1 s; ten looks a second cost little
 _STOP_S = 0.2  # only a source that hangs keeps the lock longer; then the flag must do
 _SLOWEST, _FASTEST = 1e-6, 1e6  # far beyond any use; a rate near 0 would make waits infinite (OverflowError)
 
@@ -97,7 +96,7 @@ def _wait(due: int, clock: Clock, stop: Callable[[], bool] | None) -> bool:
     while (now := clock.now()) < due:
         if stop is not None and stop():
             return True
-        clock.sleep_until(due if stop is None else min(due, now + _LOOK_UP_NS))
+        clock.sleep_until(due if stop is None else min(due, now + 10**8))  # a stop takes effect within 0.1 s
     return False
 
 

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from riot_bus.log.account import Account, LossCounts
+from riot_bus.log.gaps import Gaps
 from riot_bus.log.layout import Constants
 from riot_bus.log.log_channels import ChannelWriter
-from riot_bus.record.gaps import Gaps
 from riot_bus.record.subscriber import KeyRules, RecordingSubscriber
 from riot_bus.types.capabilities import Stamp
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.record import gaps as module
-from riot_bus.record.gaps import Gaps
+from riot_bus.log import gaps as module
+from riot_bus.log.gaps import Gaps
 
 
 def total(numbers: list[int]) -> int:
