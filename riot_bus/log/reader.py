@@ -208,11 +208,9 @@ class LogReader:
             if found is not None and low <= entry.time < high:
                 yield message_of(entry, found)
 
-    def originals(
-        self, *, topics: Sequence[str] | None = None, start: int | None = None, end: int | None = None
-    ) -> Iterator[Message]:
+    def originals(self) -> Iterator[Message]:
         """Yield the originals of messages that were changed, delayed or dropped."""
-        return self.messages(topics=topics, role="original", start=start, end=end)
+        return self.messages(role="original")
 
     def provenance(self) -> Iterator[Provenance]:
         """Yield what interceptors did, in the order of writing."""

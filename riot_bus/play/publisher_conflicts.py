@@ -59,9 +59,6 @@ class PublisherConflicts:
             subscribers, self._subscribers = self._subscribers, []
         release(*subscribers)
 
-    def _heard(self, sample: zenoh.Sample) -> None:
-        self._add(str(sample.key_expr), "another publisher")
-
     def _token(self, text: str) -> None:
         token = parse_token(text, self._registry)
         if token is not None and token.role == "publishes" and token.zid != self._zid and token.key in self._keys:
