@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
@@ -57,6 +58,7 @@ def export_table(
     end: int | None = None,
     force: bool = False,
     registry: TypeRegistry | None = None,
+    memory: int = DEFAULT_LIMITS.held,
     salvage: bool = False,
     raw: bool = False,
 ) -> Exported:
@@ -73,6 +75,7 @@ def export_table(
         end: Latest time (exclusive), nanoseconds.
         force: Whether an existing file is replaced.
         registry: Types that the log does not define.
+        memory: Memory limit in bytes, as for `riot_bus.log.iter_columns`.
         salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
         raw: Whether texts are written to CSV unchanged, even those that a spreadsheet or a terminal would obey.
 
@@ -86,7 +89,7 @@ def export_table(
     with LogReader(log, salvage=salvage) as reader, new_file(out, force=force, source=Path(log)) as temporary:
         registry = log_registry(reader) if registry is None else registry
         kinds = _kinds(reader, selectors, registry)
-        parts = column_parts(reader, selectors, start=start, end=end, registry=registry)
+        parts = column_parts(reader, selectors, start=start, end=end, memory=memory, registry=registry)
         try:
             return _write_all(reader, parts, kinds, str(temporary), make)
         except OSError as error:
