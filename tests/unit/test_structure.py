@@ -42,7 +42,6 @@ FIRST = "all as at by from how in likewise of that to what when where which who 
 """Words with which a text of a few words does not say what the argument is."""
 
 CIRCLES = [
-    {"riot_bus_logtools.editing.batch", "riot_bus_logtools.editing.inputs"},
     {
         "riot_bus.router.advanced.history_mirror",
         "riot_bus.router.advanced.publisher_proxies",
