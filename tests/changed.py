@@ -2,8 +2,9 @@
 
     python -m tests.changed [BASE]      names them; BASE is a commit, else that at which this branch has left main
 
-Imports are found by their text, those inside functions too, but not those for type hints alone. What a test starts as a
-process or finds by an entry point is not seen: the whole gate is for that.
+Imports are found by their text, those inside functions too, but not those for type hints alone; so are texts of our
+source that name a module, or all of a package. What a test starts as a process or finds by an entry point is not seen:
+the whole gate is for that.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+([\w., \t]+))", re.MULTILINE
 )
 
+NAMED = re.compile(r"[\"'](riot_bus\w*\.[\w.]+)[:\"'{]")
+
 
 def changed_files(base: str = "") -> set[str]:
     """Return the paths of files that differ from a commit (that at which this branch has left main), or are new."""
@@ -54,6 +57,9 @@ def concerned(changed: Iterable[str]) -> set[Path]:
     for path, text in texts.items():
         for name in _imports(text):
             importers[paths.get(name, "")].add(path)
+        for name in () if path.startswith("tests/") else NAMED.findall(text):
+            for each in (each for each in paths if (each.startswith(name) if name.endswith(".") else each == name)):
+                importers[paths[each]].add(path)
     reached, rest = set(changed), sorted(changed)
     while rest:
         path = rest.pop()

@@ -42,6 +42,7 @@ def test_a_process_goes_on_until_it_fails_and_failures_are_those_of_a_fresh_one(
     assert not [name for name in left if name.startswith(("trial-", "persistent-"))]
 
 
+@pytest.mark.rotating
 def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=1) as workspace:
         (folder,) = run_campaign(workspace, HISTORY, trials=8, seconds=None, covered=False)
@@ -60,6 +61,7 @@ def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path)
         assert workspace.runners.unit(HISTORY, lambda: log).run([TestCase(log, (BAD,))])[0].verdict is Verdict.PASS
 
 
+@pytest.mark.rotating
 def test_a_reset_makes_the_process_as_it_was(tmp_path: Path) -> None:
     path, head = write(tmp_path), f"[unit.{HISTORY}]\n"
     reset = """reset = { topic = "cmd", payload = '{"reset": 1}' }\n"""
@@ -73,6 +75,7 @@ def test_a_reset_makes_the_process_as_it_was(tmp_path: Path) -> None:
         assert not any("history" in one.statistics for one in outcomes)
 
 
+@pytest.mark.rotating
 def test_a_reset_that_does_not_reach_the_unit_is_an_error(tmp_path: Path) -> None:
     path, head = write(tmp_path), f"[unit.{HISTORY}]\n"
     path.write_text(path.read_text().replace(head, f"""{head}reset = {{ topic = "comand", payload = '1' }}\n"""))

@@ -84,6 +84,7 @@ def test_a_folder_has_no_more_than_is_known_now(tmp_path: Path) -> None:
     assert suites() == dict.fromkeys(one.cases(), "drive")
 
 
+@pytest.mark.rotating
 def test_findings_that_are_there_already_are_taken_through_the_chain(tmp_path: Path) -> None:
     first = Bench(tmp_path)
     with first.follower, first.workspace() as workspace:
