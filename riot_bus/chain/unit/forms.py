@@ -25,7 +25,16 @@ PYTHON = "sanitize.py"
 
 @dataclass(frozen=True, slots=True)
 class WrittenRule:
-    """A rule that is to be written in some form: what the entry points `riot_bus.rule_forms` get."""
+    """A rule that is to be written in some form: what the entry points `riot_bus.rule_forms` get.
+
+    Attributes:
+        terms: The rule.
+        types: Type of each field that it names.
+        scale: Nominal spread of each field.
+        lines: Description of the rule for a comment.
+        name: Name of the finding, usable in an identifier.
+        folder: The finding's folder, to write a file to.
+    """
 
     terms: Terms
     types: Mapping[str, str]
