@@ -26,7 +26,6 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
     """Return the path of a file unchanged if it may be opened.
 
     Args:
-        path: Path of the file.
         inside: Folder of which no link may lead out.
 
     Raises:

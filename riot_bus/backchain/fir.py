@@ -196,7 +196,13 @@ def fitted(response: Floats, design: Floats) -> Floats:
 
 
 def memory_of(pieces: Sequence[Floats], *, low: float, high: float) -> float:
-    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits."""
+    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits.
+
+    Args:
+        pieces: The series of each run, with mean 0.
+        low: Least result, above -1.
+        high: Largest result, below 1.
+    """
     products = sum(float(one[:-1] @ one[1:]) for one in pieces)
     squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
     return float(np.clip(products / squares, low, high)) if squares > 0 else 0.0

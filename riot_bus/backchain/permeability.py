@@ -264,6 +264,7 @@ class _Evidence(NamedTuple):
     Attributes:
         scores: Scores by channel, first the observed ones, then those of each redraw (1 + draws x channels).
         usual: Mean of the cube root of the level's statistic at its best lag.
+        deviation: Standard deviation of that cube root.
     """
 
     scores: Floats

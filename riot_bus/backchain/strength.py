@@ -23,6 +23,7 @@ class Share:
 
     Attributes:
         strength: The share, 0 to 1, corrected for the number of terms.
+        low: Lower end of the 95 % jackknife interval.
         high: Upper end of that interval.
         column: Column of the field's design with the strongest effect.
     """

@@ -37,10 +37,8 @@ class UnitResult:
     """Result of `riot ci change` or `riot ci batch` for one unit.
 
     Attributes:
-        view: Campaign and findings of the unit, compared with the baseline.
         undecided: Reasons why the result is inconclusive, a text each: earlier findings whose replays do not decide
             whether they still fail, and replays or trials for which there was no time.
-        untested: Reason why the unit was not tested, or not to the end; empty if it was.
     """
 
     unit: str
@@ -133,10 +131,7 @@ class CiPlan:
     """How all units are tested.
 
     Attributes:
-        minutes: Time for all of them.
-        stop_early: Whether a unit's test ends at its first finding that counts.
         explain: Whether the remaining time is used to explain findings.
-        trials: Largest number of injected trials of each unit; None for as many as there is time for.
     """
 
     minutes: float
@@ -155,11 +150,6 @@ def run_ci(
     now: Callable[[], float] = time.monotonic,
 ) -> CiResult:
     """Test units one after the other, each in a folder of its own, for equal shares of the remaining time.
-
-    Args:
-        opened: Function that opens the workspace of a unit.
-        plan: Time and trials, and what follows a finding.
-        now: Function that returns the time, in seconds.
 
     Raises:
         ConfigError: A file that people wrote cannot be used; a failing environment is a result, no error.

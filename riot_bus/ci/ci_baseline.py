@@ -76,7 +76,6 @@ def accept(
     """Return a baseline with findings added, and lines on what has changed; entries keep what people wrote.
 
     Args:
-        note: Note of the entries; None to leave notes unchanged.
         keep: Folder, beside or below the baseline, for the files to replay the findings; None for none.
         reopen: Whether entries that are marked as fixed lose this mark.
 
@@ -127,11 +126,7 @@ class PrunedFinding:
 
 @dataclass(frozen=True, slots=True)
 class PruneResult:
-    """Results of the replays of findings of the baseline, and the updated baseline.
-
-    Attributes:
-        left_out: Units with known findings that were not replayed.
-    """
+    """Results of the replays of findings of the baseline, and the updated baseline."""
 
     asked: tuple[PrunedFinding, ...]
     known: KnownFindings
@@ -166,9 +161,6 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
     """Replay the log of each known finding to fresh components, and mark findings that no longer fail as fixed.
 
     Marked findings stay marked, and are still replayed, also by `riot ci change`.
-
-    Args:
-        opened: Function that opens the workspace of a unit.
     """
     asked, fixed = list[PrunedFinding](), list[KnownFinding]()
     for unit in units:

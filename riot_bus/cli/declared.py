@@ -53,7 +53,6 @@ def with_options(command: CommandT, known: Mapping[str, Any]) -> CommandT:
     """Give a command the options of each dataclass that is the type of one of its parameters.
 
     Args:
-        command: The command.
         known: Annotations that replace the command's own, by the name of the parameter.
     """
     parameters: list[inspect.Parameter] = []
@@ -79,13 +78,7 @@ def annotation_of(kind: type, name: str) -> Any:
 
 
 def options_of(kind: type[OptionsT], given: dict[str, Any], **more: Any) -> OptionsT:
-    """Return the options of a dataclass that are among `given`, and remove them there; the others are left.
-
-    Args:
-        kind: The dataclass.
-        given: Values of the options of several dataclasses.
-        more: Values of further fields.
-    """
+    """Return the options of a dataclass that are among `given`, and remove them there; the others are left."""
     return kind(**more, **{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
 
 

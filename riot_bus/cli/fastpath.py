@@ -73,10 +73,6 @@ def fast_options() -> dict[str, FastOption]:
 def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str, Any] | None:
     """Return the fields of `RouterOptions`, and `as_json`.
 
-    Args:
-        arguments: Words after `riot router`.
-        environment: Variables of the process.
-
     Returns:
         None if the command line is not unambiguous.
     """
@@ -105,11 +101,7 @@ def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str,
 
 
 def quick_start(arguments: Sequence[str]) -> bool:
-    """Execute a command line if it is an unambiguous `riot router`; return whether it was.
-
-    Args:
-        arguments: Words after `riot`.
-    """
+    """Execute a command line if it is an unambiguous `riot router`; return whether it was."""
     found = parse(arguments[1:], os.environ) if arguments[:1] == ["router"] else None
     if found is None:
         return False

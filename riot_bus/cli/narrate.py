@@ -58,12 +58,7 @@ def step_progress(step: str) -> Iterator[Callable[[int, int | None, str], None]]
 
 
 class ConsoleNarrator:
-    """A listener that shows events on stderr (or wherever diagnostics go); a context manager.
-
-    Args:
-        console: The console that is written to.
-        now: Clock that returns the time in seconds.
-    """
+    """A listener that shows events on stderr (or wherever diagnostics go); a context manager."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         self._console = console

@@ -31,12 +31,7 @@ class ComparedFinding(BaseModel):
 
 
 class Comparison(BaseModel):
-    """Changes in the failures of a unit between two campaigns.
-
-    Attributes:
-        old: Share of the older campaign's trials that failed.
-        new: Share of the newer campaign's trials that failed.
-    """
+    """Changes in the failures of a unit between two campaigns."""
 
     model_config = ConfigDict(frozen=True)
 

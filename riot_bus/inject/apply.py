@@ -30,6 +30,10 @@ def inject_log(
     """Apply injections to a log, in the order of its messages.
 
     Args:
+        messages: Messages of the log.
+        injections: Injections to carry out on them.
+        registry: Registry that names topics and knows their types.
+        seed: Seed of the random choices.
         reached: List to which are added, for each injection, the indices of the messages that it changed; setting a
             field to the value that it already has is not a change.
         ahead: List to which is added, for each message of the log, how many messages come out before its turn.
@@ -72,7 +76,9 @@ def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes:
     """Yield the numbers of the injections that changed a message; setting a field to its own value is not a change.
 
     Args:
+        injections: All injections of the plan.
         applied: Numbers of the injections that were carried out on the message.
+        changes: Changes of the message, with the values before.
     """
     real = {each.field for each in changes if repr(each.before) != repr(each.after)}
     same = {each.field for each in changes if each.action == "set"} - real

@@ -31,6 +31,9 @@ class InjectionPlan:
     def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
         """Read a plan.
 
+        Args:
+            seed: Seed of the run, added to the plan's own.
+
         Raises:
             ConfigError: It is not a plan, or an empty one.
         """

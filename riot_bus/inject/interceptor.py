@@ -33,6 +33,7 @@ class Injector:
     field, is passed on, counted in `skipped` and reported once per topic (`problems`).
 
     Args:
+        injections: Injections, carried out in this order.
         seed: The trial's seed; each injection's own seed is added to it.
 
     Raises:

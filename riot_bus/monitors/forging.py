@@ -64,6 +64,8 @@ def with_value(
     """Return a copy whose last selected output has another value in the field.
 
     Args:
+        view: View of a trial.
+        selector: Selects a field.
         values: Values to try, in this order, until one that is read back violates.
         violates: Function that returns whether a value violates.
 

@@ -137,11 +137,9 @@ def load_campaign(
     """Read what exists of a campaign; the view lists what cannot be used.
 
     Args:
-        folder: Its output folder.
         finished: Whether `campaign.json`, if it exists, is of this campaign and not of an earlier one.
         unit: Unit under test, used until a record names it.
         fingerprint: Fingerprint of what is tested, used until a record names it.
-        problem: Reason why the work has ended early; empty if it has not.
     """
     broken: dict[str, str] = {}
     campaign, findings = None, list[FindingView]()

@@ -37,8 +37,6 @@ class ReportedCase:
         result: Result of the case; `error` if the unit is not at fault.
         kind: Kind of failure, of error, or why it was skipped.
         message: Summary of what happened, in a line; it may contain untrusted text, as all other texts.
-        lines: All that is known of that.
-        told: Further lines, whatever the result.
         seconds: Duration; None if that is not known.
     """
 

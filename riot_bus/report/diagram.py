@@ -15,13 +15,7 @@ _WIDTH = 19  # a box has room for 118 px; letters of size 12 take about 6
 
 @dataclass(frozen=True, slots=True)
 class DiagramBox:
-    """One box of the chain.
-
-    Attributes:
-        lines: Known facts about what the box stands for.
-        effort: Trials and seconds of its step.
-        state: Whether its step has finished, is the next one, or comes later.
-    """
+    """One box of the chain."""
 
     title: str
     lines: tuple[str, str]

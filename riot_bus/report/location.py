@@ -67,7 +67,6 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
     """Yield lines of source on the stack on which a finding fails, the innermost first; nothing where none is known.
 
     Args:
-        finding: Record of the finding.
         texts: Texts that its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its
             threads, and the `backtrace` of a debugger.
     """

@@ -42,10 +42,6 @@ _MEANING: dict[Severity, str] = {
 def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path:
     """Write `report.html` from the records that exist.
 
-    Args:
-        directory: The finding's directory.
-        open_questions: Further things that were not tried; listed at the end.
-
     Raises:
         ConfigError: `finding.json` is missing or unusable.
         MissingExtraError: jinja2 is not installed.
@@ -54,11 +50,7 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
 
 
 class HtmlReport:
-    """The report format `html`: one page that needs no network.
-
-    Args:
-        open_questions: Further things that were not tried; listed at the end.
-    """
+    """The report format `html`: one page that needs no network."""
 
     file = PAGE
 

@@ -123,8 +123,6 @@ class ExternalField:
 
         Args:
             speed: Speed of the run, as a multiple of the system's own time.
-            start: Start of the injection, in seconds since the first message.
-            end: End of the injection, in seconds; None for never.
             message: Number of the only message of its topic that is changed; None for all in that time.
         """
         if self.path == DELAY:
@@ -143,11 +141,7 @@ class ExternalField:
         )
 
     def signal(self, seed: int, *, hold: int) -> Signal:
-        """Return a random signal over its nominal range.
-
-        Args:
-            hold: Number of messages for which a value is held.
-        """
+        """Return a random signal over its nominal range."""
         half = (self.high - self.low) / 2
         # so that all choices are equally likely
         reach = half + 0.499 if self.choices else half

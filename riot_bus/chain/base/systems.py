@@ -93,9 +93,6 @@ def described(folder: Path, *, named: Path | None = None) -> tuple[SystemFile | 
 
     Of what the file names, installed adapters and codecs are loaded, and nothing else. It is None if it cannot be read.
 
-    Args:
-        named: File that the user has named instead.
-
     Raises:
         ConfigError: The named file cannot be used.
     """

@@ -30,13 +30,7 @@ _ELEMENT = re.compile(r"\[\d+\]$")
 
 @dataclass(frozen=True, slots=True)
 class CaseTemplate:
-    """A test case without its log.
-
-    Attributes:
-        signature: Signature of the failure to look for; None for any.
-        unit: The unit that it made fail; None if not stated.
-        system: Path of the system file; None if not stated.
-    """
+    """A test case without its log."""
 
     __test__ = False  # not a pytest class
 

@@ -83,6 +83,7 @@ class StepRun:
         """Return a runner for trials of a unit alone.
 
         Args:
+            unit: The unit.
             unjudged: Whether a case that cannot be judged has an outcome, too, instead of being an error.
         """
         workspace = self.workspace
@@ -123,7 +124,11 @@ class Workspace:
     """A system and a folder to work in; a context manager that leaves no process behind.
 
     Args:
+        system: Path of riot.toml.
+        out: Folder for everything that is written.
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
+        seed: Seed of everything random.
+        listeners: Listeners for everything that happens.
         runners: Factory of the steps' runners; processes of this machine by default.
         fresh: Whether to measure nominal trials again, even if an earlier command has stored their results.
         executor: Address of the cluster that executes trials: `dask://HOST:PORT`; None for this machine.
@@ -178,6 +183,11 @@ class Workspace:
 
     def carry_out(self, step: ChainStep, folder: Path, **options: Any) -> Artefact:
         """Carry out a step of the chain on a finding and write its record.
+
+        Args:
+            step: The step.
+            folder: The finding.
+            options: Options of the step's function.
 
         Raises:
             ConfigError: The step before has not been done.

@@ -26,8 +26,6 @@ class Analysis:
     """A finding that has gone through the chain.
 
     Attributes:
-        folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
-        stopped: Reason why the chain ended early; empty if it did not.
         unfinished: Whether it ended early for lack of time.
     """
 
@@ -76,7 +74,6 @@ def analyze(
 
     Args:
         further: Steps of other packages, which come after the built-in ones.
-        options: Options of steps, by the name of the step.
         left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.
 
     Raises:

@@ -22,9 +22,6 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
 
     An interrupted run resumes where it stopped: finished steps are read from their files, and trials of the
     interrupted step come from the store.
-
-    Args:
-        seconds: Time budget of the unit's campaign.
     """
     started = time.monotonic()
     unit = workspace.context.file.choose_unit(None)

@@ -93,9 +93,6 @@ def find_dictionary(name: str) -> tuple[str, str]:
 def log_to_apply_to(log: Path | None, system: Path | None, unit: str | None) -> DictionaryLog | None:
     """Return the log to use: a file, or the inputs of a unit in it or in the nominal log; None if none is named.
 
-    Args:
-        unit: The unit, if there are several.
-
     Raises:
         ConfigError: A file cannot be read, or there is no nominal log yet.
     """

@@ -31,7 +31,6 @@ class GuardTrial:
     """Effect of a guard on a log.
 
     Attributes:
-        met: Number of messages for which the rule held.
         done: Number of messages by action: dropped, clamped, held, reported.
         unread: Number of messages that could not be judged, since they lack a field of the rule.
     """
@@ -75,9 +74,6 @@ class GuardPlan:
 
 def plan_guard(folder: Path, *, action: Literal["drop", "clamp", "hold", "report"] = "drop") -> GuardPlan:
     """Try a guard on the logs of a finding, and say how to put it in front of the unit; nothing is started.
-
-    Args:
-        action: Action on messages for which the rule holds.
 
     Raises:
         ConfigError: There is no rule, or a guard cannot carry it out.

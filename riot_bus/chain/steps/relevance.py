@@ -156,11 +156,7 @@ def _with_structure(
 
 
 def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> list[FieldSpace]:
-    """Return for each field the values that may replace the one that it has in the minimal log.
-
-    Args:
-        questions: Questions to the unit, whose dictionary and nominal log the values come from.
-    """
+    """Return for each field the values that may replace the one that it has in the minimal log."""
     observed = questions.nominal(considered)
     return [
         FieldSpace(

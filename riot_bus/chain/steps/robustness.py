@@ -63,12 +63,7 @@ _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
 
 @dataclass(frozen=True, slots=True)
 class _Subject:
-    """The subject of a campaign: a unit with its nominal log, or the running system with its external messages.
-
-    Attributes:
-        log: Nominal messages for which injections are planned.
-        include: Patterns of fields that are injected though they would be left alone.
-    """
+    """The subject of a campaign: a unit with its nominal log, or the running system with its external messages."""
 
     unit: str
     name: str
@@ -105,9 +100,6 @@ def test_unit(
     """Run a campaign and write one folder per finding, the worst first, then those that occur easily.
 
     Args:
-        trials: Maximum number of injected trials; None for no limit.
-        seconds: Maximum time in seconds; None for no limit.
-        covered: Whether to end when there is nothing left to try.
         whole_system: Whether trials are runs of the whole system with injections into the external messages, instead of
             a log that is played to the unit; they show less about the other components than about the unit.
         stop: Function of the findings so far that returns why to run no further injected trials; empty to continue.

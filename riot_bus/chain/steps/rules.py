@@ -107,7 +107,6 @@ class _Found:
 
     Attributes:
         questions: Questions to the unit about the log in which the rule's fields are named.
-        passing: A value of each field without failure.
         answers: Answers to some of its trials, repeated behind nominal messages.
         context: Number of messages in front of the minimal log that matter.
     """
@@ -185,9 +184,6 @@ class _Teacher:
         """Learn the rule again on the minimal log with those nominal messages before it after which it is wrong.
 
         They are a few messages of that part of the nominal log after which the rule predicts the most trials wrongly.
-
-        Args:
-            found: The present rule, with at least one wrong prediction.
 
         Returns:
             The new rule, with what it was learnt from; None if no such messages are found, an order of messages in the

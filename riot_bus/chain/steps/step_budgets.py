@@ -23,13 +23,7 @@ _UNIT_S, _START_S = 0.05, 0.3
 
 
 def budget_within(workspace: Workspace, folder: Path, steps: Sequence[ChainStep], seconds: float) -> dict[str, int]:
-    """Return the option that limits the first of some steps, so that time is left for the others; none if it suffices.
-
-    Args:
-        folder: Folder of the finding, with the records of finished steps.
-        steps: The steps to carry out, in order.
-        seconds: Time left for all of them.
-    """
+    """Return the option that limits the first of some steps, so that time is left for others; none if it suffices."""
     name, option = steps[0].name, next(iter(steps[0].options), None)
     if name not in _MOST or option is None or not isinstance(option.default, int):
         return {}

@@ -44,12 +44,6 @@ def analyze_within(
 
     Unfinished steps continue if time is left in the end, and with the next command: no trial is lost.
 
-    Args:
-        seconds: The time in seconds.
-        further: Steps of other packages, which run after ours.
-        options: Options of steps, by the name of the step.
-        now: Clock that returns the time in seconds.
-
     Raises:
         RiotError: As `test_unit` and `analyze`.
     """

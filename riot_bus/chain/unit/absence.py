@@ -30,11 +30,7 @@ _FIRST, _LATE = 10.0, 0.01
 def absent_messages(
     step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise, *, unprobed: bool = False
 ) -> AbsentRecord | None:
-    """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
-
-    Args:
-        unprobed: Whether no probe follows the messages.
-    """
+    """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown."""
     workspace, registry = step.workspace, step.workspace.context.registry
     nominal = workspace.known_unit_log(finding.unit)
     kept = [message.sequence for message in log.messages]

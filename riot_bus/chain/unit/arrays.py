@@ -28,9 +28,6 @@ def with_arrays(questions: UnitQuestions, named: Sequence[NamedField], variables
 
     An element stays a variable if its array has no other elements, too many, or not only numbers, or if the array's
     length is a variable, too: then the elements beyond the length decide, not what all elements have in common.
-
-    Args:
-        questions: Questions about the log in which the fields are named.
     """
     names = {variable.name for variable in variables}
     arrays: dict[str, Variable] = {}

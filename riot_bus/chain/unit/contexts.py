@@ -36,12 +36,7 @@ _LONGEST = 1000
 
 @dataclass(frozen=True, slots=True)
 class ContextAnswers:
-    """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed.
-
-    Attributes:
-        predicted: Whether the rule predicts a failure.
-        failed: Whether the unit failed.
-    """
+    """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed."""
 
     context: tuple[Message, ...]
     asked: tuple[Mapping[str, Setting], ...]
@@ -73,11 +68,7 @@ def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Me
 def near_the_limit(
     learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float], *, count: int
 ) -> tuple[list[Mapping[str, Setting]], list[bool]]:
-    """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions.
-
-    Args:
-        count: Number of failing and of passing trials to return, if there are as many.
-    """
+    """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions."""
     samples = [one for one in learned.samples if one.phase != "context"]
     columns = columns_of(variables, [one.assignment for one in samples])
     predicted, distance = learned.rule.predict(columns), np.abs(learned.rule.distance(columns, scale))
@@ -119,12 +110,7 @@ def ask_in_contexts(
 def bring_in(
     questions: UnitQuestions, answers: ContextAnswers, *, progress: Progress | None = None
 ) -> tuple[Message, ...]:
-    """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
-
-    Args:
-        answers: Answers of which the rule predicts at least one wrongly.
-        progress: Function that is called during the search.
-    """
+    """Return the few messages of a context that make the rule wrong; none if no part of it alone does so."""
     number = answers.wrong[0]
     values, failed = answers.asked[number], answers.failed[number]
     context = answers.context

@@ -46,11 +46,7 @@ class Leak:
 
 
 def repeat_log(case: TestCase, times: int, *, registry: TypeRegistry) -> TestCase:
-    """Return a case with its log several times, each time with the same injections.
-
-    Args:
-        case: The test case; it has a log.
-    """
+    """Return a case with its log several times, each time with the same injections."""
     log = case.messages
     seconds = (log[-1].time - log[0].time + GAP_NS) / 1e9
     counts = Counter(registry.topic(message.key) for message in log)
@@ -86,9 +82,6 @@ def find_leak(
 
     Args:
         grown: Growth in the case beyond that of nominal trials, as a share of what is allowed.
-        case: The case, which has passed.
-        types: Types of fields, by topic and path.
-        progress: Function that is called during the search.
     """
     times = min(_MOST_TIMES, _MOST_MESSAGES // len(case.messages), math.ceil(_AIM / grown))
     if times < 2:

@@ -22,11 +22,7 @@ _BITS = "bits"
 
 
 def legend_of(rule: Rule, fields: Mapping[str, NamedField], topics: Sequence[str]) -> tuple[str, ...]:
-    """Return names of the rule's values and units of its fields, in the order of the rule; at most twelve.
-
-    Args:
-        fields: Fields of the log in which the rule's variables are named.
-    """
+    """Return names of the rule's values and units of its fields, in the order of the rule; at most twelve."""
     known = {name: found for name in rule.variables if name in fields and (found := _described(fields[name]))}
     lines = (
         line

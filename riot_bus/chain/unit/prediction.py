@@ -44,7 +44,6 @@ class Moment:
 
     Attributes:
         time: Time at which it was sent (ns).
-        last: Whether it is of the last of the rule's topics.
     """
 
     place: int
@@ -61,8 +60,6 @@ class Prediction:
         judged: Number of messages at which the known fields of the rule decided whether it holds. Those of other topics
             than the last of the rule's count only if the rule holds or all fields are known.
         unknown: Number of messages of the last of the rule's topics at which they did not.
-        fails: Number of judged messages at which the rule holds.
-        moments: The first of these messages.
         begin: Time at which the first message of the log was sent (ns).
         topics: Topic of each message of the log in which the rule's fields are named.
         missed: Number of the campaign's trials that failed though the rule holds nowhere in them.
@@ -146,9 +143,6 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     A message that lacks a field leaves the earlier value in force if the trials show this: of those in which the rule
     holds only with earlier values, more failed than passed.
 
-    Args:
-        rate: Rate at which the failure occurs when triggered.
-
     """
     rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
     log = step.workspace.unit_log(unit)
@@ -201,7 +195,6 @@ def predict(
 
     Args:
         topics: Topic of each message of the short log in which the rule's fields are named.
-        messages: The log, in order; it may be larger than memory.
         keeps: Whether a message that lacks a field leaves its earlier value in force.
 
     Raises:
@@ -231,12 +224,7 @@ def rule_text(rule: Rule, topics: Sequence[str]) -> str:
 def moments_of(
     latest: LatestFields, messages: Iterable[Message], topics: Sequence[str], *, registry: TypeRegistry
 ) -> Iterator[list[Moment]]:
-    """Yield the messages of a log by which a rule can be judged, some thousand at once.
-
-    Args:
-        messages: The log, in order; it may be larger than memory.
-        topics: Topic of each message of the short log in which the rule's fields are named.
-    """
+    """Yield the messages of a log by which a rule can be judged, some thousand at once."""
     rows: list[Moment] = []
     for place, message in enumerate(messages):
         values = latest.take(message)
@@ -269,9 +257,6 @@ def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[n
     """Yield groups of row numbers within which each column holds only numbers, or none.
 
     A column that holds a text counts as texts in all of its rows.
-
-    Args:
-        columns: One array of equal length per variable.
     """
     mixed = [column for column in columns.values() if column.dtype == np.object_]
     if not mixed:

@@ -103,7 +103,6 @@ def measured_rate(
     """Return the failed and all trials of a case that fails, once they tell its rate well enough.
 
     Args:
-        ask: Function that carries out some fresh trials of it and returns which failed.
         most: Maximum number of further trials; fewer are made if none fails.
     """
     known, enough = total, None

@@ -79,9 +79,6 @@ class ScanRule:
 def predict_log(path: Path, folder: Path) -> Prediction:
     """Return the prediction of a finding's rule for a log.
 
-    Args:
-        path: Path of the log, which may be larger than memory.
-
     Raises:
         ConfigError: There is no such log, or the finding has no rule.
         InconclusiveError: The rule can be judged at no message of the log.

@@ -51,10 +51,7 @@ class Simplification:
     """Simplifies a failing log.
 
     Args:
-        failing: Function that runs a fresh trial of each log and tells whether it fails.
-        paced: Whether times between messages matter.
         observed: Function that returns the values of fields (by name) in nominal messages; these explain nothing.
-        better: Function that is called with each simpler log found to fail.
     """
 
     def __init__(
@@ -77,11 +74,7 @@ class Simplification:
         self._better = better
 
     def run(self, *, noise: Noise, budget: int, parallelism: int, progress: Progress | None) -> Noise:
-        """Simplify the log; return what is then known about the failure rates.
-
-        Args:
-            progress: Function that is called after every batch.
-        """
+        """Simplify the log; return what is then known about the failure rates."""
         for stage in (self._gaps, self._payloads, self._fields):
             ladders, build = stage()
             if not ladders or self.trials >= budget:
@@ -230,7 +223,6 @@ def rungs_of(
     """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones.
 
     Args:
-        value: The failing value; it comes last.
         observed: Values in nominal messages, which do not explain a failure.
     """
     if path.startswith("len("):

@@ -44,7 +44,6 @@ class Part:
             neighbouring messages come in this order; `gap`: the time between two neighbours is no longer than it is.
         name: Path of the key or keys, as `topic:path`; for `order` and `gap` the first message, as `topic`. It is
             `topic[i]` instead of `topic` if the log has several messages of the topic.
-        then: Name of the second message for `order` and `gap`; otherwise empty.
         change: Function that changes the property in a list of messages, in place: it omits the key, puts missing keys
             or values back, swaps the two messages, or lengthens the gap.
     """
@@ -85,7 +84,6 @@ def parts_of(
 
     Args:
         known: Fields whose values matter, so that they must be there anyway.
-        paced: Whether times between messages matter.
     """
     messages, names = fields.log.messages, fields.log.names(fields.registry)
     parts = [*_missing(fields, names), *_keys(considered, known)]
@@ -108,12 +106,7 @@ def search_structure(
     parallelism: int,
     progress: Progress | None,
 ) -> Structure:
-    """Find the parts that have to stay as they are.
-
-    Args:
-        ask: Function that runs a fresh trial of each log and tells whether it fails.
-        progress: Function that is called after every batch.
-    """
+    """Find the parts that have to stay as they are."""
     needed: list[Needed] = []
     asked: dict[str, int] = {part.kind: 0 for part in parts}
     failed = total = 0

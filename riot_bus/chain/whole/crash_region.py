@@ -118,7 +118,6 @@ def box_rule(
     """Return a box as a rule; None if it has no limits.
 
     Args:
-        region: The region, which is a box.
         samples: All runs in which those other fields had these values.
     """
     literals = _equal(fixed)
@@ -140,8 +139,6 @@ def learnt_rule(
     """Return a rule that is learnt from runs and tested in fresh ones; None if nothing distinguishes them.
 
     Args:
-        system: The system, which runs the tests.
-        region: The region, which is not a box.
         samples: All runs in which those other fields had these places.
     """
     told = {name: system.fields[name].told(value) for name, value in fixed.items()}

@@ -80,12 +80,7 @@ class Usual(NamedTuple):
 
 
 class ConstantRuns(NamedTuple):
-    """Results of runs in which each external field is constant.
-
-    Attributes:
-        untold: External fields that could not, or not fully, be judged, and why.
-        intermediate: Results for pairs of external and intermediate fields.
-    """
+    """Results of runs in which each external field is constant."""
 
     edges: list[EdgeRecord]
     runs: int
@@ -276,9 +271,6 @@ class DrivenRuns:
         self, fields: Sequence[ExternalField], numbers: range
     ) -> tuple[list[ExternalField], list[ExternalField], int]:
         """Find the external fields that freeze internal ones, for example because a message is refused.
-
-        Args:
-            fields: External fields that freeze internal ones when they are driven together.
 
         Returns:
             These fields, those that the runs did not suffice to tell apart, and the number of runs used. There are no

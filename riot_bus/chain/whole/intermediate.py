@@ -32,12 +32,7 @@ _READ, _PATHS = 100, 64
 def intermediate_fields(
     workspace: Workspace, graph: TopicGraph, topics: Iterable[str], externals: Iterable[str]
 ) -> tuple[str, ...]:
-    """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log.
-
-    Args:
-        topics: The internal topics, which are left out.
-        externals: The external topics, which are left out.
-    """
+    """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log."""
     inside, outside = set(topics), set(externals)
     before = {one for topic in inside for one in graph.reaching(topic)}
     behind = {one for topic in outside for one in graph.reached(topic)}
@@ -88,9 +83,6 @@ def _different_numbers(values: Sequence[Scalar]) -> int:
 def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[str, Any]:
     """Return a backtrack tree with the field of each topic that follows an external field most.
 
-    Args:
-        tree: Backtrack tree, as `Hop.as_json` returns it.
-
     Returns:
         The tree; each node has `follows` (an edge as data; None if no field of the topic was tested).
     """
@@ -111,9 +103,6 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
 
     The strength of a topic is the share of its strongest field that follows the external one. A path counts only if
     the strength of each of its topics is known and not 0; there may be none.
-
-    Args:
-        trees: Backtrack trees, as `Hop.as_json` returns them.
     """
     known = {(edge.external, _topic_of(edge)): edge for edge in sorted(edges, key=_shown)}
     sources: dict[str, dict[str, None]] = {}

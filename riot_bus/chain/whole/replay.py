@@ -33,7 +33,6 @@ class Replay(NamedTuple):
 
     Attributes:
         messages: Number of external messages; 0 if they were not kept.
-        failed: Number of replays that failed again.
         needed: Number of messages that are enough; 0 if unknown.
         proven: Whether it was shown that none of these can be left out.
         others: Signatures of other failures of these replays, each once for each replay.
@@ -56,7 +55,6 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
     """Replay only the external messages of a failing run in fresh runs, all and then fewer; write the logs.
 
     Args:
-        case: The failing run; None if there is none.
         log: Path of the log of its external messages; None if the case itself plays them.
     """
     target, context = system.folder / "activation.mcap", system.step.workspace.context
