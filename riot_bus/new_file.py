@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _STATUS = Path("/proc/self/status")
 

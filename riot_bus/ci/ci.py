@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.chain.base.workspace import NOMINAL, Workspace
 from riot_bus.chain.steps.reproduce import Answer, Reproduction, play_again
@@ -23,13 +23,11 @@ from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS
 from riot_bus.given_files import leads_out
 from riot_bus.report.campaign_view import CampaignView, load_campaign
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean
 from riot_bus.system.system_file import read_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, MissingExtraError
-
-if TYPE_CHECKING:
-    from riot_bus.report.finding_view import FindingView
 
 
 @dataclass(frozen=True, slots=True)

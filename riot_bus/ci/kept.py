@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.base.logs import FailingLog
 from riot_bus.chain.base.workspace import NOMINAL, Workspace
+from riot_bus.chain.steps.reproduce import Reproduction
 from riot_bus.chain.steps.robustness import keep_evidence, put_aside
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.given_files import given_file
@@ -17,11 +18,6 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.trial import TestCase, Violation
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from riot_bus.chain.steps.reproduce import Reproduction
 
 LARGEST = 8 << 20
 """Most bytes of a log that is kept in a user's repository."""

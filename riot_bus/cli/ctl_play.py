@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable
+from typing import Annotated
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.printing import print_result
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 PlayerName = Annotated[
     str | None,

@@ -8,13 +8,10 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_origin
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, get_args, get_origin
 
 _WHOLE = r"[0-9]{1,18}"
 _DECIMAL = r"[0-9]{1,18}(\.[0-9]{1,18})?"

@@ -5,21 +5,18 @@ Each unit is a suite. Its cases keep their names from run to run: findings are n
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.findings.known import title_of
+from riot_bus.findings.records import CampaignRecord
+from riot_bus.report.campaign_view import CampaignView
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.text import TextReport
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from riot_bus.findings.records import CampaignRecord
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
 
 LONGEST_NAME = 300
 """It tells cases apart, and signatures with 100 characters of source mostly fit."""

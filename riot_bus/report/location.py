@@ -8,22 +8,17 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.config.toml_file import line_of
+from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.given_files import given_text
 from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
-from riot_bus.report.finding_view import evidence_files, tail_of
+from riot_bus.report.finding_view import FindingView, evidence_files, tail_of
 from riot_bus.report.format import clean
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from riot_bus.findings.records import CampaignRecord, FindingRecord
-    from riot_bus.report.finding_view import FindingView
 
 _KINDS = ("stdout", "stderr", "stacks")
 _LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three

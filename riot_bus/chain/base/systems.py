@@ -7,18 +7,14 @@ import os
 import shlex
 import sysconfig
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.findings.records import FindingRecord, shortest_log
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
-from riot_bus.system.system_file import read_system
+from riot_bus.system.system_file import SystemFile, read_system
 from riot_bus.trial.context import types_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-
-if TYPE_CHECKING:
-    from riot_bus.system.system_file import SystemFile
 
 _LOG = logging.getLogger(__name__)
 _MOST_COMMANDS = 8  # a few lines of a terminal; the file has all of them

@@ -7,22 +7,19 @@ import hashlib
 import json
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.chain.base.workspace import open_finding
 from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.inject.plan import read_plan
+from riot_bus.log.layout import Role
 from riot_bus.log.reader import LogReader
+from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from riot_bus.log.layout import Role
-    from riot_bus.pipeline.event import Change
 
 _ROLES: tuple[Role, ...] = ("original", "delivered")
 _ELEMENT = re.compile(r"\[\d+\]$")

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.backchain.study import Study
 from riot_bus.chain.base.external import driving_log
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.whole.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.whole.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.whole.replay import Replay, replay
@@ -19,12 +21,6 @@ from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
 
 _NO_TIME = "the region around it was not measured to its end: the time was over"
 _NONE_ODD = "the unit failed with values that are not finite only, and no field that reaches it can have such"

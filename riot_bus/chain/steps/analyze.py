@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.step_budgets import budget_within
 from riot_bus.chain.unit.absence import other_cause
 from riot_bus.events import AnalysisFinished, StepStopped
@@ -13,12 +15,6 @@ from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import Workspace
 
 
 @dataclass(frozen=True, slots=True)

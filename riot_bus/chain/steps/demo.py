@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.analyze import Analysis, analyze_all
 from riot_bus.chain.steps.robustness import test_unit, tested
 from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from riot_bus.chain.base.workspace import Workspace
 
 _TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
 

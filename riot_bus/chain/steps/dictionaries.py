@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.bindings import AppliesTo, applied, misfits
 from riot_bus.chain.base.logs import inputs_of, read_messages
@@ -14,11 +14,7 @@ from riot_bus.system.system_file import read_system
 from riot_bus.trial.context import types_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, inputs_of, read_messages
 from riot_bus.chain.base.systems import described, system_of
@@ -14,16 +15,12 @@ from riot_bus.chain.base.workspace import NOMINAL
 from riot_bus.findings.records import FindingRecord, RuleRecord, shortest_log
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.system.system_file import SystemFile
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.toml_text import toml_string
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import Self
 
 from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.base.logs import FailingLog
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.absence import absent_messages, write_other_cause
 from riot_bus.chain.unit.questions import (
     FEWEST,
@@ -24,12 +27,6 @@ from riot_bus.generalize.minimize import minimize as search
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
 
 _INJECTED = 20.0
 _RECENT = 1.0

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 from riot_bus.backchain.permeability import may_latch
 from riot_bus.chain.base.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.base.logs import internal_name, nominal_values
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.chain.unit.questions import named_fields
 from riot_bus.chain.whole.driven import DrivenRuns, Perturbed, Usual, edge_record, internal_of, skip_reasons, strongest
 from riot_bus.chain.whole.intermediate import intermediate_fields, most_permeable_paths, with_strengths
@@ -15,12 +17,6 @@ from riot_bus.findings.permeability import Design, EdgeRecord, PermeabilityRecor
 from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun, Workspace
 
 _ALPHA = 0.01
 _ALPHA_AGAIN = 0.05

@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TypeVar
 
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.orders import order_spaces
 from riot_bus.chain.unit.questions import FreshCases, UnitQuestions, draws_for, json_value
 from riot_bus.chain.unit.structure import parts_of, search_structure
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord, StructureRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
+from riot_bus.statistics.noise import Noise
+from riot_bus.system.system_file import Unit
+from riot_bus.trial.context import Context
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.system.system_file import Unit
-    from riot_bus.trial.context import Context
 
 _REPEATS, _MOST = 3, 30
 """Fewest and most fresh trials of each side of a certificate; 30 decide at a failure rate of 0.2."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 from riot_bus.chain.base.external import driving_log, parameter_name
 from riot_bus.chain.base.logs import FailingLog
@@ -20,13 +22,8 @@ from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict, Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Message
 
 _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
 """Fewest trials, most trials of the unit, and most runs of the whole system, if no number is given."""

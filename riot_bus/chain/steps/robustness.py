@@ -7,9 +7,9 @@ import logging
 import math
 import shutil
 from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.bindings import naming_nothing, never_applied
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
@@ -18,11 +18,14 @@ from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
+from riot_bus.campaign.store import StoredRunner
 from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
+from riot_bus.campaign.variations import Variation
 from riot_bus.chain.base.external import driving_log, system_log
 from riot_bus.chain.base.logs import FailingLog
 from riot_bus.chain.base.testcases import injection_of
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.chain.unit.leaks import find_leak
 from riot_bus.chain.unit.questions import dictionary_of
 from riot_bus.events import CampaignFinished, CampaignStarted
@@ -40,19 +43,12 @@ from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
 from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.trial.baseline import Baseline
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from riot_bus.campaign.store import StoredRunner
-    from riot_bus.campaign.variations import Variation
-    from riot_bus.chain.base.workspace import StepRun, Workspace
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, TestCase
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, TestCase
 
 _LOG = logging.getLogger(__name__)
 _MOST_LEAKS = 5

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import pstdev
-from typing import TYPE_CHECKING
 
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.steps.relevance import considered_fields, field_spaces
 from riot_bus.chain.unit.arrays import with_arrays
 from riot_bus.chain.unit.contexts import (
@@ -27,17 +29,10 @@ from riot_bus.generalize.rules import LearnedRule, learn_rule
 from riot_bus.generalize.sampling import TYPES, Variable, columns_of, row_of, scalars_of
 from riot_bus.generalize.validation import Estimate
 from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
 
 _NOMINAL = 200
 _NEAR = 6

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord
-from riot_bus.findings.steps import STEPS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.findings.steps import ChainStep
+from riot_bus.findings.steps import STEPS, ChainStep
 
 _USUAL = {"minimize": 30, "relevance": 100, "rules": 260, "permeability": 8, "activate": 120}
 """Usual number of trials of each step: those of the demo."""

@@ -9,21 +9,16 @@ running trials have ended, or earlier if further trials would show nothing new, 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from riot_bus.chain.steps.analyze import analyze, with_other_causes
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.analyze import Analysis, Options, analyze, with_other_causes
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.events import TimeLeft
 from riot_bus.findings.records import CampaignRecord
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.chain.steps.analyze import Analysis, Options
-    from riot_bus.findings.steps import ChainStep
+from riot_bus.findings.steps import ChainStep
 
 _TESTED = 0.3
 """Share of the time left: explaining a finding takes about twice the trials that find it."""

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
+from riot_bus.chain.base.logs import FailingLog
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.questions import FreshCases, unit_case
 from riot_bus.findings.records import AbsentRecord, FindingRecord, ProportionRecord
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.logs import FailingLog
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.statistics.noise import Noise
 
 _DOUBT = 0.005
 """Accepted doubt of each answer: about twenty of them lead to the result, and a wrong one is not corrected."""

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from riot_bus.chain.base.logs import NamedField
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.sampling import Variable
 from riot_bus.types.elements import read_elements
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.elements import Elements
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.chain.base.logs import NamedField
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.types.model import MessageType
 
 _NOMINAL = 20
 """Number of nominal arrays that are kept, evenly spaced: each has values of many elements."""

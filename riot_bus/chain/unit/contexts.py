@@ -8,25 +8,20 @@ with them in front, the rule can be learnt again.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.chain.base.logs import FailingLog, NamedFields
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.minimize import minimize
-from riot_bus.generalize.sampling import columns_of
+from riot_bus.generalize.rules import LearnedRule
+from riot_bus.generalize.sampling import Variable, columns_of
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.elements import Setting
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Progress, TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.generalize.rules import LearnedRule
-    from riot_bus.generalize.sampling import Variable
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
 
 _DOUBT, _SURE = 0.02, 0.002
 """Accepted doubts: few trials decide whether a rule holds for the unit, so those against it must be more certain."""

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
 from riot_bus.generalize.forms.python_form import python_file, python_predicate
+from riot_bus.generalize.forms.tree import Terms
 from riot_bus.generalize.rule import Rule
 from riot_bus.plugins import RULE_FORMS
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import file_stem
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
-    from riot_bus.generalize.forms.tree import Terms
 
 PYTHON = "sanitize.py"
 

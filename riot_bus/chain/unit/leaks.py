@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import GAP_NS, join_logs, more_nominal, repeat
 from riot_bus.campaign.triage import Failure, Types
@@ -13,14 +13,10 @@ from riot_bus.chain.unit.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import proportion
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Progress, Runner, TestCase, Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.injection import Injection
 
 _MOST_TIMES, _MOST_MESSAGES = 64, 2000
 """Most repeats of a log, and most messages in all: if each repeat grows by 1/32 of what is allowed, all exceed it."""

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
+from riot_bus.chain.base.logs import NamedField
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.rule import Rule
+from riot_bus.types.fields import FieldType
 from riot_bus.types.latest import in_words
 from riot_bus.types.listing import describe
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.chain.base.logs import NamedField
-    from riot_bus.generalize.literals import Literal
-    from riot_bus.generalize.rule import Rule
-    from riot_bus.types.fields import FieldType
 
 _INDEX = re.compile(r"\[\d+\]")
 _MOST = 12  # a guess: all of them come into the one sentence that tells the rule

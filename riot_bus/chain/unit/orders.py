@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.chain.base.logs import NamedFields
 from riot_bus.chain.unit.contexts import behind
 from riot_bus.chain.unit.prediction import predict
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.relevance import FieldSpace
+from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.rules import LearnedRule
 from riot_bus.generalize.sampling import Variable
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from riot_bus.chain.base.logs import NamedFields
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.generalize.rule import Rule
-    from riot_bus.generalize.rules import LearnedRule
-    from riot_bus.vocabulary.message import Message
 
 _DOUBT = 0.02  # a wrong answer puts a wrong `first` into the rule: stricter than the usual 0.05
 

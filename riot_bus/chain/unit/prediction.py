@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.chain.base.testcases import injection_of
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.questions import json_value
 from riot_bus.findings.records import RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
 from riot_bus.types.latest import LatestFields, in_words
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 _TOLD = 20
 _RELIABLE = 0.95

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields, nominal_values
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.findings.records import CertificateRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord, Value
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, scalar_key
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import suggested_values
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Ask, Outcome, Runner, TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun, Workspace
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
 
 _OBSERVED = 8
 _DOUBT = 0.05

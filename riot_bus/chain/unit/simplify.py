@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, NamedFields
 from riot_bus.chain.unit.questions import json_value
@@ -21,13 +21,11 @@ from riot_bus.findings.records import SimplifiedRecord
 from riot_bus.generalize.forms.standalone import INTEGERS
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.simplify import Levels, simplify
+from riot_bus.statistics.noise import Noise
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError, RiotError
-
-if TYPE_CHECKING:
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
-    from riot_bus.vocabulary.trial import Ask, Progress
+from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.vocabulary.trial import Ask, Progress
 
 _MS = 1_000_000
 _LARGEST = 10.0**38

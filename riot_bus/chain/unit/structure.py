@@ -11,18 +11,16 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import same_scalar
+from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import InconclusiveError, PayloadError
-
-if TYPE_CHECKING:
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Ask, Progress
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Ask, Progress
 
 _MORE_NS, _TIMES = 1_000_000_000, 10
 """A lengthened gap is at least a second longer, and at least ten times as long."""

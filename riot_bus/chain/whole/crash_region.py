@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample
 from riot_bus.backchain.region import FIT, Region, map_region
+from riot_bus.chain.base.external import ExternalField
+from riot_bus.chain.whole.driven_system import DrivenSystem
 from riot_bus.findings.activation import RangeRecord, RegionRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import ProportionRecord, RuleRecord, RuleSample
@@ -22,14 +26,7 @@ from riot_bus.generalize.sampling import Variable
 from riot_bus.generalize.table import Table
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.external import ExternalField
-    from riot_bus.chain.whole.driven_system import DrivenSystem
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 FOLDER = "region"
 """Folder within that of the finding, where the rule is."""

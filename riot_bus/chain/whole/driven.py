@@ -8,24 +8,21 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, Skipped, analyse
 from riot_bus.chain.base.external import ExternalField
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.findings.permeability import Design, EdgeRecord
 from riot_bus.inject.apply import inject_log
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Progress, Runner, Series, TestCase
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 _HOLD = 5
 """Samples of the slowest internal field during which a value is held."""

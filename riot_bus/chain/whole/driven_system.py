@@ -4,40 +4,35 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, product
-from typing import TYPE_CHECKING, TypeGuard
+from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.backchain.activation import Activation, Evaluation
 from riot_bus.backchain.box import RegionSample
 from riot_bus.backchain.encoding import Encoding
 from riot_bus.backchain.varied import Drive, VariedInputs
+from riot_bus.campaign.store import StoredRunner
 from riot_bus.chain.base.external import ExternalField, external_fields
 from riot_bus.chain.base.logs import internal_name
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.prediction import alike, column_of
 from riot_bus.chain.whole.driven import changed_in_log
 from riot_bus.findings.activation import PointRecord
 from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.statistics.rates import chance_of_difference
+from riot_bus.system.system_file import SystemFile
+from riot_bus.trial.baseline import Baseline
 from riot_bus.types.latest import place_of
 from riot_bus.vocabulary.injection import Curve, Injection
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from riot_bus.campaign.store import StoredRunner
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.message import Message
 
 AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
 """Numbers of runs at a failing point and with nominal inputs, compared pair after pair. Four failures of four against

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice, zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.backchain.graph import TopicGraph
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.base.external import message_rate
 from riot_bus.chain.base.logs import nominal_values
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.permeability import EdgeRecord, PathRecord, StageRecord
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.selector import parse_selector
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.graph import TopicGraph
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.vocabulary.message import Message, Scalar
 
 _PER_TOPIC, _MOST = 3, 48
 """Most fields per topic, and in total: each costs a read for each message of a run, and an analysis."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from riot_bus.chain.unit.questions import FreshCases
+from riot_bus.chain.whole.driven_system import DrivenSystem
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
@@ -15,11 +17,6 @@ from riot_bus.trial.system_trial import write_log
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.trial import TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.chain.whole.driven_system import DrivenSystem
 
 _REPLAYS = 10
 _RELIABLE = 0.9
