@@ -114,14 +114,8 @@ class CiResult:
 Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
 """Function that opens a unit's workspace in its folder."""
 
-_REPLAYS, _CAMPAIGN = 0.5, 0.7
-"""Shares of a unit's time after which no more known findings are replayed, and after which no more trials of a campaign
-begin if findings are to be explained."""
-_TITLE = 300  # titles have up to 20,000 characters, a line shows one
 _UNIT_STEPS = tuple(step for step in STEPS[1:] if not step.whole_system)
 _TAKEN = {"findings", "trials"}
-_EARLIER = 3
-"""Number of earlier versions of a finding that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +156,7 @@ def run_ci(
 
 def short(text: str) -> str:
     """Return a title, or why something is so, in the length of a line."""
-    return clean(text, limit=_TITLE)
+    return clean(text, limit=300)
 
 
 def units_of(system: Path, names: Sequence[str]) -> list[str]:
@@ -207,7 +201,7 @@ def _tidy(workspace: Workspace) -> None:
             continue
         aside = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
         aside.sort(key=lambda path: path.stat().st_mtime)
-        for path in aside[:-_EARLIER]:
+        for path in aside[:-3]:
             shutil.rmtree(path)
 
 
@@ -266,7 +260,7 @@ class _UnitRun:
         workspace.runners.baseline(self.unit, lambda: log)  # otherwise it would take time of the campaign
         self._play_known(workspace)
         begin, until = self.time
-        end = begin + (until - begin) * _CAMPAIGN if self.plan.explain else until
+        end = begin + (until - begin) * 0.7 if self.plan.explain else until
         reason = "the time was over before" if self.now() >= end else ""
         self.undecided += ["no injected trial: the time was over before"] if reason else []
         seconds = max(end - self.now(), 0.1)
@@ -307,7 +301,7 @@ class _UnitRun:
         left = self._play_all(workspace, [*(each for each in known if each[1].fixed), *others], until)
         if left:
             self.undecided.append(f"there was no time to play {counted(left, 'earlier finding')} again")
-        self._play_all(workspace, [each for each in known if not each[1].fixed], begin + (until - begin) * _REPLAYS)
+        self._play_all(workspace, [each for each in known if not each[1].fixed], begin + (until - begin) * 0.5)
 
     def _play_all(
         self, workspace: Workspace, some: Sequence[tuple[Path | None, KnownFinding | None]], end: float

@@ -23,8 +23,6 @@ from riot_bus.report.format import clean
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 
-_GIT_S = 10  # generous: it reads a few small files, but network folders may hang
-
 
 def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
     """Return the current date, and the commit of the repository that contains a folder, if there is one."""
@@ -33,7 +31,7 @@ def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
     if not commit and git:
         line = [git, "-C", str(folder), "rev-parse", "HEAD"]
         with suppress(subprocess.SubprocessError):
-            commit = subprocess.run(line, capture_output=True, text=True, timeout=_GIT_S, check=True).stdout.strip()
+            commit = subprocess.run(line, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     return " ".join([datetime.now(UTC).date().isoformat(), *([clean(commit[:12])] if commit else [])])
 
 

@@ -22,7 +22,6 @@ LONGEST_NAME = 300
 """It tells cases apart, and signatures with 100 characters of source mostly fit."""
 LONGEST_LINE = 600
 """Of what lists of failures show; `as_text` gives the whole text."""
-_MOST_LINES = 200  # of up to 4,000 characters each: a text stays below 1 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class ReportedCase:
 
 def as_text(lines: Iterable[str]) -> str:
     """Return lines as a text, safe and bounded."""
-    return "\n".join(clean(line, limit=4000, lines=True).rstrip() for line in list(lines)[:_MOST_LINES])
+    return "\n".join(clean(line, limit=4000, lines=True).rstrip() for line in list(lines)[:200])
 
 
 def suites_of(view: CampaignView) -> list[str]:

@@ -10,8 +10,6 @@ from riot_bus.report.format import clean, plural, seconds
 
 State = Literal["done", "next", "open"]
 
-_WIDTH = 19  # a box has room for 118 px; letters of size 12 take about 6
-
 
 @dataclass(frozen=True, slots=True)
 class DiagramBox:
@@ -67,4 +65,5 @@ def _leaf(name: str) -> str:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= _WIDTH else text[: _WIDTH - 1] + "…"
+    # a box has room for 118 px; letters of size 12 take about 6
+    return text if len(text) <= 19 else text[:18] + "…"

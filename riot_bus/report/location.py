@@ -22,7 +22,6 @@ from riot_bus.vocabulary.errors import ConfigError
 
 _KINDS = ("stdout", "stderr", "stacks")
 _LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three
-_LONGEST_LINE = 2000  # lines of stacks are shorter; other output may have lines of any length
 _LONGEST_PATH = 1000  # with the usual 200, `clean` would cut paths so that no file is found
 _FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"
 _NATIVE = (
@@ -80,7 +79,7 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
 
 def _native_frames(lines: Iterable[str]) -> Iterator[SourceFrame]:
     for line in lines:
-        found = next((match for one in _NATIVE if (match := one.match(line[:_LONGEST_LINE]))), None)
+        found = next((match for one in _NATIVE if (match := one.match(line[:2000]))), None)
         if found:
             yield SourceFrame(found["file"], int(found["line"]), "")
 

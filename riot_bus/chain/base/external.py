@@ -21,19 +21,11 @@ from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
 from riot_bus.vocabulary.message import Message, Scalar
 
 _REACH = 2500.0
-_MOST_TEXTS = 16
-"""Number of the most frequent texts of a field in the nominal log that are tried."""
-_LONGER, _LONG, _MOST_LONGER = 4, 16, 1 << 16
-"""Longest arrays: a multiple of their greatest nominal length, or a number of elements, and the most added elements:
-longer than anything that was foreseen, but an image does not fill memory."""
 _LIMITS = {**INTEGERS, "bool": (0, 1)}
 """Least and largest value of each type of whole numbers."""
 DELAY, LOSS = "#delay", "#loss"
 """Names, after the topic, of the fields for the delay of its messages in seconds and the share that is lost. No field
 of a type has such a name."""
-_PERIODS, _MOST_LOSS = 10, 0.95
-"""Largest delay of messages, as a multiple of their nominal period, if riot.toml states none; and the largest share of
-lost messages, which is not all, since a failing run is replayed from the messages that came."""
 
 
 _NEVER = "a topic without a message in the nominal log"
@@ -294,8 +286,9 @@ def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) ->
             hint=did_you_mean(topic, times) or "list topics of `external.topics`",
         )
     system, rate = file.system, message_rate(times[topic])
-    late = _PERIODS / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
-    for path, most in ((DELAY, late), (LOSS, _MOST_LOSS)):
+    late = 10 / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
+    # not all messages are lost, since a failing run is replayed from those that came
+    for path, most in ((DELAY, late), (LOSS, 0.95)):
         name = f"{topic}:{path}"
         if any_names(file.external.exclude, topic, path):
             continue
@@ -323,7 +316,7 @@ def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scala
     stated = [values for pattern, values in file.external.values.items() if names_field(pattern, name)]
     if stated:
         return stated[-1]
-    return tuple(text for text, _ in Counter(one for one in seen if isinstance(one, str)).most_common(_MOST_TEXTS))
+    return tuple(text for text, _ in Counter(one for one in seen if isinstance(one, str)).most_common(16))
 
 
 def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar], rate: float) -> ExternalField:
@@ -350,7 +343,8 @@ def _described(
     least, most = _LIMITS.get(type_name, (-math.inf, math.inf))
     usual = (nominal - _REACH * spread, nominal + _REACH * spread)
     if path.startswith("len("):
-        usual = (0.0, max(_LONG, min(_LONGER * max(numbers), max(numbers) + _MOST_LONGER)))
+        # longer than anything that was foreseen, but an image does not fill memory
+        usual = (0.0, max(16, min(4 * max(numbers), max(numbers) + (1 << 16))))
     low, high, first, last = (float(min(max(one, least), most)) for one in (low, high, *_range(name, usual, file)))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
 

@@ -19,9 +19,6 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
 
 _ALPHA = 0.01
-_ALPHA_AGAIN = 0.05
-"""For further runs, which only have to confirm effects found already."""
-_FEWEST_AGAIN = 4
 _SEARCHED = 3
 """Most runs that search for fields that freeze the inner ones, as a multiple of the long runs."""
 _BETWEEN = 3
@@ -94,9 +91,9 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
     result = system.analysed(done, alpha=_ALPHA)
     if result.doubtful():
-        fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
+        fresh = system.within(signalled, range(count, count + max(4, runs // 2)))
         done, count = done + fresh, count + len(fresh)
-        again = system.analysed(fresh, alpha=_ALPHA_AGAIN)
+        again = system.analysed(fresh, alpha=0.05)  # these only have to confirm what was found
         result = result.confirmed_by(again, system.analysed(done, alpha=_ALPHA))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
     beside = system.analysed(done, alpha=_ALPHA, intermediate=True)

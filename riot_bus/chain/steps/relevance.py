@@ -25,8 +25,6 @@ from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask
 
-_REPEATS, _MOST = 3, 30
-"""Fewest and most fresh trials of each side of a certificate; 30 decide at a failure rate of 0.2."""
 _DOUBT, _REFUTED = 0.05, 0.002
 """Doubt that still confirms a side, and probability that drops it: low, so that bad luck does not refute the search."""
 _AFTER = 1000
@@ -180,11 +178,11 @@ def _repeated(side: QuestionT, fails: int, ask: Ask[QuestionT], noise: Noise) ->
     """Repeat one side of a certificate until fresh trials alone decide about it, or their limit is reached."""
     failed = total = 0
     while True:
-        count = max(1, _REPEATS - total)
+        count = max(1, 3 - total)
         failed, total = failed + sum(ask([side] * count)), total + count
         chance = noise.triggers(failed, total - failed)
         sure = chance if fails else 1 - chance
-        if not _REFUTED < sure < 1 - _DOUBT or total >= _MOST:
+        if not _REFUTED < sure < 1 - _DOUBT or total >= 30:  # enough at a failure rate of 0.2
             return _Side(failed if fails else total - failed, total, sure >= 1 - _DOUBT)
 
 

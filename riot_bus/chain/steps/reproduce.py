@@ -25,8 +25,6 @@ from riot_bus.vocabulary.injection import PARAMETERS, Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict, Violation
 
-_LEAST, _MOST, _MOST_RUNS = 3, 60, 20
-"""Fewest trials, most trials of the unit, and most runs of the whole system, if no number is given."""
 _DOUBT = 0.05
 """Accepted doubt about the answer."""
 _NO_LOG = "there is no nominal log"
@@ -124,7 +122,7 @@ def play_again(
         minimal = MinimalRecord.find(folder)
         noise, unprobed = noise_of(finding, minimal), minimal is not None and minimal.unprobed
     ordered = finding.ordered and not whole_system
-    most = times or (_MOST_RUNS if whole_system else _MOST)
+    most = times or (20 if whole_system else 60)
     case = TestCase(messages, parameters, ordered=ordered, unprobed=unprobed)
     cases = [replace(case, seed=workspace.seed + number) for number in range(most)]
     outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
@@ -221,7 +219,7 @@ def _outcomes(
     """Run cases until they decide the answer, or all of them, and return their outcomes."""
     outcomes: list[Outcome] = []
     while len(outcomes) < len(cases):
-        count = len(cases) if all_of_them else runner.parallelism if outcomes else _LEAST
+        count = len(cases) if all_of_them else runner.parallelism if outcomes else 3
         for outcome in runner.run(cases[len(outcomes) : len(outcomes) + count]):
             StepRun(workspace, "reproduce").told(outcome)
             if not outcome.judged:

@@ -51,8 +51,6 @@ from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase
 
 _LOG = logging.getLogger(__name__)
-_MOST_LEAKS = 5
-"""Most cases whose log is played several times, to see whether growth goes on: that may take as long as 64 trials."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
 """Trials for evidence in one call of a runner, trials in all at most, and the accepted probability that none fails."""
 
@@ -225,7 +223,7 @@ def _leaks(
     if subject.whole_system or result.stopped or any(name.startswith("growth") for name in known):
         return [], ()
     runner, registry = step.unit_runner(subject.unit, unjudged=True), step.workspace.context.registry
-    for grown, case in result.grown[:_MOST_LEAKS]:
+    for grown, case in result.grown[:5]:  # each may take as long as 64 trials
         leak = find_leak(grown, case, runner, registry=registry, types=types, progress=step.progress)
         if leak.failure is not None:
             return [leak.failure], ()

@@ -35,14 +35,6 @@ from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import order_of
 
 _NOMINAL = 200
-_NEAR = 6
-"""Number of failing trials, and of passing ones, that are repeated behind each part of the nominal log."""
-_SELDOM, _FEWER = 0.6, 0.5
-"""Failure rate below which each answer takes many trials, and the share of all checks that is made then."""
-_CONTEXTS = 2
-"""How often messages are put in front at most: once for a size, once for a mode beside it."""
-_OTHERS = 64
-"""Number of other fields that take other nominal values in some of the fresh trials."""
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
@@ -75,7 +67,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     questions = UnitQuestions(step, folder)
     questions.measure(one.certificate for one in relevant.fields)
     found = teacher.learn(questions, passing)
-    for _ in range(_CONTEXTS):
+    for _ in range(2):  # once for a size, once for a mode beside it
         more = teacher.learn_after_context(found) if found.wrong else None
         if more is None or more.wrong >= found.wrong:
             break
@@ -149,13 +141,13 @@ class _Teacher:
 
         unit = self.step.workspace.context.file.unit[questions.finding.unit]
         rest = (field for field in considered_fields(questions.fields, unit) if field.name not in observed)
-        others = [field for field in rest if field.leaf.type in TYPES][:_OTHERS]
+        others = [field for field in rest if field.leaf.type in TYPES][:64]
         varied = [
             Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))
             for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
         ]
         scale = _scale(variables, observed)
-        share = _FEWER if questions.noise.rate < _SELDOM else 1.0
+        share = 0.5 if questions.noise.rate < 0.6 else 1.0  # fewer checks where each answer takes many trials
         learned = learn_rule(
             variables,
             questions.ask,
@@ -169,7 +161,7 @@ class _Teacher:
         )
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
-        asked, predicted = near_the_limit(learned, variables, scale, count=round(_NEAR * share))
+        asked, predicted = near_the_limit(learned, variables, scale, count=round(6 * share))
         behind, holds = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
         by_log = any(order_of(name) for name in learned.rule.variables)
         answers = ask_in_contexts(questions, behind, asked, predicted, holds, by_log=by_log)

@@ -13,8 +13,6 @@ _USUAL = {"minimize": 30, "relevance": 100, "rules": 260, "permeability": 8, "ac
 """Usual number of trials of each step: those of the demo."""
 _MOST = {"rules": 260, "permeability": 12, "activate": 400}
 """Most trials of a step with its default budget, of those steps that are limited; the others end before."""
-_UNIT_S, _START_S = 0.05, 0.3
-"""Seconds of a trial of a unit if none was measured, and of a run of the whole system beside its duration."""
 
 
 def budget_within(workspace: Workspace, folder: Path, steps: Sequence[ChainStep], seconds: float) -> dict[str, int]:
@@ -32,10 +30,10 @@ def _seconds_per_trial(workspace: Workspace, folder: Path, step: ChainStep) -> f
     system = workspace.context.file.system
     if step.whole_system:
         pace = system.perturbed_run if step.name == "permeability" else system.trial_run
-        return (pace.duration / pace.speed + _START_S) / workspace.jobs
+        return (pace.duration / pace.speed + 0.3) / workspace.jobs
     kinds = [each.kind for each in STEPS[1:] if not each.whole_system]
     records = [kind.load(folder) for kind in kinds if kind.exists(folder)]
     if not any(record.trials for record in records) and CampaignRecord.exists(workspace.out):
         records = [CampaignRecord.load(workspace.out)]
     trials = sum(record.trials for record in records)
-    return sum(record.seconds for record in records) / trials if trials else _UNIT_S
+    return sum(record.seconds for record in records) / trials if trials else 0.05

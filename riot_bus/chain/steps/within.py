@@ -20,11 +20,6 @@ from riot_bus.events import TimeLeft
 from riot_bus.findings.records import CampaignRecord
 from riot_bus.findings.steps import ChainStep
 
-_TESTED = 0.3
-"""Share of the time left: explaining a finding takes about twice the trials that find it."""
-_LEAST = 0.05
-"""Share of the whole time: with less left, another campaign would only repeat what is stored."""
-
 
 def analyze_within(
     workspace: Workspace,
@@ -63,8 +58,8 @@ def analyze_within(
     def unexplained(folders: Sequence[Path]) -> list[Path]:
         return [folder for folder in folders if folder not in done or done[folder].unfinished]
 
-    while (left := tell()) > _LEAST * seconds:
-        until = now() + left * _TESTED
+    while (left := tell()) > 0.05 * seconds:  # with less, a campaign would only repeat what is stored
+        until = now() + left * 0.3  # explaining a finding takes about twice the trials that find it
 
         def enough(found: Sequence[Path], until: float = until) -> str:
             if now() >= end:

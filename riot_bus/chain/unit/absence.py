@@ -16,12 +16,6 @@ from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import TestCase
 
-_DOUBT = 0.005
-"""Accepted doubt of each answer: about twenty of them lead to the result, and a wrong one is not corrected."""
-_BUDGET = 1000
-_FIRST, _LATE = 10.0, 0.01
-"""Weights of the first message of a topic, with which the unit starts, and of messages after the failure."""
-
 
 def absent_messages(
     step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise, *, unprobed: bool = False
@@ -38,14 +32,13 @@ def absent_messages(
     others = [number for number in range(len(nominal)) if number not in set(kept)]
     topics = [registry.topic(message.key) for message in nominal]
     last = kept[-1] if kept else len(nominal)
-    weights = [
-        _LATE if number > last else _FIRST if topics.index(topics[number]) == number else 1.0 for number in others
-    ]
+    # with the first message of a topic the unit starts; those after the failure come last
+    weights = [0.01 if number > last else 10.0 if topics.index(topics[number]) == number else 1.0 for number in others]
     trials: Trials[TestCase] = Trials(
         lambda asked: cases.failures(asked, finding.signature),
         key=TestCase.digest,
         noise=noise,
-        budget=_BUDGET,
+        budget=1000,
         parallelism=cases.parallelism,
     )
 
@@ -56,7 +49,8 @@ def absent_messages(
 
     def heals(questions: Sequence[tuple[int, ...]]) -> list[bool]:
         asked = [with_(places) for places in questions]
-        return [not fails for fails in trials.decide(asked, doubt=_DOUBT, doing="looking for what is missing")]
+        # about twenty answers lead to the result, and a wrong one is not corrected
+        return [not fails for fails in trials.decide(asked, doubt=0.005, doing="looking for what is missing")]
 
     try:
         groups, parallelism = [topics[number] for number in others], cases.parallelism

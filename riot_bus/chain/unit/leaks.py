@@ -24,8 +24,6 @@ _AIM = 4.0
 """Wanted growth as a share of what is allowed: it is clear, and much less than the usual limits."""
 _ROUNDING = 1e-6
 """Seconds by which windows of time begin and end early, as sums of seconds are not exact."""
-_BUDGET = 100
-"""Most trials that search for the injections that are needed: each is as long as all repeats of the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +116,7 @@ def _needed(
         return fresh.failures(cases, signature)
 
     try:
-        found = minimize(len(case.injections), ask, budget=_BUDGET, parallelism=runner.parallelism, progress=progress)
+        found = minimize(len(case.injections), ask, budget=100, parallelism=runner.parallelism, progress=progress)
     except InconclusiveError:
         return case.injections
     return tuple(case.injections[number] for number in found.kept)

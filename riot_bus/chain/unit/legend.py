@@ -13,7 +13,6 @@ from riot_bus.types.latest import in_words
 from riot_bus.types.listing import describe
 
 _INDEX = re.compile(r"\[\d+\]")
-_MOST = 12  # a guess: all of them come into the one sentence that tells the rule
 _BITS = "bits"
 
 
@@ -28,7 +27,7 @@ def legend_of(rule: Rule, fields: Mapping[str, NamedField], topics: Sequence[str
         if name in known
         for line in _lines(in_words(name, topics), known[name], literal)
     )
-    return tuple(dict.fromkeys(lines))[:_MOST]
+    return tuple(dict.fromkeys(lines))[:12]
 
 
 def _lines(shown: str, field: FieldType, literal: Literal) -> Iterator[str]:

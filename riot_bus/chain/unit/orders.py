@@ -17,8 +17,6 @@ from riot_bus.generalize.sampling import Variable
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.order import order_of
 
-_DOUBT = 0.02  # a wrong answer puts a wrong `first` into the rule: stricter than the usual 0.05
-
 
 def order_spaces(fields: NamedFields) -> list[FieldSpace]:
     """Return the orders of neighbouring messages as fields that may matter: as in the log, or swapped."""
@@ -43,7 +41,8 @@ def with_first(
         order = order_of(name)
         if order is not None:
             second = questions.fields.log.messages[questions.fields.orders[name] + 1]
-            (fails,) = questions.decide([behind(questions, (second,), failing)], doubt=_DOUBT)
+            # stricter than usual: a wrong answer puts a wrong `first` into the rule
+            (fails,) = questions.decide([behind(questions, (second,), failing)], doubt=0.02)
             if not fails:
                 words[name] = str(order._replace(once=True))
 

@@ -23,12 +23,7 @@ from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Verdict
 
 _TOLD = 20
-_RELIABLE = 0.95
-_MOST_MESSAGES = 300_000
-"""Most messages of trials that a rule is checked against, in all: about half a minute."""
 
-_ROWS = 4096
-"""Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
 
 _SAID = {True: "would fail", False: "would not fail", None: "not known whether it would fail"}
 
@@ -147,7 +142,7 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
         for rows, seed, outcome in step.tried(unit)
         if outcome.verdict is Verdict.PASS or outcome.failed_as(signature)
     ]
-    told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
+    told = told[:: max(1, -(-len(told) * len(log) // 300_000))]  # messages: about half a minute
     tried: list[_Tried] = []
     for rows, seed, failed in told:
         injections = [injection_of(row, "trials") for row in rows]
@@ -160,7 +155,7 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     keeps = _shows_keeping(tried)
     judged = [one._replace(said=one.kept) if keeps else one for one in tried]
     unknown = sum(one.said is None for one in judged)
-    sometimes = rate < _RELIABLE
+    sometimes = rate < 0.95
     held = [one.failed for one in judged if one.said and sometimes]
     counts = [one for one in judged if one.said is not None and not (one.said and not one.failed and sometimes)]
     wrong = [(one.rows, one.failed) for one in counts if one.said != one.failed]
@@ -227,7 +222,7 @@ def moments_of(
             continue
         last = not topics or registry.topic(message.key) == topics[-1]
         rows.append(Moment(place, message.time, values, last))
-        if len(rows) == _ROWS:
+        if len(rows) == 4096:  # enough that numpy's overhead does not count, and little memory
             yield rows
             rows = []
     yield rows

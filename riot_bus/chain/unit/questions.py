@@ -25,13 +25,10 @@ from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Ask, Outcome, Runner, TestCase
 
 _OBSERVED = 8
-_DOUBT = 0.05
 FEWEST, _MOST_PASSED, _MOST, _SPREAD = 12, 40, 120, 0.15
 """Fewest trials to measure a rate, most if none fails, most, and the uncertainty allowed, as a share of the rate.
 Inputs are taken for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of the answers
 wrong. If it may be 0.1, each takes twice as many as at a known 0.3, which costs far more than these."""
-_AFTER = 2000
-"""Number of first trials to skip, so that those by which earlier steps chose the minimal log do not count."""
 _MOST_TRIALS = 10_000
 """Far more than a rule needs at a failure rate of 0.2; each trial takes at least a tenth of a second."""
 
@@ -192,7 +189,7 @@ class UnitQuestions:
         for one in certificates:
             failed, total = failed + one.confirmed_failing, total + one.repeats
         if failed < total:
-            fresh = self.fresh(after=_AFTER)
+            fresh = self.fresh(after=2000)  # not those by which earlier steps chose the minimal log
             same: list[dict[str, Setting]] = [{}] * self.runner.parallelism
             failed, total = measured_rate(lambda: fresh(same), failed=failed, total=total)
         self.noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
@@ -227,7 +224,7 @@ class UnitQuestions:
         return lambda asked: cases.failures([self.case(values) for values in asked], self.finding.signature)
 
     def decide(
-        self, cases: Sequence[TestCase], *, doubt: float = _DOUBT, priors: Sequence[float] | None = None
+        self, cases: Sequence[TestCase], *, doubt: float = 0.05, priors: Sequence[float] | None = None
     ) -> list[bool]:
         """Return for each case whether it triggers the failure, from as many fresh trials as that takes.
 

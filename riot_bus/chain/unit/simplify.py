@@ -27,7 +27,6 @@ from riot_bus.vocabulary.errors import PayloadError, RiotError
 from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Ask, Progress
 
-_MS = 1_000_000
 _LARGEST = 10.0**38
 """Limit of a float32: a number of this size or more stands for infinity."""
 
@@ -211,7 +210,7 @@ def spaced(log: FailingLog, gaps: Sequence[int]) -> FailingLog:
 
 def _durations(gap: int) -> list[int]:
     """Return simple durations below a gap, in nanoseconds: 0, then 1, 2, 5, 10, ... milliseconds."""
-    steps = (digit * 10**power * _MS for power in range(6) for digit in (1, 2, 5))
+    steps = (digit * 10**power for power in range(6, 12) for digit in (1, 2, 5))
     return [0, *(step for step in steps if step < gap)]
 
 

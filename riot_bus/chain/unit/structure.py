@@ -22,9 +22,6 @@ from riot_bus.vocabulary.errors import InconclusiveError, PayloadError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Ask, Progress
 
-_MORE_NS, _TIMES = 1_000_000_000, 10
-"""A lengthened gap is at least a second longer, and at least ten times as long."""
-
 _TOGETHER = (("key", "missing key", "no value"), ("order",), ("gap",))
 """Kinds that are changed at once; swapped neighbours with swapped keys would be the same again."""
 
@@ -194,5 +191,5 @@ def _swap(place: int, messages: _Messages) -> None:
 
 def _lengthen(place: int, messages: _Messages) -> None:
     gap = messages[place + 1].time - messages[place].time
-    more = max(_MORE_NS, (_TIMES - 1) * gap)
+    more = max(1_000_000_000, 9 * gap)  # at least a second longer, and ten times as long
     messages[place + 1 :] = [message.with_(time=message.time + more) for message in messages[place + 1 :]]

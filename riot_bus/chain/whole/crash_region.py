@@ -32,10 +32,8 @@ FOLDER = "region"
 """Folder within that of the finding, where the rule is."""
 _REGION_BUDGET, _AXES = 80, 2
 """Runs for a map of two fields, and these fields' number; more fields, if the failure needs them, get more runs."""
-_EDGE = 0.05  # of the spread; half of it takes about one more run for each edge
 _FRESH, _LEAST = 20, 5
 """Runs that test a learnt rule, half of them where it predicts a failure; and the fewest runs on either side."""
-_DRAWS = 1000  # a rule that holds in 1 % of the span gets `_LEAST` places with 97 %
 
 
 class RegionRule(NamedTuple):
@@ -169,7 +167,7 @@ def _fresh_places(
         for axis, values in zip(axes, zip(*known, strict=True), strict=True)
     ]
     found: dict[bool, list[Place]] = {True: [], False: []}
-    for _ in range(_DRAWS):
+    for _ in range(1000):  # a rule that holds in 1 % of the span gets `_LEAST` places with 97 %
         place = tuple(axis.decode(rng.uniform(*span)) for axis, span in zip(axes, spans, strict=True))
         values = {field.name: np.array([_value(field, at)]) for field, at in zip(fields, place, strict=True)}
         some = found[bool(rule.predict(values)[0])]
@@ -244,7 +242,7 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
         lambda points: [one.failed for one in system.run([{**fixed, **point} for point in points], "region")],
         seed=system.step.workspace.seed,
         budget=_REGION_BUDGET * max(_AXES, len(axes)) // _AXES,
-        tolerance=[_EDGE * axis.spread for axis in axes],
+        tolerance=[0.05 * axis.spread for axis in axes],  # half of it takes about one more run for each edge
         progress=system.step.progress,
     )
     samples = [*region.samples, *system.seen([axis.name for axis in axes], fixed)]

@@ -27,8 +27,6 @@ from riot_bus.vocabulary.trial import Outcome, Progress, Runner, Series, TestCas
 _HOLD = 5
 """Samples of the slowest internal field during which a value is held."""
 _DRAWS = 399
-_TEXTS = 8
-"""Number of the most frequent texts of an internal field that are distinguished."""
 _IS = "\0"
 """Separator between a field and one of its texts; no name contains it."""
 _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
@@ -38,17 +36,10 @@ _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
 }
 """Summaries of an internal field over a whole run."""
 
-_LIVELY = 0.5
-"""An internal field is frozen if it has less than this share of the values that it has in nominal runs."""
-
-_PROMISING = 0.05
-"""If nothing reaches an internal field, a p-value up to this is worth further runs."""
 
 _SAMPLES, _FEWER_DRAWS = 200, 199
 """Samples of a run, and draws that still show a chance of 1 %, for intermediate fields: they cost less than others."""
 
-_FEWEST = 8
-"""Fewest runs, each with one value of a field, from which its effect can be judged."""
 _ABSENT = "no message of its topic came in these runs"
 _UNCHANGED = "no message that came in these runs could be changed in it"
 _RARE = "messages of its topic came in too few of these runs"
@@ -177,7 +168,7 @@ class DrivenRuns:
         outcomes = self._constant(drawn, 0, numbers)
         edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         reached = {edge.internal for edge in edges if edge.permeable}
-        if any(edge.p_value <= _PROMISING for edge in edges if edge.internal not in reached):
+        if any(edge.p_value <= 0.05 for edge in edges if edge.internal not in reached):
             outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
             edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
@@ -225,7 +216,7 @@ class DrivenRuns:
         Also return the external fields that could not be judged, and why.
         """
         count = range(len(outcomes))
-        untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=_FEWEST))}
+        untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=8))}
         inputs = {
             field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
             for field, (signal, _) in drawn.items()
@@ -260,7 +251,7 @@ class DrivenRuns:
             return False
         for name, usual in self.usual.items():
             values = outcome.observed[name].values
-            if len(values) < _LIVELY * usual.values or (usual.moves and not constant and len(set(values)) < 2):
+            if len(values) < usual.values / 2 or (usual.moves and not constant and len(set(values)) < 2):
                 return True
         return False
 
@@ -420,7 +411,7 @@ def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[di
     def told(series: Series, name: str) -> dict[str, Series]:
         if not texts[name]:
             return {name: series}
-        often = [text for text, _ in texts[name].most_common(_TEXTS)]
+        often = [text for text, _ in texts[name].most_common(8)]
         often = often[: len(often) - 1] if len(texts[name]) <= 2 else often
         return {
             f"{name}{_IS}{text}": Series(series.times, tuple(float(value == text) for value in series.values))

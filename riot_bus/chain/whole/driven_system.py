@@ -39,12 +39,6 @@ AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
 none of ten have a chance of 0.001 if the rates are the same, and six of twenty against none of forty 0.0008."""
 _FRESH, _FRESH_CHANCE = 20, 0.05
 """Further runs of either kind if a failing point does not always fail, as the earlier ones were tested repeatedly."""
-_CONTROL_SEEDS = 1 << 20
-"""Offset for runs with nominal inputs, so that they have seeds that no other run of the step has."""
-_SIMPLER = 8
-"""Points with constant values that are tried if values that vary in time were found."""
-_LATE = 1e-3
-"""Delay of a message in seconds, if it only serves to show that the message came."""
 _HELD_UP = 0.25
 """Share of a run's time: in one that waited so long for a processor, messages may have come too late to matter (in one
 that had waited for a third, a goal had no effect; the search turned away from it, and took 165 runs instead of 27)."""
@@ -130,7 +124,7 @@ class DrivenSystem:
         for value in ("low", "high"):
             # messages can only be late or lost if there are any
             injections = tuple(
-                Injection(each.topic, fault="delay", delay=_LATE)
+                Injection(each.topic, fault="delay", delay=1e-3)
                 if each.timing
                 else each.injection(getattr(each, value))
                 for each in fields
@@ -285,7 +279,7 @@ class DrivenSystem:
         """Return how many runs with nominal inputs failed the same way, of how many, after running at least `least`."""
         failed, total = self._controls
         if total < least:
-            first = self.step.workspace.seed + _CONTROL_SEEDS
+            first = self.step.workspace.seed + (1 << 20)  # seeds that no other run of the step has
             cases = [TestCase(self.driving, seed=first + number) for number in range(total, least)]
             outcomes = self.runner.run(cases)
             self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
@@ -312,7 +306,7 @@ class DrivenSystem:
         for drive in self.varied.drives(found):
             if drive.value is not None:
                 values.setdefault(drive.field, {})[drive.value] = None
-        points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), _SIMPLER)]
+        points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), 8)]
         if values and not found.keys() <= self.fields.keys():
             for point, one in zip(points, self.run(points, "needed"), strict=True):
                 if one.failed and self._comes_again(point):

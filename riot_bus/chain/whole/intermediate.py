@@ -22,8 +22,6 @@ _PER_TOPIC, _MOST = 3, 48
 _LARGEST, _MOST_MESSAGES = 16 << 10, 10_000
 """Largest bytes of a message, and messages of a topic in a run: a whole run is in memory, so topics with more, such as
 images, are left out."""
-_READ, _PATHS = 100, 64
-"""Nominal messages of a topic, and fields of them, among which those that vary most are chosen."""
 
 
 def intermediate_fields(
@@ -41,10 +39,10 @@ def intermediate_fields(
             carried.setdefault(topic, []).append(message)
     messages = [one for some in carried.values() if _are_few(some, workspace) for one in some]
     paths = {
-        topic: [one.path for one in some if _can_be_observed(topic, one.path)][:_PATHS]
+        topic: [one.path for one in some if _can_be_observed(topic, one.path)][:64]
         for topic, some in targets_of(messages, registry).items()
     }
-    values = nominal_values(messages, paths, registry=registry, at_most=_READ)
+    values = nominal_values(messages, paths, registry=registry, at_most=100)
     chosen = []
     for topic, some in sorted(paths.items()):
         distinct = {f"{topic}:{path}": _different_numbers(values[f"{topic}:{path}"]) for path in some}

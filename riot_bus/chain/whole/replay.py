@@ -19,10 +19,6 @@ from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.trial import TestCase
 
 _REPLAYS = 10
-_RELIABLE = 0.9
-"""Share of replays that must fail; otherwise the messages that the failure needs are not searched for."""
-_BUDGET = 60
-"""Runs for that search, which takes about log2 of the number of messages for each that is needed."""
 
 
 class Replay(NamedTuple):
@@ -45,7 +41,7 @@ class Replay(NamedTuple):
     @property
     def reliable(self) -> bool:
         """Whether so many replays failed that one is expected to; so without any replay."""
-        return self.failed >= _RELIABLE * self.total
+        return self.failed >= 0.9 * self.total
 
 
 def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Replay:
@@ -94,7 +90,7 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             ask,
             groups=[context.registry.topic(message.key) for message in external],
             noise=Noise.after(failed, _REPLAYS, nominal_total=system.controls()[1]),
-            budget=_BUDGET,
+            budget=60,  # about log2 of the number of messages for each that is needed
             parallelism=runner.parallelism,
             progress=system.step.progress,
         )
