@@ -27,13 +27,11 @@ _END_S = 30.0  # generous, not measured: what still runs then is taken to hang
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "ci": ("ci",),
-    "reports": ("report", "findings", "trials", "compare", "predict"),
-    "guard": ("guard",),
+    "reports": ("report", "findings", "trials", "compare", "predict", "guard"),
     "logs": ("info", "types", "show"),
     "play": ("play",),
     "record": ("record",),
-    "router": ("router",),
-    "segment_exec": ("exec",),
+    "router": ("exec", "router"),
     "ctl": ("ctl",),
     "graph": ("graph",),
     "init": ("init",),
@@ -50,8 +48,7 @@ def make_app(command: str | None = None) -> typer.Typer:
     """
     import typer
 
-    from riot_bus.cli.help_groups import GroupedCommands
-    from riot_bus.cli.root import options
+    from riot_bus.cli.help_groups import GroupedCommands, options
 
     app = typer.Typer(
         name="riot",

@@ -48,7 +48,7 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
-from riot_bus.vocabulary.trial import Outcome, TestCase
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
 
 _LOG = logging.getLogger(__name__)
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
@@ -103,45 +103,18 @@ def test_unit(
             own dictionaries has an entry that can never apply.
     """
     workspace.tell(CampaignStarted(unit, workspace.fingerprint))
-    registry = workspace.context.registry
     subject = _subject(workspace, unit, whole_system=whole_system)
-    log, leave, include = subject.log, subject.leave, subject.include
-    dictionary = dictionary_of(workspace, unit)
-    everything = targets_of(log, registry, include=["*"])
-    for problem in never_applied(dictionary, log, registry, everything):
-        if not whole_system:
-            raise problem
-        _LOG.warning("riot: %s", problem)
-    for pattern in naming_nothing((*leave, *include), everything):
-        _LOG.warning("riot: %s: %r of leave or include names no field of the log", subject.name, pattern)
-    targets = targets_of(log, registry, leave=leave, include=include)
-    schedule = Schedule(
-        with_observed(targets, log, registry),
-        dictionary,
-        seed=workspace.seed,
-        groups=groups_of(log, registry, dictionary, leave=leave, include=include),
-    )
-
-    types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
+    schedule, types = _planned(workspace, subject)
     with workspace.step("test") as step:
         runner, baseline, untold = _judge_of(step, subject)
         written: list[Path] = []
         result = run_campaign(
-            () if whole_system else log,
+            () if whole_system else subject.log,
             schedule,
             runner,
             seed=workspace.seed,
             trials=trials,
-            covering=Covering(
-                [
-                    *schedule.items(),
-                    *message_faults(log, registry, leave=leave),
-                    *malformations(log, registry, leave=leave, include=include),
-                ],
-                positions_of(log, registry),
-                seed=workspace.seed,
-                situations=situations_of(log, registry),
-            ),
+            covering=_covering(workspace, subject, schedule),
             ordered=baseline.ordered,
             seconds=seconds,
             covered=covered,
@@ -149,15 +122,7 @@ def test_unit(
             found=lambda failure: written.append(_save(step, subject, failure, baseline)),
             stop=lambda: bool(stop(written)),
         )
-        if isinstance(runner, _Inside):
-            failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
-            untold += tuple(f"whether the system made what drives it fail: {each}" for each in failed)
-        if result.unordered:
-            of = f"{result.unordered} of {counted(result.trials, 'trial')}"
-            untold += (f"what depends on the order across topics: it could not be kept in {of}",)
-        if result.calm:
-            of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
-            untold += (f"whether more values hang: those of fields that hung already were kept back {of}",)
+        untold += _unknown(runner, result)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         leaks, normal = _leaks(step, subject, result, types)
         untold += normal
@@ -165,30 +130,8 @@ def test_unit(
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         bare = (FindingRecord.load(folder) for folder in folders if not (folder / EVIDENCE).is_dir())
         untold += tuple(f"what {one.signature} leaves: no trial that was to leave evidence failed so" for one in bare)
-        record = CampaignRecord(
-            unit=unit,
-            fingerprint=workspace.fingerprint,
-            failing=result.failing,
-            tested=result.trials - len(result.unjudged),
-            findings=tuple(folder.name for folder in folders),
-            unconfirmed=tuple(map(_unconfirmed, result.unconfirmed.values())),
-            unjudged=_unjudged(result.unjudged),
-            notes=dict(result.notes),
-            ordered=baseline.ordered,
-            started=["", *result.starts][-1],
-            covered=len(result.tried),
-            coverable=result.coverable,
-            effects=_effects(result, types),
-            untold=untold,
-            whole_system=whole_system,
-            rate=_rate(proportion(result.failing, result.trials - len(result.unjudged))),
-            mined=baseline.mined.row(),
-            stopped=stop(written) if result.stopped else "",
-            system_file=str(workspace.context.file.path),
-            seed=workspace.seed,
-            trials=step.trials,
-            seconds=step.seconds,
-        )
+        figures = {"untold": untold, "stopped": stop(written) if result.stopped else ""}
+        record = _campaign_record(step, subject, result, baseline, folders, types).model_copy(update=figures)
         record.save(workspace.out)
         found = map(_told, [*result.failures.values(), *leaks])
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
@@ -204,6 +147,89 @@ def test_unit(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
         )
     return folders
+
+
+def _planned(workspace: Workspace, subject: _Subject) -> tuple[Schedule, Types]:
+    """Return what is tried, and the types of all fields by topic and path."""
+    registry = workspace.context.registry
+    log, leave, include = subject.log, subject.leave, subject.include
+    dictionary = dictionary_of(workspace, subject.unit)
+    everything = targets_of(log, registry, include=["*"])
+    for problem in never_applied(dictionary, log, registry, everything):
+        if not subject.whole_system:
+            raise problem
+        _LOG.warning("riot: %s", problem)
+    for pattern in naming_nothing((*leave, *include), everything):
+        _LOG.warning("riot: %s: %r of leave or include names no field of the log", subject.name, pattern)
+    schedule = Schedule(
+        with_observed(targets_of(log, registry, leave=leave, include=include), log, registry),
+        dictionary,
+        seed=workspace.seed,
+        groups=groups_of(log, registry, dictionary, leave=leave, include=include),
+    )
+    return schedule, {(each.topic, each.path): each.type for found in everything.values() for each in found}
+
+
+def _covering(workspace: Workspace, subject: _Subject, schedule: Schedule) -> Covering:
+    log, registry = subject.log, workspace.context.registry
+    return Covering(
+        [
+            *schedule.items(),
+            *message_faults(log, registry, leave=subject.leave),
+            *malformations(log, registry, leave=subject.leave, include=subject.include),
+        ],
+        positions_of(log, registry),
+        seed=workspace.seed,
+        situations=situations_of(log, registry),
+    )
+
+
+def _unknown(runner: Runner, result: CampaignResult) -> tuple[str, ...]:
+    """Return what the trials of a campaign leave unknown."""
+    untold: list[str] = []
+    if isinstance(runner, _Inside):
+        failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
+        untold += (f"whether the system made what drives it fail: {each}" for each in failed)
+    if result.unordered:
+        of = f"{result.unordered} of {counted(result.trials, 'trial')}"
+        untold.append(f"what depends on the order across topics: it could not be kept in {of}")
+    if result.calm:
+        of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
+        untold.append(f"whether more values hang: those of fields that hung already were kept back {of}")
+    return tuple(untold)
+
+
+def _campaign_record(
+    step: StepRun,
+    subject: _Subject,
+    result: CampaignResult,
+    baseline: Baseline,
+    folders: Sequence[Path],
+    types: Types,
+) -> CampaignRecord:
+    workspace, tested = step.workspace, result.trials - len(result.unjudged)
+    return CampaignRecord(
+        unit=subject.unit,
+        fingerprint=workspace.fingerprint,
+        failing=result.failing,
+        tested=tested,
+        findings=tuple(folder.name for folder in folders),
+        unconfirmed=tuple(map(_unconfirmed, result.unconfirmed.values())),
+        unjudged=_unjudged(result.unjudged),
+        notes=dict(result.notes),
+        ordered=baseline.ordered,
+        started=["", *result.starts][-1],
+        covered=len(result.tried),
+        coverable=result.coverable,
+        effects=_effects(result, types),
+        whole_system=subject.whole_system,
+        rate=_rate(proportion(result.failing, tested)),
+        mined=baseline.mined.row(),
+        system_file=str(workspace.context.file.path),
+        seed=workspace.seed,
+        trials=step.trials,
+        seconds=step.seconds,
+    )
 
 
 def tested(workspace: Workspace, unit: str) -> list[Path] | None:

@@ -34,7 +34,7 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import order_of
 
-_NOMINAL = 200
+_NOMINAL = 200  # of the values of a field: a guess at how many show its nominal spread
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:

@@ -22,7 +22,7 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Verdict
 
-_TOLD = 20
+_TOLD = 20  # lines of moments: about a screen
 
 
 _SAID = {True: "would fail", False: "would not fail", None: "not known whether it would fail"}
