@@ -157,7 +157,7 @@ def predict(
 ) -> None:
     """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if that is not known."""
     from riot_bus.chain.base.workspace import open_finding
-    from riot_bus.chain.unit.rule_on_logs import predict_log
+    from riot_bus.chain.unit.prediction import predict_log
     from riot_bus.vocabulary.errors import InconclusiveError
 
     found = predict_log(log, open_finding(finding)[0])

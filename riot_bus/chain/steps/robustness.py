@@ -23,8 +23,8 @@ from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
 from riot_bus.campaign.variations import Variation
 from riot_bus.chain.base.external import driving_log, system_log
+from riot_bus.chain.base.injections import injection_of
 from riot_bus.chain.base.logs import FailingLog
-from riot_bus.chain.base.testcases import injection_of
 from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.chain.unit.leaks import find_leak
 from riot_bus.chain.unit.questions import dictionary_of

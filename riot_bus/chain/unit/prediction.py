@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from riot_bus.chain.base.testcases import injection_of
+from riot_bus.chain.base.injections import injection_of
+from riot_bus.chain.base.systems import described
 from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.questions import json_value
-from riot_bus.findings.records import RuleRecord
+from riot_bus.findings.records import MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
+from riot_bus.log.foreign import bus_messages, learn_types
+from riot_bus.log.reader import LogReader
 from riot_bus.types.latest import LatestFields, in_words
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Verdict
 
@@ -203,6 +208,29 @@ def predict(
         failing = [moment for names, group in groups.items() for moment in _judge_alike(rule, names, group, found)]
         failing.sort(key=lambda moment: moment.place)
         found.moments += failing[: at_most - len(found.moments)]
+    return found
+
+
+def predict_log(path: Path, folder: Path) -> Prediction:
+    """Return the prediction of a finding's rule for a log.
+
+    Raises:
+        ConfigError: There is no such log, or the finding has no rule.
+        InconclusiveError: The rule can be judged at no message of the log.
+    """
+    record, minimal = RuleRecord.load(folder), MinimalRecord.find(folder)
+    rule, topics = Rule.from_json(record.rule), record.topics or (minimal.topics if minimal else ())
+    _, registry = described(folder)
+    with LogReader(path) as reader:
+        learn_types(reader, registry)
+        found = predict(rule, topics, bus_messages(reader, registry), registry=registry, keeps=record.keeps)
+    if not found.judged:
+        raise InconclusiveError(
+            f"the known fields never decide whether the rule {record.text} holds",
+            where=str(path),
+            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
+        )
+    found.missed = record.missed
     return found
 
 

@@ -1,4 +1,4 @@
-"""A finding's rule with all that is needed to judge the messages of other logs by it, and its prediction for a log."""
+"""A finding's rule with all that is needed to judge the messages of other logs by it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from riot_bus.chain.base.systems import described
-from riot_bus.chain.unit.prediction import Prediction, alike, predict, rule_text
+from riot_bus.chain.unit.prediction import alike, rule_text
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
-from riot_bus.log.foreign import bus_messages, learn_types
+from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry
 from riot_bus.types.latest import in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
 
 
@@ -71,24 +69,3 @@ class ScanRule:
         for rows in alike(columns, count):
             found[rows] = self.rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
         return found
-
-
-def predict_log(path: Path, folder: Path) -> Prediction:
-    """Return the prediction of a finding's rule for a log.
-
-    Raises:
-        ConfigError: There is no such log, or the finding has no rule.
-        InconclusiveError: The rule can be judged at no message of the log.
-    """
-    rule = ScanRule(folder)
-    with LogReader(path) as reader:
-        registry = rule.registry(reader)
-        found = predict(rule.rule, rule.topics, bus_messages(reader, registry), registry=registry, keeps=rule.keeps)
-    if not found.judged:
-        raise InconclusiveError(
-            f"the known fields never decide whether the rule {rule.record.text} holds",
-            where=str(path),
-            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
-        )
-    found.missed = rule.record.missed
-    return found
