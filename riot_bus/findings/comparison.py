@@ -85,7 +85,12 @@ def compare(old: Path, new: Path) -> Comparison:
         change = _change(was, now, seen=(signature in earlier, signature in later))
         found.append(ComparedFinding(signature=signature, severity=other or severity, change=change, old=was, new=now))
     found.sort(key=lambda each: (order.index(each.change), each.signature))
-    return Comparison(unit=after.unit, old=_share(before), new=_share(after), findings=tuple(found))
+    return Comparison(
+        unit=after.unit,
+        old=proportion(before.failing, before.tested),
+        new=proportion(after.failing, after.tested),
+        findings=tuple(found),
+    )
 
 
 def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
@@ -98,10 +103,6 @@ def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
         *(FindingRecord.load(findings / name) for name in campaign.findings),  # the last of a signature counts
     ]
     return {record.signature: (record.severity, record.rate) for record in records}
-
-
-def _share(campaign: CampaignRecord) -> Proportion:
-    return proportion(campaign.failing, campaign.tested)
 
 
 def _change(old: ProportionRecord | None, new: ProportionRecord | None, *, seen: tuple[bool, bool]) -> Change:

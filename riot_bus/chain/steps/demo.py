@@ -12,15 +12,9 @@ from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.counting import counted
 
-_TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
 
-
-def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None = None) -> dict[str, Any]:
-    """Record, test, explain and backchain; return the figures.
-
-    An interrupted run resumes where it stopped: finished steps are read from their files, and trials of the
-    interrupted step come from the store.
-    """
+def demo(workspace: Workspace, *, trials: int) -> dict[str, Any]:
+    """Record, test, explain and backchain, or go on with that; return the figures."""
     started = time.monotonic()
     unit = workspace.context.file.choose_unit(None)
     with workspace.step("record") as step:
@@ -29,7 +23,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
         step.end(f"nominal run of {workspace.context.file.system.name}: {counted(count, 'message')}")
     folders = tested(workspace, unit)
     if folders is None:
-        folders = test_unit(workspace, unit, trials=trials, seconds=seconds, covered=False)
+        folders = test_unit(workspace, unit, trials=trials, seconds=None, covered=False)
     figures = {"seed": workspace.seed, "nominal_messages": count}
     analyses = analyze_all(workspace, folders)
     if analyses:

@@ -112,14 +112,13 @@ class _Found:
         return sum(len(one.wrong) for one in self.answers)
 
 
+@dataclass(frozen=True, slots=True)
 class _Teacher:
     """Learns a rule on the minimal log, and again with nominal messages in front of it that matter."""
 
-    def __init__(self, step: StepRun, budget: int, validation: int) -> None:
-        self.step = step
-        self.budget = budget
-        self.validation = validation
-        self._registry = step.workspace.context.registry
+    step: StepRun
+    budget: int
+    validation: int
 
     def learn(self, questions: UnitQuestions, passing: Mapping[str, Value], *, context: int = 0) -> _Found:
         """Learn the rule over some fields."""
@@ -162,7 +161,10 @@ class _Teacher:
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
         asked, predicted = near_the_limit(learned, variables, scale, count=round(6 * share))
-        behind, holds = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
+        behind, holds = (
+            contexts(questions.nominal_log(), questions.fields.registry),
+            judge_of_logs(questions, learned.rule),
+        )
         by_log = any(order_of(name) for name in learned.rule.variables)
         answers = ask_in_contexts(questions, behind, asked, predicted, holds, by_log=by_log)
         return _Found(questions, passing, variables, scale, learned, answers, context)

@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import Literal
 
@@ -44,6 +44,7 @@ class _Ladder:
 _Build = Callable[[Levels], FailingLog]
 
 
+@dataclass(slots=True)
 class Simplification:
     """Simplifies a failing log.
 
@@ -51,24 +52,14 @@ class Simplification:
         observed: Function that returns the values of fields (by name) in nominal messages; these explain nothing.
     """
 
-    def __init__(
-        self,
-        log: FailingLog,
-        failing: Ask[FailingLog],
-        *,
-        registry: TypeRegistry,
-        paced: bool,
-        observed: Callable[[NamedFields], Mapping[str, Sequence[Scalar]]],
-        better: Callable[[FailingLog], None],
-    ) -> None:
-        self.log = log
-        self.records: list[SimplifiedRecord] = []
-        self.trials = 0
-        self._failing = failing
-        self._registry = registry
-        self._paced = paced
-        self._observed = observed
-        self._better = better
+    log: FailingLog
+    failing: Ask[FailingLog]
+    registry: TypeRegistry
+    paced: bool
+    observed: Callable[[NamedFields], Mapping[str, Sequence[Scalar]]]
+    better: Callable[[FailingLog], None]
+    records: list[SimplifiedRecord] = field(default_factory=list)
+    trials: int = 0
 
     def run(self, *, noise: Noise, budget: int, parallelism: int, progress: Progress | None) -> Noise:
         """Simplify the log; return what is then known about the failure rates."""
@@ -82,7 +73,7 @@ class Simplification:
                 for place, levels in enumerate(questions):
                     with suppress(PayloadError):  # such a log cannot be written, so it does not fail
                         logs[place] = build(levels)
-                answers = iter(self._failing([log for log in logs if log is not None]))
+                answers = iter(self.failing([log for log in logs if log is not None]))
                 return [log is not None and next(answers) for log in logs]
 
             found = simplify(
@@ -92,7 +83,7 @@ class Simplification:
                 budget=budget - self.trials,
                 parallelism=parallelism,
                 progress=progress,
-                better=lambda levels, build=build: self._better(build(levels)),  # type: ignore[misc]
+                better=lambda levels, build=build: self.better(build(levels)),  # type: ignore[misc]
             )
             noise = found.noise
             self.trials += found.trials
@@ -102,8 +93,8 @@ class Simplification:
 
     def _gaps(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
-        names = self.log.names(self._registry)
-        gaps = [max(0, after.time - before.time) for before, after in pairwise(log.messages)] if self._paced else []
+        names = self.log.names(self.registry)
+        gaps = [max(0, after.time - before.time) for before, after in pairwise(log.messages)] if self.paced else []
         ladders = [
             _Ladder("gap", f"{before} to {after}", (*_durations(gap), gap), position)
             for position, (gap, before, after) in enumerate(zip(gaps, names, names[1:], strict=False))
@@ -120,7 +111,7 @@ class Simplification:
 
     def _payloads(self) -> tuple[list[_Ladder], _Build]:
         """Return ladders that restore whole payloads, if several were modified or fields do not show how."""
-        log, names = self.log, self.log.names(self._registry)
+        log, names = self.log, self.log.names(self.registry)
         places = [place for place, one in enumerate(log.messages) if _changed(one, log.originals.get(one.sequence))]
         if len(places) == 1 and self._told_by_fields(places[0]):
             places = []
@@ -139,7 +130,7 @@ class Simplification:
         return ladders, build
 
     def _told_by_fields(self, place: int) -> bool:
-        fields = NamedFields(self.log, registry=self._registry)
+        fields = NamedFields(self.log, registry=self.registry)
         changed = {name: one.original for name, one in fields.fields.items() if one.original is not None}
         message = self.log.messages[place]
         try:
@@ -149,8 +140,8 @@ class Simplification:
 
     def _fields(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
-        fields = NamedFields(log, registry=self._registry)
-        observed = self._observed(fields)
+        fields = NamedFields(log, registry=self.registry)
+        observed = self.observed(fields)
         ladders = [
             _Ladder("field", name, rungs_of(one.leaf.path, one.leaf.type, one.leaf.value, one.original, observed[name]))
             for name, one in fields.fields.items()

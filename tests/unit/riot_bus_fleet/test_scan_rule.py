@@ -31,5 +31,5 @@ def test_a_distance_is_told_in_spreads(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_rule_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="rule.json does not exist"):
+    with pytest.raises(ConfigError, match=r"rule\.json does not exist"):
         ScanRule(tmp_path)
