@@ -120,11 +120,7 @@ _TAKEN = {"findings", "trials"}
 
 @dataclass(frozen=True, slots=True)
 class CiPlan:
-    """How all units are tested.
-
-    Attributes:
-        explain: Whether the remaining time is used to explain findings.
-    """
+    """How all units are tested."""
 
     minutes: float
     stop_early: bool

@@ -134,8 +134,6 @@ def load_campaign(
 
     Args:
         finished: Whether `campaign.json`, if it exists, is of this campaign and not of an earlier one.
-        unit: Unit under test, used until a record names it.
-        fingerprint: Fingerprint of what is tested, used until a record names it.
     """
     broken: dict[str, str] = {}
     campaign, findings = None, list[FindingView]()

@@ -27,10 +27,6 @@ def system_of(recorded: str | None, folder: Path, *, named: Path | None = None, 
     Others may have written the finding, the file that it names, and what that starts. So this file is taken only if it
     is the same project's: below `root`, in another of its folders than the finding. Riot's own examples are taken too.
 
-    Args:
-        recorded: Path of the file that the finding was found with; None if that is not known.
-        root: Folder of the project; the working folder by default.
-
     Raises:
         ConfigError: There is none; the error names what the recorded file would start.
     """

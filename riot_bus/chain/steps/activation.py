@@ -35,12 +35,6 @@ def activation(
 
     If runs of the whole system cannot show the failure, nothing is searched, and the record says why.
 
-    Args:
-        budget: Runs of the whole system for the search; at most as many more repeat failing points.
-        search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
-        study: Storage of optuna studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
-            of others for the same finding, rule, fields, code and settings; empty for none.
-
     Raises:
         ConfigError: An earlier step has not been done, or there is no such method or storage.
         InconclusiveError: No external field is permeable, so there is nothing to search.

@@ -72,10 +72,6 @@ def analyze(
 ) -> Analysis:
     """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
 
-    Args:
-        further: Steps of other packages, which come after the built-in ones.
-        left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.
-
     Raises:
         ConfigError: `finding.json` or the file of a finished step cannot be used.
     """

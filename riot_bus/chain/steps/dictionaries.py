@@ -19,11 +19,7 @@ from riot_bus.vocabulary.message import Message
 
 @dataclass(frozen=True, slots=True)
 class ListedDictionary:
-    """A dictionary file in a list.
-
-    Attributes:
-        name: `package/file.toml`, or the path of a file of the user's own.
-    """
+    """A dictionary file in a list."""
 
     name: str
     units: tuple[str, ...]

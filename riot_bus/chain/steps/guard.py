@@ -25,12 +25,7 @@ from riot_bus.vocabulary.toml_text import toml_string
 
 @dataclass(frozen=True, slots=True)
 class GuardTrial:
-    """Effect of a guard on a log.
-
-    Attributes:
-        done: Number of messages by action: dropped, clamped, held, reported.
-        unread: Number of messages that could not be judged, since they lack a field of the rule.
-    """
+    """Effect of a guard on a log."""
 
     log: str
     messages: int
@@ -50,7 +45,6 @@ class GuardPlan:
     """A guard for riot.toml and for the command line, and its effect on the finding's logs.
 
     Attributes:
-        trials: Its effect on the logs of the finding, the nominal one first if there is one.
         bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
     """
 

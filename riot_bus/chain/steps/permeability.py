@@ -45,7 +45,6 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             those of a message that is sent once), if nothing reaches an internal field, or if only the first value of a
             field seems to count. If still nothing reaches one, as many again follow with values beyond the nominal
             ones. If an effect nearly shows in either of these, their number is doubled.
-        prune: Whether to leave out external topics that cannot reach a relevant topic in the declared graph.
 
     Raises:
         ConfigError: The step before has not been done, or nothing external is described.

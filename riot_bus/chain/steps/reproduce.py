@@ -80,11 +80,6 @@ def play_again(
 ) -> Reproduction:
     """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
 
-    Args:
-        times: Number of fresh trials; None for as many as it takes.
-        whole_system: Whether to play the external messages of `activation.mcap` to the whole system instead of the
-            minimal log to the unit.
-
     Raises:
         InconclusiveError: Runs of the whole system or nominal trials of the unit cannot tell, or the monitor that found
             the failure had nothing to judge.

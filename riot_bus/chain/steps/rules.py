@@ -42,9 +42,6 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
 
     Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong, or depends on, by more.
 
-    Args:
-        validation: Number of fresh cases for one validation; half as many if the failure is rare.
-
     Raises:
         ConfigError: The step before has not been done.
         InconclusiveError: No field is relevant, so there is nothing to make a rule from.
@@ -90,13 +87,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A rule with what it was learnt from.
-
-    Attributes:
-        questions: Questions to the unit about the log in which the rule's fields are named.
-        answers: Answers to some of its trials, repeated behind nominal messages.
-        context: Number of messages in front of the minimal log that matter.
-    """
+    """A rule with what it was learnt from."""
 
     questions: UnitQuestions
     passing: Mapping[str, Value]

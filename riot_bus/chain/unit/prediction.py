@@ -56,8 +56,6 @@ class Prediction:
             than the last of the rule's count only if the rule holds or all fields are known.
         unknown: Number of messages of the last of the rule's topics at which they did not.
         begin: Time at which the first message of the log was sent (ns).
-        topics: Topic of each message of the log in which the rule's fields are named.
-        missed: Number of the campaign's trials that failed though the rule holds nowhere in them.
     """
 
     rule: str = ""
@@ -187,10 +185,6 @@ def predict(
 
     Where some fields are unknown, the rule holds if a term does whose fields are all known, and does not if each term
     has a known comparison that does not. An order is known only at messages of its second topic.
-
-    Args:
-        topics: Topic of each message of the short log in which the rule's fields are named.
-        keeps: Whether a message that lacks a field leaves its earlier value in force.
 
     Raises:
         ConfigError: A variable of the rule is not a field.

@@ -208,11 +208,7 @@ def _durations(gap: int) -> list[int]:
 def rungs_of(
     path: str, kind: str, value: Scalar, nominal: Scalar, observed: Sequence[Scalar] = ()
 ) -> tuple[Scalar, ...]:
-    """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones.
-
-    Args:
-        observed: Values in nominal messages, which do not explain a failure.
-    """
+    """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones."""
     if path.startswith("len("):
         simple: list[Scalar] = [2**power for power in range(17) if int(nominal) < 2**power < int(value)]
     elif isinstance(value, bool):

@@ -75,11 +75,7 @@ class Structure:
 def parts_of(
     fields: NamedFields, considered: Sequence[NamedField], known: Collection[str], *, paced: bool
 ) -> list[Part]:
-    """Return what can be changed in a log besides values.
-
-    Args:
-        known: Fields whose values matter, so that they must be there anyway.
-    """
+    """Return what can be changed in a log besides values."""
     messages, names = fields.log.messages, fields.log.names(fields.registry)
     parts = [*_missing(fields, names), *_keys(considered, known)]
     parts += [

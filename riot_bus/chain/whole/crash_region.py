@@ -40,7 +40,6 @@ class RegionRule(NamedTuple):
     """A rule over external fields.
 
     Attributes:
-        samples: Values of its fields, and whether a run with them failed.
         tested: Runs that the rule was not learnt from: whether each was predicted to fail, and whether it did.
     """
 
@@ -70,11 +69,7 @@ class RegionRule(NamedTuple):
         return inside, outside
 
     def save(self, folder: Path, fields: Sequence[ExternalField]) -> None:
-        """Write it into a finding's folder as a rule that `riot scan` and guards accept.
-
-        Args:
-            fields: Fields of the rule; nothing is written if one is not a field of a log, such as a parameter.
-        """
+        """Write it into a finding's folder as a rule that `riot scan` and guards accept."""
         if any(field.constant for field in fields):
             return
         (folder / FOLDER).mkdir(exist_ok=True)

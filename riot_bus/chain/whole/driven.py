@@ -82,10 +82,6 @@ class DrivenRuns:
 
     Attributes:
         runner: Runner that observes the internal fields, and the times of the external topics.
-        driving: Messages played to the system; empty if external components drive it.
-        speed: Speed of the runs, as a multiple of the system's own time.
-        intermediates: Fields on the path to the internal ones, which the runner observes, too.
-        changed: Names of the fields that were set in a message in some run.
         failures: Failed runs by signature; a run that fails with `signature` counts for it alone.
         failing: Values by field, as a search sets them, of runs with constant fields that failed with `signature`.
     """
@@ -243,9 +239,6 @@ class DrivenRuns:
         """Return whether an internal field has far fewer values than in nominal runs, or just one instead of several.
 
         A failed run does not count as frozen: a crashed component publishes nothing more, but it refused no input.
-
-        Args:
-            constant: Whether external fields were constant in it, so that internal ones may be.
         """
         if outcome.violations:
             return False
@@ -334,11 +327,7 @@ class DrivenRuns:
 def changed_in_log(
     fields: Sequence[ExternalField], case: TestCase, registry: TypeRegistry, known: Collection[str] = ()
 ) -> set[str]:
-    """Return the names of the fields that a case sets in some message of the log that it plays.
-
-    Args:
-        fields: The fields, in the order of its injections; parameters of commands are left out.
-    """
+    """Return the names of the fields that a case sets in some message of the log that it plays."""
     injections = [each for each in case.injections if each.topic != PARAMETERS]
     pairs = [(one, each) for one, each in zip(fields, injections, strict=True) if one.name not in known]
     topics = {one.topic for one, _ in pairs}

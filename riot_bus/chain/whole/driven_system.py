@@ -52,9 +52,6 @@ def least_distance(
 
     Fields are joined in time: each sample of one field meets the latest value of every other one, or the value in an
     earlier message if the rule refers to that.
-
-    Args:
-        topics: Topic of each message of the short log in which the variables are named.
     """
     stamps: dict[str, NDArray[np.float64]] = {}
     values: dict[str, Sequence[Scalar]] = {}
@@ -145,11 +142,7 @@ class DrivenSystem:
         return kept
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
-        """Run the system at each point.
-
-        Args:
-            points: Points as in `VariedInputs.drives`.
-        """
+        """Run the system at each point."""
         cases: list[TestCase] = []
         for point in points:
             injections = tuple(map(self._injection, self.varied.drives(point)))
