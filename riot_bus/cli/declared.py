@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field
 from functools import update_wrapper
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 
-from riot_bus.vocabulary.flags import flags_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from dataclasses import Field
-
-    from riot_bus.vocabulary.flags import Flag
+from riot_bus.vocabulary.flags import Flag, flags_of
 
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
 OptionsT = TypeVar("OptionsT")
