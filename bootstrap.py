@@ -1,7 +1,7 @@
 """Create this checkout's own environment (.venv) and run something in it.
 
     python3 bootstrap.py demo [OPTIONS]           the demo on the embedded router
-    python3 bootstrap.py test [OPTIONS]           the tests; --all: nothing is left out; --changed: what a change concerns
+    python3 bootstrap.py test [OPTIONS]           the tests; --all: all of them; --changed: what a change concerns
     python3 bootstrap.py interop                  programs of others that some tests need; `test` does it first
     python3 bootstrap.py run COMMAND ...          any command of the environment, such as `ruff check`
 

@@ -1,6 +1,6 @@
-"""Measures the branch coverage of all pure tests and shows it by room: `bootstrap.py run python .ci/coverage_by_room.py`.
+"""Measures the branch coverage of all pure tests and shows it by room.
 
-Fails if a room of the analysis, all of which is pure, is below the floor; what the others do with processes and Zenoh is
+Fails if a room of the analysis, all of which is pure, is below the floor. What others do with processes and Zenoh is
 tested by processes, which are not measured.
 """
 
@@ -15,9 +15,9 @@ from pathlib import Path
 from coverage import Coverage
 
 ROOT = Path(__file__).resolve().parents[1]
-ANALYSIS = "backchain campaign chain findings generalize inject monitors pipeline statistics".split()
+ANALYSIS = ["backchain", "campaign", "chain", "findings", "generalize", "inject", "monitors", "pipeline", "statistics"]
 FLOOR = 95.0
-"""Least coverage of these rooms in percent; they had 96 to 99 when it was set."""
+"""Least coverage of these rooms in percent; the floor that each of them has had for long."""
 
 
 def main() -> int:
