@@ -1,8 +1,9 @@
-"""`riot ctl`: look at a running router and change what it does."""
+"""`riot ctl`: look at a running router and change what it does; `riot graph`: who talks to whom there."""
 
 from __future__ import annotations
 
 import json
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -71,6 +72,15 @@ _OF_RECORDER = {
 """Whether a command takes the path of a file, whether it is for `riot record` alone, and its help."""
 
 
+class GraphFormat(StrEnum):
+    """How a graph is written to stdout."""
+
+    TEXT = "text"
+    JSON = "json"
+    MERMAID = "mermaid"
+    DOT = "dot"
+
+
 class _Anywhere(TyperGroup):
     """Accepts its own options after its commands' names, too."""
 
@@ -111,6 +121,7 @@ def register(app: typer.Typer) -> None:
     for each in (step, seek, rate):
         play.command()(each)
     app.add_typer(ctl, name="ctl")
+    app.command()(graph)
 
 
 def _group(above: typer.Typer, name: str, text: str) -> typer.Typer:
@@ -269,3 +280,23 @@ def _ask(
     name, kind = whom or (router, "router")
     answer = ask(endpoint, name, command, payload, parameters=parameters, config=client_cfg(cfg), kind=kind)
     print_result(form, answer, (lines or answer_lines)(answer))
+
+
+def graph(
+    *,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    router: RouterName = None,
+    cfg: Cfg = None,
+    form: Annotated[
+        GraphFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")
+    ] = GraphFormat.TEXT,
+    watch: Annotated[bool, typer.Option("--watch", "-w", help="Print each change until Ctrl-C.")] = False,
+) -> None:
+    """Show who talks to whom in the segments of a running router, and what is not known."""
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.remote import Remote, graphs
+    from riot_bus.graph.render import render
+
+    with Remote(endpoint, router, config=client_cfg(cfg or ())) as remote:
+        for found in graphs(remote, watch=watch):
+            typer.echo(render(found, form.value, indent=None if watch else 1).rstrip("\n"))
