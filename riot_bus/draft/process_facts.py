@@ -10,12 +10,11 @@ import re
 import shutil
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.draft.command_draft import ProcessFacts, locators
-from riot_bus.graph.survey import Started
+from riot_bus.draft.model import CommandDraft
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -71,19 +70,6 @@ def _texts(started: Started, environment: Mapping[str, str]) -> Iterator[tuple[P
                 yield path, path.read_text(encoding="utf-8")
 
 
-@dataclass(frozen=True, slots=True)
-class NodeStart:
-    """How a ROS node was started.
-
-    Attributes:
-        started: The Python program that has started the node, such as `ros2 launch`; otherwise the node's own process.
-        only: Regular expression that selects the node among the processes of that program; empty for its own process.
-    """
-
-    started: Started
-    only: str = ""
-
-
 def bridged_domain(bridge: Started) -> int | None:
     """Return the ROS domain that a process joins to a segment; None for other processes than `riot bridge ros2`."""
     import psutil
@@ -101,15 +87,16 @@ def bridged_domain(bridge: Started) -> int | None:
     return None
 
 
-def nodes_of_domain(domain: int) -> dict[str, NodeStart]:
-    """Return the processes of a ROS domain that this user may see, by the name of the node in their command.
+def nodes_of_domain(domain: int) -> dict[str, CommandDraft]:
+    """Return what has started the nodes of a ROS domain that this user may see, by the node's name in its own command.
 
+    That is the Python program that has started the process of the node, such as `ros2 launch`, else this process.
     The name is the full one where the command has `__node:=NAME`, otherwise that of the program or script.
     """
     import psutil
 
-    named: dict[str, NodeStart] = {}
-    guessed: dict[str, NodeStart] = {}
+    named: dict[str, CommandDraft] = {}
+    guessed: dict[str, CommandDraft] = {}
     for process in psutil.process_iter():
         with suppress(psutil.Error, OSError):  # gone, or of another user
             if process.pid == os.getpid() or _domain(process.environ()) != domain:
@@ -127,13 +114,13 @@ def _domain(environment: Mapping[str, str]) -> int:
     return int(told) if told.isdecimal() else 0
 
 
-def _start(process: psutil.Process, domain: int, name: str) -> NodeStart:
+def _start(process: psutil.Process, domain: int, name: str) -> CommandDraft:
     parent = process.parent()
     if parent is not None and _domain(parent.environ()) == domain:
         words = parent.cmdline()
         if words and _PYTHON.fullmatch(os.path.basename(words[0])):
-            return NodeStart(Started(parent.pid, tuple(words), parent.cwd()), re.escape(name))
-    return NodeStart(Started(process.pid, tuple(process.cmdline()), process.cwd()))
+            return CommandDraft(tuple(words), parent.cwd(), pid=parent.pid, only=re.escape(name))
+    return CommandDraft(tuple(process.cmdline()), process.cwd(), pid=process.pid)
 
 
 def _node_name(words: Sequence[str]) -> str:

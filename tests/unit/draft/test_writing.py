@@ -4,10 +4,9 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-from riot_bus.draft.command_draft import CommandDraft
-from riot_bus.draft.plain_draft import PlainDraft, PlainFacts, plain_draft
-from riot_bus.draft.scaffold import draft_json, draft_lines, draft_toml, left_to_fill_in
-from riot_bus.draft.topic_look import TopicDraft
+from riot_bus.draft.graph_draft import Draft, Seen, graph_draft
+from riot_bus.draft.model import CommandDraft, TopicDraft
+from riot_bus.draft.writing import draft_json, draft_lines, draft_toml, left_to_fill_in
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph
 from riot_bus.system.system_file import SystemFile
 
@@ -27,23 +26,24 @@ TOPICS = {
 }
 
 
-def draft(*edges: tuple[str, str, str], unit: str | None = None) -> PlainDraft:
+def draft(*edges: tuple[str, str, str], unit: str | None = None) -> Draft:
     components = [ConnectedComponent("s", zid, "client", command=name) for zid, name in (("1", "sim.py"), ("2", "arm"))]
     rows = [Edge(key, role, "s", zid) for zid, role, key in edges]  # type: ignore[arg-type]
-    return plain_draft(PlainFacts(Graph.of(components, (), rows, ()), TOPICS, {"1": SIM, "2": ARM}), unit=unit)
+    return graph_draft(Seen(Graph.of(components, (), rows, ()), TOPICS, {"1": SIM, "2": ARM}), unit=unit)
 
 
+WRITTEN = {"file": "riot.toml"}
 ALL = [
     *(("1", "publishes", key) for key in TOPICS if key != "cmd"),
     *(("2", "subscribes", f"pose/{n}") for n in (1, 2)),
 ]
 
 
-def text_of(found: PlainDraft) -> str:
+def text_of(found: Draft) -> str:
     return draft_toml(found, origin="a test\nwith = 'two lines'", name="na\nme", nominal="n.mcap")
 
 
-def parsed(found: PlainDraft) -> SystemFile:
+def parsed(found: Draft) -> SystemFile:
     return SystemFile.model_validate({**tomllib.loads(text_of(found)), "path": Path("riot.toml").resolve()})
 
 
@@ -90,24 +90,25 @@ def test_what_is_left_to_fill_in_is_what_the_file_marks() -> None:
 
 def test_nothing_left() -> None:
     found = draft(("1", "publishes", "pose/1"), ("2", "subscribes", "pose/1"))
-    found = replace(found, commands={"sim": SIM, "arm": SIM}, topics={}, unwritten=())
+    parts = tuple(replace(part, command=SIM) for part in found.parts)
+    found = replace(found, parts=parts, topics={}, unwritten=())
     assert left_to_fill_in(found) == []
     assert "FILL IN" not in text_of(found)
-    lines = draft_lines({**draft_json(found), "started": True})
-    assert lines[-1] == "nothing is left to fill in; next: riot test"
+    lines = draft_lines({**WRITTEN, **draft_json(found), "started": True})
+    assert lines[-2] == "nothing is left to fill in; next: riot test"
     assert "types" not in tomllib.loads(text_of(found))["system"]
 
 
 def test_what_people_are_told() -> None:
-    lines = draft_lines({**draft_json(draft(*ALL)), "started": False})
+    lines = draft_lines({**WRITTEN, **draft_json(draft(*ALL)), "started": False})
     assert lines[0] == "arm  inside   1 in, 0 out  FILL_IN arm"
     assert lines[1] == "sim  outside  0 in, 4 out  '{python}' sim.py -e '{endpoint}'"
     assert lines[2] == "external topics: pose/*"
     assert "published by an unknown component: cmd" in lines
     assert any(line.startswith("FILL IN components.arm") for line in lines)
-    silent = {**draft_json(draft()), "started": False}
-    assert draft_lines(silent)[-1].startswith("--start starts each component once")
-    assert not draft_lines({**silent, "started": True})[-1].startswith("--start")
+    silent = {**WRITTEN, **draft_json(draft()), "started": False}
+    assert draft_lines(silent)[-2].startswith("--start starts each component once")
+    assert not draft_lines({**silent, "started": True})[-2].startswith("--start")
     heard = draft_lines({**silent, "listener": True, "skipped": 3, "unknown_receiver": ["a\x1b[31m"]})
     assert "a component reads everything, such as a recorder, which hides what the others read" in heard
     assert "3 more keys were too many to look at" in heard
@@ -118,9 +119,9 @@ def test_texts_from_the_network_stay_texts() -> None:
     evil = 'x"]\n[components.evil]\ncommand = ["rm"]'
     component = ConnectedComponent("s", "1", "client", name=evil)
     topic = TopicDraft(evil, evil, evil, declare=True, encodings=(evil,), count=1, sizes=(1, 1), read=1)
-    seen = PlainFacts(Graph.of([component], (), [Edge(evil, "subscribes", "s", "1")], ()), {evil: topic})
-    found = plain_draft(seen)
-    file = parsed(replace(found, peers=(found.system.parts[0].name,)))
+    seen = Seen(Graph.of([component], (), [Edge(evil, "subscribes", "s", "1")], ()), {evil: topic})
+    found = graph_draft(seen)
+    file = parsed(replace(found, parts=(replace(found.parts[0], peer=True),)))
     (only,) = file.components.values()
     assert only.inputs == (evil,)
     assert file.system.types == {evil: evil}

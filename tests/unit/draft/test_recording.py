@@ -7,7 +7,8 @@ from collections.abc import Callable
 import msgpack  # type: ignore[import-untyped]
 import pytest
 
-from riot_bus.draft.topic_look import TopicDraft, look_at
+from riot_bus.draft.model import TopicDraft
+from riot_bus.draft.recording import look_at
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 

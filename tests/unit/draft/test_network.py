@@ -8,7 +8,8 @@ from riot_bus.config.router_settings import RouterSettings
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import merged
 from riot_bus.control.router_service import RouterService
-from riot_bus.draft.plain_look import look_at_network
+from riot_bus.draft.init_options import InitOptions
+from riot_bus.draft.network import look_at_network
 from riot_bus.record.service import CaptureService
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
@@ -38,7 +39,7 @@ def test_a_graph_in_which_our_recorder_receives_everything_is_not_taken(
         with open_client(endpoint) as unit, open_client(router.endpoints["b"][0]) as world:
             keep = unit.session.declare_subscriber("in", lambda sample: unit.session.put("out", b"1"))
             assert wait_until(lambda: world.session.put("in", b"1") or len(router.bus.counts()) == 2, 10)
-            facts = look_at_network(endpoint, seconds=2, record=None, config={}, router=None, force=False)
+            facts = look_at_network(InitOptions(endpoint=endpoint, seconds=2))
             del keep
     received = {edge.topic for edge in facts.graph.edges if edge.role == "subscribes"}
     assert (received, facts.listener) == ({"in"}, False)

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.draft.process_facts import NodeStart
-from riot_bus.draft.scaffold import sketch_json, sketch_toml
-from riot_bus.draft.system_draft import SystemDraft, sketch
-from riot_bus.graph.survey import Started
+from riot_bus.draft.model import CommandDraft, Draft
+from riot_bus.draft.nodes_draft import nodes_draft
+from riot_bus.draft.writing import draft_json, draft_toml
 from riot_bus.system.system_file import SystemFile
 from riot_bus.types.capabilities import Announcement
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -45,13 +44,13 @@ DAEMON = node("/_ros2cli_daemon_0_abc", "e5", sub=[("/scan", SCAN)])
 SYSTEM = [*LIDAR, *ODOM, *PLANNER, *CONTROLLER, *DAEMON]
 
 
-def parsed(found: SystemDraft) -> SystemFile:
-    text = sketch_toml(found, origin="a test\nwith = 'two lines'")
+def parsed(found: Draft) -> SystemFile:
+    text = draft_toml(found, name="ros2", origin="a test\nwith = 'two lines'")
     return SystemFile.model_validate({**tomllib.loads(text), "path": Path("riot.toml").resolve()})
 
 
 def test_components_topics_and_what_is_external() -> None:
-    found = sketch(SYSTEM, offered={f"0/odom/{ODOMETRY}/hash": {"offered_qos_profiles": LATCHED}})
+    found = nodes_draft(SYSTEM, offered={f"0/odom/{ODOMETRY}/hash": {"offered_qos_profiles": LATCHED}})
     file = parsed(found)
     assert list(file.components) == ["base_odometry", "controller", "lidar", "planner"]
     assert file.components["planner"].inputs == ("/goal", "/odom", "/scan")
@@ -60,7 +59,7 @@ def test_components_topics_and_what_is_external() -> None:
     assert (file.components["lidar"].segment, file.components["planner"].segment) == ("outside", "inside")
     assert file.external.topics == ("/goal", "/scan")
     assert set(file.unit) == {"base_odometry", "controller", "planner"}
-    text = sketch_toml(found, origin="")
+    text = draft_toml(found, name="ros2", origin="")
     assert "# nav_msgs/msg/Odometry, best effort, transient local, depth 3" in text
     assert "# no publisher was seen" in text
     assert "# Services, which are not tested: serves /plan_to." in text
@@ -71,50 +70,51 @@ def test_components_topics_and_what_is_external() -> None:
 
 
 def test_a_unit_and_its_upstream() -> None:
-    file = parsed(sketch(SYSTEM, unit="planner"))
+    file = parsed(nodes_draft(SYSTEM, unit="planner"))
     assert set(file.unit) == {"planner"}
     assert file.external.topics == ("/goal", "/scan")
     loop = [*ODOM, *CONTROLLER]
-    file = parsed(sketch(loop, unit="/controller"))
+    file = parsed(nodes_draft(loop, unit="/controller"))
     assert [name for name, each in file.components.items() if each.external] == ["base_odometry"]
     assert file.external.topics == ("/odom", "/plan")
-    assert parsed(sketch(loop)).external.topics == ("/plan",)
+    assert parsed(nodes_draft(loop)).external.topics == ("/plan",)
 
 
 def test_the_user_says_what_is_external() -> None:
-    file = parsed(sketch(SYSTEM, external=["odometry", "lidar"]))
+    file = parsed(nodes_draft(SYSTEM, external=["odometry", "lidar"]))
     assert file.external.topics == ("/goal", "/odom", "/scan")
     with pytest.raises(ConfigError, match="cannot be under test and external"):
-        sketch(SYSTEM, unit="planner", external=["/planner"])
+        nodes_draft(SYSTEM, unit="planner", external=["/planner"])
     with pytest.raises(ConfigError, match="no node 'plannr'") as caught:
-        sketch(SYSTEM, unit="plannr")
+        nodes_draft(SYSTEM, unit="plannr")
     assert "planner" in str(caught.value.hint)
     twins = [*node("/a/cam", "1", pub=[("/x", SCAN)]), *node("/b/cam", "2", pub=[("/y", SCAN)])]
     with pytest.raises(ConfigError, match="several nodes") as caught:
-        sketch(twins, unit="cam")
+        nodes_draft(twins, unit="cam")
     assert "a_cam, b_cam" in str(caught.value.hint)
 
 
 def test_nodes_of_one_session_are_one_component() -> None:
-    found = sketch([*node("/one", "a", pub=[("/x", SCAN)]), *node("/two", "a", sub=[("/y", TWIST)])])
+    found = nodes_draft([*node("/one", "a", pub=[("/x", SCAN)]), *node("/two", "a", sub=[("/y", TWIST)])])
     (part,) = found.parts
     assert (part.name, part.nodes) == ("one", ("/one", "/two"))
-    assert "several nodes: /one, /two" in sketch_toml(found, origin="")
+    assert "several nodes: /one, /two" in draft_toml(found, name="ros2", origin="")
     assert not part.external
-    twice = sketch([*node("/one", "a", pub=[("/x", SCAN)]), *node("/one", "b", pub=[("/x", SCAN)])])
+    twice = nodes_draft([*node("/one", "a", pub=[("/x", SCAN)]), *node("/one", "b", pub=[("/x", SCAN)])])
     assert [each.name for each in twice.parts] == ["one", "one_2"]
 
 
 def test_nodes_behind_one_bridge_are_components_that_their_launch_file_starts() -> None:
-    launch = Started(7, ("/usr/bin/python3", "/opt/ros/bin/ros2", "launch", "robot.launch.py"), "/home/me")
+    command = ("/usr/bin/python3", "/opt/ros/bin/ros2", "launch", "robot.launch.py")
+    launch = CommandDraft(command, "/home/me", pid=7, only="planner")
     seen = [
         *node("/lidar", "a", pub=[("/scan", SCAN)]),
         *node("/robot1/planner", "a", sub=[("/scan", SCAN)], pub=[("/plan", PATH)]),
         *node("/elsewhere", "a", sub=[("/plan", PATH)]),
     ]
-    starts = {"/lidar": NodeStart(Started(9, ("lidar",), "/")), "/planner": NodeStart(launch, "planner")}
-    bridge = {"a": Started(3, ("riot", "bridge", "ros2"), "/")}
-    found = sketch(seen, unit="planner", external=["lidar"], started=bridge, behind={"a": starts})
+    starts = {"/lidar": CommandDraft(("lidar",), "/", pid=9), "/planner": launch}
+    bridge = {"a": CommandDraft(("riot", "bridge", "ros2"), "/", pid=3)}
+    found = nodes_draft(seen, unit="planner", external=["lidar"], started=bridge, behind={"a": starts})
     file = parsed(found)
     assert list(file.components) == ["elsewhere", "lidar", "robot1_planner"]
     assert all(each.dds and not each.env for each in file.components.values())
@@ -128,7 +128,7 @@ def test_nodes_behind_one_bridge_are_components_that_their_launch_file_starts() 
 def test_what_is_one_process_cannot_be_under_test_and_external() -> None:
     both = [*node("/one", "a", pub=[("/x", SCAN)]), *node("/two", "a", sub=[("/y", TWIST)])]
     with pytest.raises(ConfigError, match="cannot be under test and external: /one, /two are one process"):
-        sketch(both, unit="two", external=["one"])
+        nodes_draft(both, unit="two", external=["one"])
 
 
 def test_bridges_tell_types_that_keys_do_not() -> None:
@@ -139,38 +139,38 @@ def test_bridges_tell_types_that_keys_do_not() -> None:
             "bbbbbbbb", "serves", "dock", "", "/dock", "x/action/Dock", "bridge token", "/dock", "x/action/Dock"
         ),
     ]
-    found = sketch(seen)
+    found = nodes_draft(seen)
     file = parsed(found)
     assert file.system.adapters == ("ros2dds",)
     assert file.system.types == {"/scan": SCAN}
     assert list(file.components) == ["bridge_aaaaaa", "bridge_bbbbbb"]
     assert file.external.topics == ("/scan",)
-    assert "# Actions, which are not tested: /dock." in sketch_toml(found, origin="")
+    assert "# Actions, which are not tested: /dock." in draft_toml(found, name="ros2", origin="")
 
 
 def test_commands_of_processes_that_run_here() -> None:
     command = ("/usr/bin/python3", "planner.py", '--text="{x}\n"')
-    found = sketch(SYSTEM, started={"c3": Started(77, command, "/home/me/ws")})
+    found = nodes_draft(SYSTEM, started={"c3": CommandDraft(command, "/home/me/ws", pid=77)})
     planner, other = (parsed(found).components[name] for name in ("planner", "lidar"))
     assert (planner.command, planner.cwd) == (command, "/home/me/ws")
     assert "ZENOH_CONFIG_OVERRIDE" in planner.env
-    assert "# As process 77 was started." in sketch_toml(found, origin="")
+    assert "# As process 77 was started." in draft_toml(found, name="ros2", origin="")
     assert other.command[:4] == ("ros2", "run", "PACKAGE", "EXECUTABLE")
-    started = {each["name"]: each["started"] for each in sketch_json(found)["components"]}
-    assert started["planner"] == {"pid": 77, "command": command, "cwd": "/home/me/ws"}
+    started = {each["name"]: each["started"] for each in draft_json(found)["components"]}
+    assert started["planner"] == {"pid": 77, "command": list(command), "cwd": "/home/me/ws"}
     assert started["lidar"] is None
 
 
 def test_unknown_types_are_named() -> None:
-    found = sketch(SYSTEM, known=lambda name: name != "g/msg/G")
-    assert found.unknown == ("g/msg/G",)
-    assert "#   g/msg/G" in sketch_toml(found, origin="")
-    assert sketch_json(found)["unknown_types"] == ["g/msg/G"]
+    found = nodes_draft(SYSTEM, known=lambda name: name != "g/msg/G")
+    assert found.unknown_types == ("g/msg/G",)
+    assert "#   g/msg/G" in draft_toml(found, name="ros2", origin="")
+    assert draft_json(found)["unknown_types"] == ["g/msg/G"]
 
 
 def test_names_from_the_network_stay_names() -> None:
     evil = 'x"]\n[components.evil]\ncommand = ["rm"]'
-    file = parsed(sketch(node(f"/{evil}", "a", pub=[(f"/{evil}", f"a/msg/{evil}")])))
+    file = parsed(nodes_draft(node(f"/{evil}", "a", pub=[(f"/{evil}", f"a/msg/{evil}")])))
     (component,) = file.components.values()
     assert component.outputs == (f"/{evil}",)
 
@@ -178,5 +178,5 @@ def test_names_from_the_network_stay_names() -> None:
 def test_nobody_there() -> None:
     for seen in ([], DAEMON, [Announcement("a", "publishes", "k", "", "", "", "advanced token")]):
         with pytest.raises(EnvironmentFaultError, match="no ROS 2 nodes") as caught:
-            sketch(seen, where="tcp/127.0.0.1:7447")
+            nodes_draft(seen, where="tcp/127.0.0.1:7447")
         assert "rmw_zenoh_cpp" in str(caught.value.hint)
