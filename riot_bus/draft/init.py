@@ -13,6 +13,7 @@ from riot_bus.draft.model import CommandDraft
 from riot_bus.draft.writing import draft_json, draft_toml
 from riot_bus.plugins import LISTENERS
 from riot_bus.system.system_file import SystemFile
+from riot_bus.types.capabilities import ListensToLinks
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
@@ -74,7 +75,10 @@ def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn
         EnvironmentFaultError: A link cannot be opened, or nothing was heard.
     """
     (loaded,) = load_adapters([adapter])
-    listener = LISTENERS.load(loaded.name, where="riot init --link")(loaded)
+    if not isinstance(loaded, ListensToLinks) and adapter not in LISTENERS.targets():
+        hint = "it needs `listen` of riot_bus.types.capabilities.ListensToLinks"
+        raise ConfigError(f"adapter {adapter!r} hears no systems on links", where="riot init", hint=hint)
+    listener = loaded if isinstance(loaded, ListensToLinks) else LISTENERS.load(adapter)(loaded)
     check_path(options.out, force=options.force)
     found: HeardSystem = listener.listen(links, seconds=options.seconds, unit=options.unit, warn=warn)
     write_system(options.out, found.toml, force=options.force)
