@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from riot_bus.backchain.proposers import History, proposers
+from riot_bus.testing.plugin import PluginConformance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,11 +24,9 @@ if TYPE_CHECKING:
     from riot_bus.backchain.proposers import Proposer, SearchMethod
 
 _SIZES = (1, 3)  # dimensions
-_PROBES = (-0.2, 0.2, -0.35, 0.35)  # how far the first vectors are from the nominal one, along each axis
-_ROUNDS = 60  # enough for the shipped simplex on `_bowl`; others set their own
 
 
-class SearchConformance:
+class SearchConformance(PluginConformance):
     """Tests of a search method: it stays in bounds, is deterministic for equal seeds, and approaches the optimum.
 
     Before it is asked, the history contains the nominal vector and four probes along each axis, as in a real search.
@@ -38,7 +37,7 @@ class SearchConformance:
     """
 
     method: ClassVar[SearchMethod]
-    rounds: ClassVar[int] = _ROUNDS
+    rounds: ClassVar[int] = 60  # enough for the shipped simplex; others set their own
 
     @pytest.mark.parametrize("size", _SIZES)
     def test_it_stays_in_bounds(self, size: int) -> None:
@@ -54,24 +53,19 @@ class SearchConformance:
         assert len(pairs) == self.rounds
         assert all(np.array_equal(vector, then) for vector, then in pairs)
 
-    @pytest.mark.parametrize("size", _SIZES)
-    def test_it_is_deterministic_by_seed(self, size: int) -> None:
-        """Equal seeds and answers give equal vectors."""
-        one, other = list(self._vectors(size, _bowl, seed=7)), list(self._vectors(size, _bowl, seed=7))
-        assert all(map(np.array_equal, one, other))
+    def usual(self) -> list[list[float]]:
+        """Return the vectors that it proposes on a bowl of three dimensions."""
+        return [vector.tolist() for vector in self._vectors(3, _bowl, seed=7)]
+
+    def strange(self) -> list[str]:
+        """Return the answers after which it gives fewer vectors, or one out of bounds."""
+        return [str(answer) for answer in (math.nan, math.inf, -math.inf, 1e300, 0.0) if not self._survives(answer)]
 
     @pytest.mark.parametrize("size", _SIZES)
     def test_it_gets_nearer_than_its_start(self, size: int) -> None:
         """On a quadratic bowl, it finds a value below three quarters of that at the nominal vector."""
         found = [_bowl(vector) for vector in self._vectors(size, _bowl)]
         assert min(found) < 0.75 * _bowl(np.full(size, 0.5))
-
-    @pytest.mark.parametrize("answer", [math.nan, math.inf, -math.inf, 1e300, 0.0])
-    def test_any_answer_is_survived(self, answer: float) -> None:
-        """It continues within bounds after any answer."""
-        vectors = list(self._vectors(2, lambda vector: answer))
-        assert len(vectors) == self.rounds
-        assert all(((vector >= 0) & (vector <= 1)).all() for vector in vectors)
 
     def test_several_may_be_out_at_once(self) -> None:
         """Asked again before an answer, it gives another vector or None; answers may arrive in any order."""
@@ -82,6 +76,10 @@ class SearchConformance:
             for vector in reversed(out):
                 history.add(vector, _bowl(vector))
                 method.tell(vector, _bowl(vector))
+
+    def _survives(self, answer: float) -> bool:
+        vectors = list(self._vectors(2, lambda vector: answer))
+        return len(vectors) == self.rounds and all(((vector >= 0) & (vector <= 1)).all() for vector in vectors)
 
     def _vectors(self, size: int, value: Callable[[Floats], float], *, seed: int = 0) -> Iterator[Floats]:
         """Yield the vectors that the method proposes if each is answered at once."""
@@ -99,7 +97,9 @@ class SearchConformance:
 
     def _begun(self, size: int, value: Callable[[Floats], float], seed: int) -> tuple[History, list[Proposer]]:
         history, nominal = History(), np.full(size, 0.5)
-        for vector in nominal + np.vstack([np.zeros(size), *(reach * np.eye(size) for reach in _PROBES)]):
+        for vector in nominal + np.vstack(
+            [np.zeros(size), *(reach * np.eye(size) for reach in (-0.2, 0.2, -0.35, 0.35))]
+        ):
             answer = value(vector)
             history.add(vector, answer if math.isfinite(answer) else 1.0)
         return history, proposers([type(self).method], history, nominal, [seed])

@@ -36,7 +36,6 @@ outputs = ["out"]
 [unit.unit]
 """
 _SIGNATURE = "crash in unit: unit.py:7"
-_MESSAGES = 3  # any small number; more than one, so that a log has an order
 
 
 class FailingRunner:
@@ -86,7 +85,7 @@ def write_finding(out: Path) -> Path:
     folder.mkdir(parents=True)
     for name in ("failure", "minimal"):
         with LogWriter(folder / f"{name}.mcap") as writer:
-            for number in range(_MESSAGES):
+            for number in range(3):
                 payload = json.dumps({"x": -number}).encode()
                 writer.write(Message(10**9 * (number + 1), "in", payload, encoding="application/json"))
     FindingRecord(
@@ -97,9 +96,9 @@ def write_finding(out: Path) -> Path:
         component="unit",
         monitor="crash",
         signature=_SIGNATURE,
-        messages=_MESSAGES,
+        messages=3,
     ).save(folder)
-    MinimalRecord(before=_MESSAGES, kept=tuple(range(_MESSAGES)), topics=("in",), one_minimal=False).save(folder)
+    MinimalRecord(before=3, kept=tuple(range(3)), topics=("in",), one_minimal=False).save(folder)
     return folder
 
 

@@ -55,12 +55,12 @@ def run(made: type, test: str) -> None:
 
 def test_one_that_raises_is_found() -> None:
     with pytest.raises(AssertionError):
-        run(Raises, "test_any_payload_is_survived")
+        run(Raises, "test_strange_inputs_are_survived")
 
 
 def test_one_that_rolls_dice_of_its_own_is_found() -> None:
     with pytest.raises(AssertionError):
-        run(Rolls, "test_equal_messages_get_equal_results")
+        run(Rolls, "test_it_repeats_itself")
 
 
 def test_the_bench_says_what_was_delivered_and_when() -> None:

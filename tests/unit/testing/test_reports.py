@@ -25,6 +25,7 @@ from riot_bus.testing.reports import (
     view_at,
 )
 from riot_bus.vocabulary.errors import ConfigError
+from tests.report_samples import MarkdownConformance, OwnReportConformance
 
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
@@ -35,26 +36,25 @@ class TestHtml(ReportConformance):
     markup = True
 
 
-class TestAllure(CampaignReportConformance):
+class TestAllure(OwnReportConformance):
     report = AllureReport
 
 
-class TestJunit(CampaignReportConformance):
+class TestJunit(OwnReportConformance):
     report = JunitReport
     markup = True
 
 
-class TestSarif(CampaignReportConformance):
+class TestSarif(OwnReportConformance):
     report = SarifReport
 
 
-class TestGithub(CampaignReportConformance):
+class TestGithub(OwnReportConformance):
     report = GithubReport
 
 
-class TestMarkdown(CampaignReportConformance):
+class TestMarkdown(MarkdownConformance):
     report = MarkdownReport
-    markdown = True
 
 
 class TestText(ReportConformance):
@@ -121,9 +121,9 @@ class Hopeful(RawCampaign):
         return f"{len(view.findings)} findings\n"
 
 
-def broken(report, **more):
+def broken(report):
     made = CampaignReportConformance if hasattr(report, "render_campaign") else ReportConformance
-    return type("Broken", (made,), {"report": report, "markup": True, **more})()
+    return type("Broken", (made,), {"report": report, "markup": True})()
 
 
 def test_a_format_that_lets_names_become_tags_is_found(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_a_format_of_campaigns_that_lets_names_become_tags_is_found(tmp_path: Pa
 
 def test_markdown_that_names_can_leave_is_found(tmp_path: Path) -> None:
     with pytest.raises(AssertionError):
-        broken(RawMarkdown, markup=False, markdown=True).test_hostile_names_stay_text(tmp_path)
+        type("Broken", (MarkdownConformance,), {"report": RawMarkdown})().test_hostile_names_stay_text(tmp_path)
 
 
 def test_a_format_that_takes_an_unfinished_campaign_for_a_clean_one_is_found(tmp_path: Path) -> None:
