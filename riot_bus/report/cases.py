@@ -124,7 +124,7 @@ def _campaign_case(view: CampaignView) -> ReportedCase:
 def _nominal_doubts(campaign: CampaignRecord) -> list[str]:
     """Return what trials of the nominal log have shown besides findings: alarms, and unconfirmed failures."""
     alarms = [f"not told: {each}" for each in campaign.untold if each.endswith(" show the same")]
-    own = [each.signature for each in campaign.unconfirmed if not each.injections and not each.history]
+    own = [each.signature for each in campaign.unconfirmed if not each.injections]
     return [*alarms, *(f"failed in a trial of the nominal log, not confirmed: {each}" for each in own)]
 
 

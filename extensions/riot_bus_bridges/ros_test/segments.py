@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
-from riot_bus.processes.placement import Placement
 from riot_bus.processes.ros_domains import free_domains
 from riot_bus.router.receivers import Receivers
 from riot_bus.zenoh.session import environment_of_others, includes
 from riot_bus_bridges.ros_test.bridged_domains import bridged_domains
+from riot_bus_bridges.ros_test.placement import Placement
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator

@@ -1,8 +1,4 @@
-"""Failures that need many messages in one process: those of earlier test cases, or one log several times.
-
-A failure that occurred only after other cases gets one log that makes a fresh process fail. Growth that is small in one
-trial, but comes with every message, shows when the log of the trial is played several times.
-"""
+"""Growth that is small in one trial, but comes with every message: it shows when the log is played several times."""
 
 from __future__ import annotations
 
@@ -12,23 +8,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import GAP_NS, join_logs, more_nominal, repeat
-from riot_bus.campaign.triage import AfterOthers, Failure, Types
+from riot_bus.campaign.triage import Failure, Types
 from riot_bus.chain.unit.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Outcome, Progress, Runner, TestCase, Verdict, Violation
+from riot_bus.vocabulary.trial import Progress, Runner, TestCase, Violation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.message import Message
 
-_TRIES = 8
-"""Most trials of the whole, long history until one fails; a failure in 3 of 10 trials is missed once in 17 times."""
 _MOST_TIMES, _MOST_MESSAGES = 64, 2000
 """Most repeats of a log, and most messages in all: if each repeat grows by 1/32 of what is allowed, all exceed it."""
 _AIM = 4.0
@@ -37,52 +30,6 @@ _ROUNDING = 1e-6
 """Seconds by which windows of time begin and end early, as sums of seconds are not exact."""
 _BUDGET = 100
 """Most trials that search for the injections that are needed: each is as long as all repeats of the log."""
-
-
-def shrink_history(
-    found: AfterOthers,
-    runner: Runner,
-    *,
-    registry: TypeRegistry,
-    probe: Sequence[Message],
-    progress: Progress | None = None,
-) -> Failure | None:
-    """Return the failure with the fewest earlier cases that a fresh process needs for it; None if it does not recur.
-
-    Its case has one log: these cases with their injections, each followed by the probe, and then the last case.
-
-    Args:
-        found: The failure and the cases before it.
-        runner: Runner of trials, each in a process of its own.
-        registry: Registry that names topics.
-        probe: Messages that the unit got after each case.
-        progress: Function that is called during the search.
-    """
-    *before, last = (
-        inject_log(case.messages, case.injections, registry=registry, seed=case.seed)[0]
-        for case in (*found.before, found.case)
-    )
-    signature = found.violation.signature
-
-    def case_of(kept: Sequence[int]) -> TestCase:
-        messages = join_logs([*(part for number in kept for part in (before[number], probe)), last])
-        return TestCase(messages, seed=found.case.seed, ordered=found.case.ordered)
-
-    fresh = FreshCases(runner)
-
-    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        return fresh.failures([case_of(kept) for kept in questions], signature)
-
-    batch = [tuple(range(len(before)))] * min(runner.parallelism, _TRIES)
-    if not any(any(ask(batch)) for _ in range(-(-_TRIES // len(batch)))):
-        return None
-    minimal = minimize(len(before), ask, parallelism=runner.parallelism, progress=progress)
-    case = case_of(minimal.kept)
-    outcome = Outcome(Verdict.FAIL, (found.violation,))
-    failure = Failure(found.violation, case, 0, outcome, len(minimal.kept) + 1, occurrences=found.occurrences)
-    failure.details.append(f"{found.violation.detail} (after {len(minimal.kept)} earlier test cases)")
-    failure.rate = repeat(case, signature, runner)
-    return failure if failure.confirmed else None
 
 
 @dataclass(frozen=True, slots=True)

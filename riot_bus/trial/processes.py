@@ -1,31 +1,31 @@
-"""Start of the components of one trial: fills in placeholders, and sets up what else the components need."""
+"""The processes of one trial's components: started with what is set up for them, and ended."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import json
+import logging
 import math
-import os
-import random
 import re
 import secrets
-import socket
-import sys
+import signal
 import time
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.processes.containers import first_process
 from riot_bus.processes.forking import fork_of
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.processes.placement import STARTED, only_some, started_in
-from riot_bus.processes.ros_domains import domain_environment, free_domains, start_bridge
+from riot_bus.processes.python_report import PythonReport
+from riot_bus.processes.resource_limits import amount_text
+from riot_bus.processes.ros_domains import domain_environment, start_bridge
 from riot_bus.processes.starts import start_of
 from riot_bus.processes.supervisor import ADDR_NO_RANDOMIZE
-from riot_bus.system.system_file import FREE_PORT
+from riot_bus.trial.placeholders import Placeholders, fill
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import environment_of_others
 
@@ -35,18 +35,15 @@ if TYPE_CHECKING:
 
     from riot_bus.processes.forking import Fork
     from riot_bus.processes.launcher import ComponentProcess, Launcher
-    from riot_bus.processes.python_report import PythonReport
     from riot_bus.processes.starts import Start
     from riot_bus.system.system_file import RunPace
     from riot_bus.trial.context import Context
     from riot_bus.vocabulary.message import Scalar
 
-_PORTS = range(15_000, 32_000)
-"""Ports below those that the kernel assigns, so that none is taken before the component listens there."""
-_CHECKED_EVERY_S = 0.1
-"""Shortest time between two executions of `ready.command`."""
-_STOPPED_WITHIN_S = 10.0
-"""Time that `stop` and the end of its component may take, as long as the command of a reset may."""
+_LOG = logging.getLogger(__name__)
+_ENDED_WITHIN_S = 10.0
+"""Time that `stop` and the end of its component may take, as long as the command of a reset may, and a killed process,
+which dies late if it waits for a disk or a device."""
 FIXED: Mapping[str, str] = {
     "LC_ALL": "C.UTF-8",
     "TZ": "UTC",
@@ -72,16 +69,19 @@ class _Commands:
     told: str = ""
 
 
-class ComponentStarter:
-    """Starts components and knows what belongs to each: its process, its container, its bridge to DDS.
+class TrialProcesses:
+    """The processes of components, and what belongs to each: its container, its bridge to DDS; a context manager.
 
     Args:
-        context: Context of the system.
-        launcher: Owner of the processes.
-        directory: Folder of the trial.
-        python: Reports of Python components.
-        imports: Modules that Python components import, by program (see `TrialSetup`).
-        parameters: Values of {param:NAME}.
+        directory: Folder for their output and for what they write to `{trial_dir}`.
+        imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
+            may have another command; components that are not in it are executed and added, others are forked.
+        parameters: Values of {param:NAME} that differ from the nominal ones.
+
+    Attributes:
+        started: The started components, by name.
+        alike: Text that is the same for components that are started in the same way, by name.
+        started_at: Time of the start, in seconds of the monotonic clock, by name.
     """
 
     def __init__(
@@ -90,31 +90,56 @@ class ComponentStarter:
         launcher: Launcher,
         directory: Path,
         *,
-        python: PythonReport,
-        imports: MutableMapping[str, Sequence[str]],
-        parameters: Mapping[str, Scalar],
+        imports: MutableMapping[str, Sequence[str]] | None = None,
+        parameters: Mapping[str, Scalar] | None = None,
     ) -> None:
+        self.started: dict[str, ComponentProcess] = {}
+        self.alike: dict[str, str] = {}
+        self.started_at: dict[str, float] = {}
+        self.python = PythonReport(directory)
+        nominal = {name: each.nominal for name, each in context.file.external.parameters.items()}
+        self._parameters = {**nominal, **(parameters or {})}
+        self.placeholders = Placeholders(context.file, directory, slot=launcher.slot, parameters=self._parameters)
         self._file, self._launcher, self._directory = context.file, launcher, directory
-        self._python, self._imports, self._parameters = python, imports, parameters
-        self._processes: dict[str, ComponentProcess] = {}
+        self._imports = {} if imports is None else imports
         self._starts: dict[str, Start] = {}
         self._folders: dict[str, Path] = {}
         self._bridges: dict[str, ComponentProcess] = {}
         self._inside: dict[str, Sequence[int]] = {}
         self._commands: dict[str, _Commands] = {}
-        self._ports: dict[str, int] = {}
-        self._domains: dict[str, int] = {}
-        self._reserved = ExitStack()
 
-    def close(self) -> None:
-        """Note what Python components have imported, and give back what was reserved for the trial."""
-        with self._reserved:
-            for name, process in self._processes.items():
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End everything, note what Python components have imported, and give back what was reserved."""
+        try:
+            for name in self.started:
+                self._terminate(name)
+            self._launcher.kill_all()
+            for name, process in self.started.items():
                 if (program := self._program(name)) not in self._imports:
-                    self._imports[program] = self._python.imports(process.pid)
+                    self._imports[program] = self.python.imports(process.pid)
+        finally:
+            self.placeholders.close()
+
+    def alive(self, names: Iterable[str]) -> bool:
+        """Return whether all these components still run."""
+        return all(self._launcher.alive(self.started[name]) for name in names)
+
+    def wait(self, names: Iterable[str], *, timeout: float) -> bool:
+        """Wait until these components have ended; return False after `timeout` seconds."""
+        return self._launcher.wait([self.started[name] for name in names], timeout=timeout)
 
     def start(
-        self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None, before: Sequence[str]
+        self,
+        name: str,
+        endpoint: str,
+        *,
+        segment: str,
+        seed: int,
+        pace: RunPace | None = None,
+        before: Sequence[str] = (),
     ) -> ComponentProcess:
         """Start a component, after what is set up for it.
 
@@ -132,20 +157,20 @@ class ComponentStarter:
         """
         component = self._file.components[name]
         before = before if component.is_process else ()
-        there = f"tcp/127.0.0.1:{self.free_port(f'ssh {name}')}" if component.ssh else endpoint
+        there = f"tcp/127.0.0.1:{self.placeholders.free_port(f'ssh {name}')}" if component.ssh else endpoint
         called = f"riot-{secrets.token_hex(6)}-{re.sub(r'[^A-Za-z0-9_.-]', '-', name)}"
-        words = self._words(name, there, segment=segment, seed=seed, pace=pace)
+        words = self.placeholders.of_component(name, there, segment=segment, seed=seed, pace=pace)
         if component.container is not None:
             words["{container}"] = called
-        filled = component.filled(lambda text: _fill(text, words))
+        filled = component.filled(lambda text: fill(text, words))
         fixed = self._file.system.surroundings == "fixed"
         surroundings = fixed_environment(component.env) if fixed else {}
-        domain = domain_environment(self._domain(name), self._directory) if component.dds else {}
+        domain = domain_environment(self.placeholders.domain(name), self._directory) if component.dds else {}
         own = {**domain, **filled.env, **surroundings}
         plain = {**environment_of_others(), **own}
         env = plain
         if component.is_process:
-            env = env | self._python.environment(env, imports=self._program(name) not in self._imports)
+            env = env | self.python.environment(env, imports=self._program(name) not in self._imports)
         if component.only is not None:
             env = env | only_some(env, component.only, plan=self._directory / f"{name}.only")
         cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
@@ -168,7 +193,7 @@ class ComponentStarter:
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
         bridge = self._bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
-            number, title = self._domain(name), f"{name}.bridge"
+            number, title = self.placeholders.domain(name), f"{name}.bridge"
             nodes = {str(each.node) for each in self._file.external.in_nodes.values()}
             self._bridges[name] = start_bridge(
                 self._launcher,
@@ -186,7 +211,7 @@ class ComponentStarter:
         limits = component.limits
         unlimited = before or component.attach is not None or limits == "off"
         try:
-            self._processes[name] = self._launcher.start(
+            self.started[name] = self._launcher.start(
                 name,
                 start.argv,
                 **around,
@@ -203,30 +228,59 @@ class ComponentStarter:
                 with suppress(RiotError):
                     self._carry_out(f"{name}.teardown", filled.teardown, **around, timeout=TORN_DOWN_WITHIN_S)
             raise
-        pid = str(self._processes[name].pid)
+        pid = str(self.started[name].pid)
         ready, stop = (
             [word.replace("{pid}", pid) for word in each] for each in (filled.ready.command, filled.stop_command)
         )
         self._commands[name] = _Commands(ready, stop, plain, cwd)
-        return self._processes[name]
+        self.started_at[name] = time.monotonic()
+        self.alike[name] = repr((name, component.command, before, pace, self._parameters))
+        return self.started[name]
 
-    def stop(self, name: str) -> str | None:
+    def end(self, names: Iterable[str]) -> None:
+        """End components, as `stop` in riot.toml asks for.
+
+        Raises:
+            EnvironmentFaultError: One cannot be ended.
+        """
+        for name in names:
+            self._terminate(name)
+            process = self.started[name]
+            if self._launcher.alive(process):
+                self._launcher.interrupt(process, signal.SIGKILL)
+            if not self._launcher.wait([process], timeout=_ENDED_WITHIN_S):
+                raise EnvironmentFaultError(f"component {name!r} cannot be killed")
+            self._launcher.wait([process], timeout=TORN_DOWN_WITHIN_S, torn_down=True)
+
+    def _terminate(self, name: str) -> None:
+        """Give a component time to end by itself, if riot.toml says so."""
+        process, stop = self.started[name], self._file.components[name].stop
+        if stop == "kill" or not self._launcher.alive(process):
+            return
+        if stop != "term":
+            if problem := self._stop(name):
+                _log_unstopped(name, f"{stop[0]!r} {problem}")
+            return
+        self._launcher.interrupt(process, signal.SIGTERM)
+        self._launcher.wait([process], timeout=3.0)
+
+    def _stop(self, name: str) -> str | None:
         """Ask a component to end by itself, by the command `stop`; return what is wrong if it goes on, else None."""
-        commands, process = self._commands[name], self._processes[name]
+        commands, process = self._commands[name], self.started[name]
         try:
             asking = self._launcher.start(
                 f"{name}.stop", commands.stop, env=commands.env, cwd=commands.cwd, directory=self._directory
             )
         except EnvironmentFaultError as error:
             return f"cannot be executed: {error.message}"
-        deadline = time.monotonic() + _STOPPED_WITHIN_S
-        asked = self._launcher.wait([asking], timeout=_STOPPED_WITHIN_S)
+        deadline = time.monotonic() + _ENDED_WITHIN_S
+        asked = self._launcher.wait([asking], timeout=_ENDED_WITHIN_S)
         if asking.status == 0 and self._launcher.wait([process], timeout=deadline - time.monotonic()):
             return None
         if asking.status:
             return f"ended with status {asking.status}; {last_words(asking)}"
         told = "and the component still runs" if asked else "and has not ended itself"
-        return f"was executed {_STOPPED_WITHIN_S:g} s ago, {told}"
+        return f"was executed {_ENDED_WITHIN_S:g} s ago, {told}"
 
     def why_not_ready(self, name: str) -> str | None:
         """Return what `ready.command` of a component says, and execute it again; None once it has ended with 0."""
@@ -235,7 +289,7 @@ class ComponentStarter:
             return None
         if check.process is None or not self._launcher.alive(check.process):
             check.told = "" if check.process is None else f" ended with status {check.process.status}"
-            if time.monotonic() - check.started >= _CHECKED_EVERY_S:
+            if time.monotonic() - check.started >= 0.1:  # seconds between two executions
                 check.started = time.monotonic()
                 check.process = self._launcher.start(
                     f"{name}.ready", check.ready, env=check.env, cwd=check.cwd, directory=self._directory
@@ -246,45 +300,15 @@ class ComponentStarter:
         """Return where a component's code is: its working folder."""
         return self._folders[name]
 
-    def _words(self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None) -> dict[str, str]:
-        """Return what stands for each placeholder of a component."""
-        component = self._file.components[name]
-        words = self._common_words() | {
-            "{endpoint}": endpoint,
-            "{segment}": segment,
-            "{seed}": str(seed),
-            "{duration}": f"{pace.duration if pace else 0:g}",
-            "{speed}": f"{pace.speed if pace else 1:g}",
-        }
-        words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
-        for text in self._file.texts_of(component):
-            words |= {word: str(self.free_port(word)) for word in FREE_PORT.findall(text)}
-            words |= {"{domain}": str(self._domain(name))} if "{domain}" in text else {}
-        copies = {
-            f"{{file:{path}}}": self._copy(f"{name}.{number}", path, words)
-            for number, path in enumerate(component.files)
-        }
-        return words | copies
-
-    def _common_words(self) -> dict[str, str]:
-        return {
-            "{python}": sys.executable,
-            "{trial_dir}": str(self._directory),
-            "{slot}": str(self._launcher.slot),
-        }
-
-    def _copy(self, prefix: str, path: str, words: Mapping[str, str]) -> str:
-        """Return the path of a component's copy of a file, in which placeholders are filled in."""
-        copy = self._directory / f"{prefix}.{os.path.basename(path)}"
-        copy.write_text(_fill(self._file.text_of(path), words), encoding="utf-8")
-        return str(copy)
-
     def execute(self, name: str, command: Sequence[str], *, timeout: float) -> None:
-        """Execute a command that belongs to no component, to its end; see `TrialSetup.execute`."""
-        words = self._common_words() | {
-            word: str(self.free_port(word)) for text in command for word in FREE_PORT.findall(text)
-        }
-        filled = [_fill(word, words) for word in command]
+        """Execute a command of riot.toml that belongs to no component, such as a reset, to its end.
+
+        Raises:
+            ConfigError: It fails.
+            EnvironmentFaultError: It cannot be executed, or takes longer than `timeout` seconds.
+        """
+        words = self.placeholders.of_command(tuple(command))
+        filled = [fill(word, words) for word in command]
         self._carry_out(name, filled, env=environment_of_others(), cwd=self._file.root, timeout=timeout)
 
     def _carry_out(
@@ -314,31 +338,13 @@ class ComponentStarter:
         component = self._file.components[name]
         return " ".join((name, component.cwd, *component.command))
 
-    def _domain(self, name: str) -> int:
-        """Return a ROS domain that is reserved until the trial ends: a component's own one if it has a bridge."""
-        owner = name if self._file.components[name].dds else ""
-        if owner not in self._domains:
-            self._domains[owner] = self._reserved.enter_context(free_domains(1))[0]
-        return self._domains[owner]
-
-    def free_port(self, word: str) -> int:
-        """Return a port of TCP and UDP that was free, for each placeholder its own, the same in all of the trial."""
-        while word not in self._ports:
-            port = random.SystemRandom().choice(_PORTS)
-            with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, suppress(OSError):
-                tcp.bind(("", port))
-                udp.bind(("", port))
-                if port not in self._ports.values():
-                    self._ports[word] = port
-        return self._ports[word]
-
     def find_inside(self, name: str) -> None:
         """Find the processes of a ready component that are not descendants of riot's, and check `only`.
 
         Raises:
             ConfigError: The component's command has started no process that matches `only` in riot.toml.
         """
-        start, process = self._starts[name], self._processes[name]
+        start, process = self._starts[name], self.started[name]
         if (only := self._file.components[name].only) is not None:
             found = started_in((self._directory / f"{name}.only").with_suffix(STARTED))
             if not found.chosen:
@@ -357,10 +363,19 @@ class ComponentStarter:
         """Return the processes that all others of components descend from."""
         found = []
         for name in names:
-            found.append(self._processes[name].pid)
+            found.append(self.started[name].pid)
             found += self._inside.get(name, ())
             found += [self._bridges[name].pid] if name in self._bridges else []
         return tuple(found)
+
+    def excess(self, name: str) -> tuple[str, str] | None:
+        """Return the resource whose limit ended a component, with a text about the amount; None if none did."""
+        excess, limits = self.started[name].excess, self._file.components[name].limits
+        if excess is None or limits == "off":
+            return None
+        what, had = excess
+        most = amount_text(what, getattr(limits, what))
+        return what, f"it had {what} of {amount_text(what, had)}, and [components.{name}] limits it to {most}"
 
     def bridge_of(self, name: str) -> ComponentProcess | None:
         """Return the bridge of a component to DDS; None if it has none."""
@@ -368,7 +383,7 @@ class ComponentStarter:
 
     def runs(self, name: str) -> bool:
         """Return whether a component runs, and its bridge if it has one."""
-        processes = [self._processes[name], *([self._bridges[name]] if name in self._bridges else [])]
+        processes = [self.started[name], *([self._bridges[name]] if name in self._bridges else [])]
         return all(map(self._launcher.alive, processes))
 
     def check_way(self, name: str) -> None:
@@ -377,7 +392,7 @@ class ComponentStarter:
         Raises:
             EnvironmentFaultError: The bridge or connection has ended.
         """
-        start, process, bridge = self._starts[name], self._processes[name], self._bridges.get(name)
+        start, process, bridge = self._starts[name], self.started[name], self._bridges.get(name)
         if bridge is not None and not self._launcher.alive(bridge):
             ended, what = bridge, "the bridge to DDS"
         elif start.lost is not None and process.status == start.lost:
@@ -391,22 +406,16 @@ class ComponentStarter:
         )
 
 
+@functools.cache
+def _log_unstopped(name: str, what: str) -> None:
+    _LOG.warning("component %r is killed: its stop command %s", name, what)
+
+
 def last_words(process: ComponentProcess) -> str:
     """Return the end of what a process has written to stderr, as a hint."""
     lines = process.errors().strip().splitlines()
     tail = "\n    ".join(lines[-6:])
     return f"its last words on stderr:\n    {tail}" if lines else "it wrote nothing to stderr"
-
-
-def _as_word(value: Scalar) -> str:
-    """Return a parameter as commands take it: `true` rather than `True`."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _fill(text: str, words: Mapping[str, str]) -> str:
-    for word, value in words.items():
-        text = text.replace(word, value)
-    return text
 
 
 def fixed_environment(given: Mapping[str, str]) -> dict[str, str]:

@@ -1,6 +1,6 @@
 from riot_bus.inject.interceptor import Injector
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.trial.system_trial import _Tap
+from riot_bus.trial.system_run import OutsideTap
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
@@ -8,7 +8,7 @@ from riot_bus.vocabulary.message import Message
 
 def test_what_comes_late_is_kept_with_the_time_at_which_it_comes():
     injector = Injector([Injection("late", fault="delay", delay=2.0), Injection("lost", fault="drop")])
-    tap = _Tap(injector)
+    tap = OutsideTap(injector)
     tap.now = lambda: 5 * 10**9
     pipeline = Pipeline([injector, tap], registry=TypeRegistry())
     for key in ("late", "lost", "usual"):

@@ -1,4 +1,4 @@
-"""What becomes of a setup; all else of starting: tests/integration/test_trial_starter.py."""
+"""What becomes of a setup; all else of starting: tests/integration/test_trial_processes.py."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from riot_bus.processes.launcher import Launcher
-from riot_bus.processes.python_report import PythonReport
 from riot_bus.trial.context import open_system
-from riot_bus.trial.starter import FIXED, ComponentStarter, fixed_environment, fixes_addresses
+from riot_bus.trial.processes import FIXED, TrialProcesses, fixed_environment, fixes_addresses
 from riot_bus.vocabulary.errors import RiotError
 
 CODE = "import ctypes; print(ctypes.addressof(ctypes.c_int.in_dll(ctypes.pythonapi, 'Py_OptimizeFlag')))"
@@ -26,11 +25,9 @@ def test_what_was_set_up_is_torn_down_where_nothing_starts(tmp_path: Path, setup
         f"[components.part]\ncommand = [{command!r}]\nsetup = [{setup!r}]\nteardown = ['touch', '{tmp_path}/torn']\n"
     )
     with Launcher() as launcher:
-        starter = ComponentStarter(
-            open_system(path), launcher, tmp_path, python=PythonReport(tmp_path), imports={}, parameters={}
-        )
+        processes = TrialProcesses(open_system(path), launcher, tmp_path)
         with pytest.raises(RiotError):
-            starter.start("part", "tcp/127.0.0.1:1", segment="system", seed=0, pace=None, before=())
+            processes.start("part", "tcp/127.0.0.1:1", segment="system", seed=0)
     assert (tmp_path / "torn").exists() is (setup != "no-such-program")
 
 

@@ -21,7 +21,7 @@ import pytest
 from riot_bus.processes.activity import out_of_memory_kills
 from riot_bus.processes.launcher import ComponentProcess, Launcher
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import wait_until
@@ -59,7 +59,7 @@ def system(folder: Path, text: str) -> Path:
 
 
 @contextmanager
-def stage(path: Path, launcher: Launcher | None = None) -> Iterator[TrialSetup]:
+def setup_of(path: Path, launcher: Launcher | None = None) -> Iterator[TrialSetup]:
     folder = Path(tempfile.mkdtemp(prefix="trial-", dir=path.parent))
     with (
         launcher or Launcher() as one,
@@ -86,9 +86,9 @@ def test_what_is_set_up_before_each_start_and_torn_down_after_each_end(tmp_path:
         'teardown = ["sh", "-c", "echo torn down $GAIN >> told"]\n',
     )
     for _ in range(2):
-        with stage(path) as one:
+        with setup_of(path) as one:
             process = one.start("part", seed=0)
-            one.wait_subscribed("part", ["ask"])
+            one.readiness.wait_subscribed("part", ["ask"])
             assert prints(process, "ready 2\n")
     assert (tmp_path / "told").read_text() == "set up 2 0\ntorn down 2\n" * 2
 
@@ -105,7 +105,7 @@ def test_a_setup_that_fails_is_no_failure_of_the_component(
     tmp_path: Path, setup: str, error: type[RiotError], words: str
 ) -> None:
     path = system(tmp_path, f'command = ["true"]\nsetup = {setup}\nready = {{ timeout = 1 }}\n')
-    with stage(path) as one, pytest.raises(error, match=f"(?s){words}"):
+    with setup_of(path) as one, pytest.raises(error, match=f"(?s){words}"):
         one.start("part", seed=0)
 
 
@@ -117,10 +117,10 @@ def test_only_some_of_what_a_command_starts_belongs_to_a_component(tmp_path: Pat
     )
     path = system(tmp_path, 'command = ["{python}", "all.py", "{endpoint}"]\nonly = "part"\n')
     (tmp_path / "other.py").write_text("open('other', 'w')")
-    with stage(path) as one:
+    with setup_of(path) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
-        assert len(one.bus.segment("system").peers() - one.bus.ids) == 1
+        one.readiness.wait_subscribed("part", ["ask"])
+        assert len(one.network.bus.segment("system").peers() - one.network.bus.ids) == 1
         names = {each.name() for each in psutil.Process(process.pid).children()}
         assert "sleep" in names  # stands for the other one
     assert not (tmp_path / "other").exists()
@@ -136,10 +136,10 @@ def test_only_what_is_never_started_is_told(tmp_path: Path, starts: str, told: s
         "exec(open('part.py').read())\n"
     )
     path = system(tmp_path, 'command = ["{python}", "all.py", "{endpoint}"]\nonly = "prat"\n')
-    with stage(path) as one:
+    with setup_of(path) as one:
         one.start("part", seed=0)
         with pytest.raises(ConfigError, match=f"(?s)nothing that 'part' has started is called 'prat'.*{told}"):
-            one.wait_subscribed("part", ["ask"])
+            one.readiness.wait_subscribed("part", ["ask"])
 
 
 def test_a_component_that_runs_already(tmp_path: Path) -> None:
@@ -150,19 +150,19 @@ def test_a_component_that_runs_already(tmp_path: Path) -> None:
     command = [sys.executable, str(tmp_path / "part.py"), f"tcp/127.0.0.1:{number}"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         try:
-            with stage(path) as one:
+            with setup_of(path) as one:
                 one.start("part", seed=0)
-                one.wait_subscribed("part", ["ask"])
-                assert one.threads(["part"]).pids[1:] == (process.pid,)
-                assert one.settle(["part"], window=0.05, timeout=30)
+                one.readiness.wait_subscribed("part", ["ask"])
+                assert one.observation.threads(["part"]).pids[1:] == (process.pid,)
+                assert one.observation.settle(["part"], window=0.05, timeout=30)
                 view = one.view(["part"], settled=True, waited=1.0)
                 assert view.components[0].signs.ended == ""
             assert process.poll() is None  # what riot has not started it does not end
-            with stage(path) as one:  # and it comes again by itself
+            with setup_of(path) as one:  # and it comes again by itself
                 one.start("part", seed=0)
-                one.wait_subscribed("part", ["ask"])
+                one.readiness.wait_subscribed("part", ["ask"])
                 process.kill()
-                assert one.launcher.wait([one.processes["part"]], timeout=WAIT_S)
+                assert one.processes.wait(["part"], timeout=WAIT_S)
                 view = one.view(["part"], settled=True, waited=1.0)
                 assert view.components[0].signs.ended == "its process has ended"
         finally:
@@ -218,31 +218,31 @@ def boxed(folder: Path, engine: str) -> Path:
 
 def test_a_component_in_a_container(tmp_path: Path, engine: str) -> None:
     path = boxed(tmp_path, engine)
-    with stage(path) as one:
+    with setup_of(path) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
         assert prints(process, "ready 3\n")
-        assert len(one.threads(["part"]).pids) >= 3  # the engine's, process 1, and the program
+        assert len(one.observation.threads(["part"]).pids) >= 3  # the engine's, process 1, and the program
         assert containers(engine)
     assert not containers(engine)
 
 
 def test_a_crash_in_a_container_has_its_signal(tmp_path: Path, engine: str) -> None:
-    with stage(boxed(tmp_path, engine)) as one:
+    with setup_of(boxed(tmp_path, engine)) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
-        one.bus.put("system", Message(time.time_ns(), "ask", b"die"))
-        assert one.launcher.wait([process], timeout=WAIT_S)
+        one.readiness.wait_subscribed("part", ["ask"])
+        one.network.bus.put("system", Message(time.time_ns(), "ask", b"die"))
+        assert one.processes.wait(["part"], timeout=WAIT_S)
         assert process.status == -signal.SIGSEGV
 
 
 def test_a_component_in_a_container_is_asked_to_end(tmp_path: Path, engine: str) -> None:
     path = boxed(tmp_path, engine)
     path.write_text(f'{path.read_text()}stop = ["{engine}", "stop", "{{container}}"]\n')
-    with stage(path) as one:
+    with setup_of(path) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
-        one.end(["part"])
+        one.readiness.wait_subscribed("part", ["ask"])
+        one.processes.end(["part"])
         assert process.status == -signal.SIGTERM
     assert not containers(engine)
 
@@ -265,14 +265,14 @@ def test_a_component_in_a_service_of_a_compose_file(tmp_path: Path, engine: str,
     (tmp_path / "compose.yaml").write_text(json.dumps(of_file))
     values = {"python": sys.executable, "folder": tmp_path, "engine": engine, "image": IMAGE, "options": []}
     more = ', compose = "compose.yaml", service = "part"'
-    with stage(system(tmp_path, CONTAINER.format(**values, more=more))) as one:
+    with setup_of(system(tmp_path, CONTAINER.format(**values, more=more))) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
         assert prints(process, "ready 3\n"), process.printed()
-        (*_, inside) = one.threads(["part"]).pids
+        (*_, inside) = one.observation.threads(["part"]).pids
         hosts = Path(f"/proc/{inside}/root/etc/hosts").read_text().splitlines()
         assert "127.0.0.1" in {line.split()[0] for line in hosts if "other" in line.split()}
-        assert len(one.threads(["part"]).pids) >= 3
+        assert len(one.observation.threads(["part"]).pids) >= 3
     assert not containers(engine)
     if os.path.basename(engine) == "podman":
         pods = subprocess.run([engine, "pod", "ls", "--format={{.Name}}"], capture_output=True, text=True, check=True)
@@ -287,13 +287,13 @@ from pathlib import Path
 from riot_bus.processes.activity import out_of_memory_kills
 from riot_bus.trial.context import open_system
 from riot_bus.processes.launcher import ComponentProcess, Launcher
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 path = Path({str(path)!r})
 (path.parent / "trial").mkdir()
 one = TrialSetup(open_system(path), Launcher(), path.parent / "trial", segments=["system"]).__enter__()
 one.start("part", seed=0)
-one.wait_subscribed("part", ["ask"])
-print(one.threads(["part"]).pids[-1], flush=True)
+one.readiness.wait_subscribed("part", ["ask"])
+print(one.observation.threads(["part"]).pids[-1], flush=True)
 time.sleep(3600)
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as owner:
@@ -352,46 +352,46 @@ def of_command(folder: Path) -> list[psutil.Process]:
 
 def test_a_component_on_another_machine(tmp_path: Path, ssh: list[str]) -> None:
     path = remote(tmp_path, ssh)
-    with stage(path) as one:
+    with setup_of(path) as one:
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
         assert prints(process, "ready 4\n")
         (there,) = of_command(tmp_path)
         there.send_signal(signal.SIGSEGV)
-        assert one.launcher.wait([process], timeout=WAIT_S)
+        assert one.processes.wait(["part"], timeout=WAIT_S)
         assert process.status == -signal.SIGSEGV
-        one.end(["part"])
-    with stage(path) as one:
+        one.processes.end(["part"])
+    with setup_of(path) as one:
         one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
     assert wait_until(lambda: not of_command(tmp_path), WAIT_S)
 
 
 def test_a_component_on_another_machine_is_asked_to_end(tmp_path: Path, ssh: list[str]) -> None:
     told = ["ssh", *ssh, "127.0.0.1", "pkill", "-f", f"'^{sys.executable} {tmp_path}/part.py'"]
-    with stage(remote(tmp_path, ssh, f"stop = {json.dumps(told)}\n")) as one:
+    with setup_of(remote(tmp_path, ssh, f"stop = {json.dumps(told)}\n")) as one:
         one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
-        one.end(["part"])
-        assert one.processes["part"].status == -signal.SIGTERM
+        one.readiness.wait_subscribed("part", ["ask"])
+        one.processes.end(["part"])
+        assert one.processes.started["part"].status == -signal.SIGTERM
 
 
 def test_a_connection_that_is_lost_is_no_failure_of_the_component(tmp_path: Path, ssh: list[str]) -> None:
     path = remote(tmp_path, ["-p", "1", *ssh[2:]])
     begin = time.monotonic()
-    with stage(path) as one:
+    with setup_of(path) as one:
         one.start("part", seed=0)
         with pytest.raises(EnvironmentFaultError, match="'ssh' of component 'part' ended with status"):
-            one.wait_subscribed("part", ["ask"])
+            one.readiness.wait_subscribed("part", ["ask"])
     assert time.monotonic() - begin < WAIT_S
 
 
 def test_a_kill_for_want_of_memory_is_no_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with stage(system(tmp_path, 'command = ["{python}", "part.py", "{endpoint}"]')) as made:
+    with setup_of(system(tmp_path, 'command = ["{python}", "part.py", "{endpoint}"]')) as made:
         process = made.start("part", seed=0)
         os.kill(process.pid, signal.SIGKILL)
-        assert made.launcher.wait([process], timeout=WAIT_S)
+        assert made.processes.wait(["part"], timeout=WAIT_S)
         assert made.view(["part"], settled=True, waited=1.0).components[0].status == -signal.SIGKILL
-        monkeypatch.setattr("riot_bus.trial.stage.out_of_memory_kills", lambda: out_of_memory_kills() + 1)
+        monkeypatch.setattr("riot_bus.trial.setup.out_of_memory_kills", lambda: out_of_memory_kills() + 1)
         with pytest.raises(EnvironmentFaultError, match="the machine has no memory left"):
             made.view(["part"], settled=True, waited=1.0)

@@ -11,7 +11,7 @@ import pytest
 
 from riot_bus.processes.launcher import Launcher
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import wait_until
 
@@ -37,7 +37,7 @@ time.sleep(3600)
 """
 
 
-def stage(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int | str) -> TrialSetup:
+def setup_of(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int | str) -> TrialSetup:
     (tmp_path / "part.py").write_text(PROGRAM)
     path = tmp_path / "riot.toml"
     path.write_text(
@@ -70,16 +70,16 @@ def test_a_component_gets_copies_of_files_with_its_placeholders(tmp_path: Path) 
     with Launcher() as launcher, TrialSetup(open_system(path), launcher, folder, segments=["system"]) as one:
         process = one.start("part", seed=5)
         assert wait_until(lambda: "\n" in process.printed(), 60)
-        endpoint, port = one.bus.endpoint("system"), one._starter.free_port("{free_port}")
+        endpoint, port = one.network.bus.endpoint("system"), one.processes.placeholders.free_port("{free_port}")
     assert process.printed() == f'{{ connect: ["{endpoint}"], port: {port}, seed: 5 }} system\n'
 
 
 @pytest.mark.parametrize("ready", READY)
 def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
-    with Launcher() as launcher, stage(tmp_path, launcher, f"timeout = 60, {ready}", "soon", "{free_port}") as one:
+    with Launcher() as launcher, setup_of(tmp_path, launcher, f"timeout = 60, {ready}", "soon", "{free_port}") as one:
         begin = time.monotonic()
         process = one.start("part", seed=0)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
         assert time.monotonic() - begin >= 0.5
         if "after" not in ready:
             assert wait_until(lambda: "ready" in process.printed(), 60)
@@ -102,10 +102,10 @@ def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready:
         held.bind(("127.0.0.1", 0))  # nobody listens there, nor can another test
         port: int = held.getsockname()[1]
         text = f"timeout = 5, {ready.replace('PORT', str(port))}"
-        with Launcher() as launcher, stage(tmp_path, launcher, text, "never", port) as one:
+        with Launcher() as launcher, setup_of(tmp_path, launcher, text, "never", port) as one:
             one.start("part", seed=0)
             with pytest.raises(EnvironmentFaultError, match=words):
-                one.wait_subscribed("part", ["ask"])
+                one.readiness.wait_subscribed("part", ["ask"])
 
 
 TELLS = """
@@ -156,7 +156,7 @@ def test_parallel_trials_have_folders_domains_and_ports_of_their_own(tmp_path: P
             launcher = stack.enter_context(Launcher(slot))
             one = stack.enter_context(TrialSetup(context, launcher, directory, segments=["system"]))
             process = one.start("part", seed=0)
-            one.wait_subscribed("part", [])
+            one.readiness.wait_subscribed("part", [])
             folder, said, port, domain, same, other = process.printed().split()
             assert (folder, said) == (str(tmp_path / f"work-{slot}"), str(slot))
             assert port == same
