@@ -39,12 +39,6 @@ def never_applied(
 
     A field or a message counts if it is in the log, left alone or not.
 
-    Args:
-        dictionary: Dictionary with the tables.
-        messages: The log.
-        registry: Registry of its types.
-        fields: All fields of the log, by topic.
-
     Raises:
         ConfigError: A mutation names a field that its type does not have.
     """
@@ -91,12 +85,6 @@ def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRe
 
     These are tables that apply to no field or message of the log, mutations of fields that do not exist, and values
     that a field's type cannot hold. Each is told once.
-
-    Args:
-        text: Content of the dictionary file, as TOML.
-        where: Name of the file, for error messages.
-        messages: The log.
-        registry: Registry of its types.
 
     Raises:
         ConfigError: The file is wrong for any log: not TOML, or an unknown key or type.

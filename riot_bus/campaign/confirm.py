@@ -81,11 +81,6 @@ def repeat_in_order(case: TestCase, signature: str, runner: Runner) -> tuple[Tes
 
     A unit may take a log that is fed as fast as possible in another order, so a failure that depends on the order may
     come and go.
-
-    Args:
-        case: The test case.
-        signature: Signature of the failure.
-        runner: Runner of the trials.
     """
     rate = repeat(case, signature, runner)
     topics = {message.key for message in case.messages}

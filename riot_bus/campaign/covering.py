@@ -59,7 +59,6 @@ class Covering:
     Args:
         items: Variations of the log to try.
         positions: For each topic the positions of its messages in the log, ascending.
-        seed: Seed of the choices.
         situations: Situations of the log: times when a field has one of its few values.
 
     Attributes:

@@ -51,9 +51,6 @@ class _Pursuit:
 class Novelties:
     """Choice of variations to try because of new behaviour; equal outcomes in equal order give equal choices.
 
-    Args:
-        seed: Seed of the choices.
-
     Attributes:
         kept: Groups of variations that caused new behaviour, those of several variations on the same messages as then.
     """

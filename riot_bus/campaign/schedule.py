@@ -38,8 +38,6 @@ class Schedule:
 
     Args:
         targets: Fields by topic, from `targets_of`; all elements of an array together weigh as much as one field.
-        dictionary: Dictionary of exceptional values.
-        seed: Seed of the campaign.
         groups: Mutations by topic and family, from `groups_of`; each family has the same weight.
 
     Attributes:

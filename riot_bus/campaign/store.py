@@ -106,12 +106,7 @@ class TrialStore:
     def tried(
         self, scope: Mapping[str, object], log: Sequence[Message]
     ) -> Iterator[tuple[list[dict[str, Any]], int, Outcome]]:
-        """Yield the rows of the injections, the seed and the outcome of each injected trial of a log.
-
-        Args:
-            scope: Scope of the `StoredRunner` of the trials.
-            log: The log.
-        """
+        """Yield the rows of the injections, the seed and the outcome of each injected trial of a log."""
         begin, wanted = f"{_text(scope)}|", _identity(log)
         with self._lock, _told(self.path):
             rows = self._database.execute(_TRIED, (begin, begin)).fetchall()
@@ -235,7 +230,6 @@ class StoredRunner:
 
     Args:
         runner: Runner of trials that are not in the store.
-        store: Store of outcomes.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Function that is called with each outcome.
         unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.

@@ -30,8 +30,6 @@ class Failure:
 
     Attributes:
         case: The simplest case that was repeated, or the simplest one if none was.
-        trial: Number of its trial.
-        outcome: Outcome of that trial.
         occurrences: Number of trials of the campaign that failed this way.
         rate: Rate of this failure in fresh trials of the case; None while there were none.
         nominal: Rate of this failure in trials of the nominal log.
@@ -86,11 +84,6 @@ def complexity(injections: Iterable[Injection], modified: int, types: Types) -> 
     """Return how hard a case is to explain, as a key that sorts the simplest case first.
 
     A rule is about values of fields; values that are not numbers have no limits, and truncated payloads have no fields.
-
-    Args:
-        injections: Injections of the case.
-        modified: Number of messages that they changed.
-        types: Types of fields, by topic and path.
     """
     return max((_strangeness(each, types) for each in injections), default=0), modified
 

@@ -21,7 +21,6 @@ class Moves:
     """One way to move messages of a topic.
 
     Attributes:
-        topic: The topic.
         way: Number of later messages of its topic that each comes after; 0 if it comes after the next message of
             another topic; -1 if it comes before the last message that each other topic had until then.
         times: Times of all messages of the log, nanoseconds, ascending.
@@ -94,7 +93,6 @@ class Variation:
     """One change to try, on messages that are still to be chosen.
 
     Attributes:
-        topic: Topic of the messages.
         injections: Injections into them.
         about: Name of what it changes, such as `topic:field`; variations about the same thing may fail in the same way.
         span: Number of consecutive messages that it takes.

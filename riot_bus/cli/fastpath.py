@@ -105,11 +105,7 @@ def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str,
 
 
 def quick_start(arguments: Sequence[str]) -> bool:
-    """Execute a command line if it is an unambiguous `riot router`; return whether it was.
-
-    Args:
-        arguments: Words after `riot`.
-    """
+    """Execute a command line if it is an unambiguous `riot router`; return whether it was."""
     found = parse(arguments[1:], os.environ) if arguments[:1] == ["router"] else None
     if found is None:
         return False

@@ -19,8 +19,6 @@ class MistakeError(ValueError):
     """A mistake in a table; `explained` finds it in pydantic's error.
 
     Args:
-        message: Description of the problem, with the value.
-        hint: Advice for the user.
         place: Keys below the table.
     """
 

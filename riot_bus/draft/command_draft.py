@@ -42,10 +42,7 @@ class ProcessFacts:
     """Known facts about a process.
 
     Attributes:
-        command: Program and arguments.
-        cwd: Working folder of the process.
         program: Path of the executed program; empty if unknown.
-        environment: Whole environment of the process.
         files: Texts of the files that it was given and that name an endpoint to connect to, by path.
     """
 

@@ -36,7 +36,6 @@ class Seen:
         topics: By key, what the messages reveal about the topic.
         commands: Drafts of the components' commands, by the id of their session.
         skipped: Number of keys that were not examined because there were too many.
-        where: Name of the network or the log in errors.
         no_command: Reason why a component has no command here.
         listener: Whether a component reads everything, which hides who else reads what.
     """

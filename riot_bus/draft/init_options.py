@@ -14,8 +14,6 @@ class InitOptions:
     """How `riot init` looks at a system, and the system file that it writes.
 
     Attributes:
-        endpoint: Endpoint of the router.
-        config: Further Zenoh configuration of the client.
         router: Name of the router, if there are several.
     """
 

@@ -25,7 +25,6 @@ class TopicDraft:
     Attributes:
         topic: Name of the topic.
         key: Zenoh key of the topic.
-        type_name: Its type; empty if unknown.
         declare: Whether riot.toml has to declare the type, since keys, encodings and payloads do not identify it.
         fits: Codecs that read all payloads, if it is not clear which of them is right.
         encodings: Encodings of its messages, the most frequent first.
@@ -76,7 +75,6 @@ class Used:
     """A topic that a component reads or writes.
 
     Attributes:
-        type_name: Name of its message type, or another remark on its messages.
         qos: Unusual settings of its publisher; empty for reliable and volatile.
     """
 

@@ -32,12 +32,7 @@ _NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
 
 
 def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
-    """Return facts about a process of this machine, without those that this user may not see.
-
-    Args:
-        started: The running process.
-        ports: Ports that it may connect to.
-    """
+    """Return facts about a process of this machine, without those that this user may not see."""
     import psutil
 
     environment: dict[str, str] = {}

@@ -53,13 +53,7 @@ def look_at_log(path: Path) -> Seen:
 def read_log(
     path: Path, registry: TypeRegistry, *, learn: bool
 ) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
-    """Return message counts of a log by key and segment, topic drafts, the number of skipped keys, and the graph.
-
-    Args:
-        path: Path of the log.
-        registry: Registry of types.
-        learn: Whether the registry learns the types that the log names.
-    """
+    """Return message counts of a log by key and segment, topic drafts, the number of skipped keys, and the graph."""
     counts = Counter[tuple[str, str]]()
 
     def counted(messages: Iterable[Message]) -> Iterator[Message]:

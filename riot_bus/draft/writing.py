@@ -20,14 +20,7 @@ _MARK = "FILL IN"
 
 
 def draft_toml(found: Draft, *, origin: str, name: str, nominal: str | None = None) -> str:
-    """Return the text of a system file.
-
-    Args:
-        found: The system.
-        origin: Place and way of the observation, for the first comment.
-        name: Name of the system.
-        nominal: Path of its nominal log.
-    """
+    """Return the text of a system file."""
     types = _node_types(found) if found.adapter else _types(found)
     tested = [part.name for part in found.parts if _is_tested(part, found.unit)]
     log = '\n# log = "nominal.mcap"   # a recording of its inputs; without it, the system is run to make one'

@@ -178,12 +178,7 @@ CAMPAIGNS: dict[str, tuple[Any, tuple[str, ...]]] = {
 
 
 def campaign_at(name: str, folder: Path) -> CampaignView:
-    """Write the files of a campaign into a folder and read them.
-
-    Args:
-        name: One of `CAMPAIGNS`.
-        folder: Folder to write into; it is made.
-    """
+    """Write the files of a campaign into a folder and read them."""
     record, stages = CAMPAIGNS[name]
     folder.mkdir(parents=True, exist_ok=True)
     if record is not None:
@@ -200,12 +195,7 @@ def campaign_at(name: str, folder: Path) -> CampaignView:
 
 
 def view_at(stage: str, folder: Path) -> FindingView:
-    """Write the files of a stage into a folder and read them.
-
-    Args:
-        stage: One of `STAGES`.
-        folder: An empty folder.
-    """
+    """Write the files of a stage into a folder and read them."""
     for name, record in STAGES[stage].items():
         (folder / name).write_text(record if isinstance(record, str) else json.dumps(record), encoding="utf-8")
     return load(folder)
