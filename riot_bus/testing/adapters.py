@@ -71,6 +71,7 @@ class AdapterConformance:
     """Tests of an adapter: names and types survive a round trip, and nothing on the bus makes it raise.
 
     Attributes:
+        adapter: The adapter under test.
         keys: Some of its keys, and what `topic` returns for them before any message was received.
         types: Names of some types that it knows.
         capabilities: Protocols of `riot_bus.types.capabilities` that it is meant to implement.

@@ -72,6 +72,7 @@ class Capture:
     """A writer for a `Recorder` that keeps the messages in memory.
 
     Args:
+        registry: Registry of topic names and message types.
         log: Writer of a log that gets the same messages; closed together with this object.
         most_bytes: Approximate memory for messages; beyond it, the oldest messages of the largest key are forgotten.
     """

@@ -74,10 +74,12 @@ class RouterTest:
     """The use of a router by one test: what is intercepted and injected, and the messages since the test began.
 
     Args:
+        router: The router.
         capture: Capture of the messages that cross the router.
         stack: Exit stack that is unwound when the test ends.
         folder: Base of relative paths.
         out: Output folder of campaigns.
+        seed: Seed of all random choices.
     """
 
     def __init__(

@@ -35,6 +35,7 @@ class LiveSegment:
     """Access to a segment for components.
 
     Attributes:
+        name: Name of the segment.
         endpoint: Endpoint to which components connect, such as `tcp/127.0.0.1:41234`.
         variables: Environment variables that connect a process to it: programs that call `zenoh.Config.from_env`,
             ROS 2 nodes with rmw_zenoh, and `riot`.
@@ -88,6 +89,7 @@ class LiveRouter:
 
     Args:
         segments: Names of at least two segments: one in which tests publish, and one for the components under test.
+        registry: Registry of topic names and message types.
 
     Raises:
         ConfigError: Fewer than two segments.

@@ -74,6 +74,9 @@ class FailingRunner:
 def write_finding(out: Path) -> Path:
     """Write a finding with its failing and its minimal log, both of JSON messages, and its system file.
 
+    Args:
+        out: Folder to write into.
+
     Returns:
         The folder of the finding.
     """
@@ -103,6 +106,10 @@ class StepConformance:
     """Tests of a step: its data are complete, it writes one file of its own, and it has a summary of one line.
 
     It is carried out on a small finding, with a runner that fails every trial.
+
+    Attributes:
+        step: The step to which its entry point refers.
+        options: Options of its execution.
     """
 
     step: ClassVar[ChainStep]

@@ -47,6 +47,7 @@ class HostileConformance:
     """Tests with arbitrary bytes: nothing but `PayloadError` is raised, and work and memory are bounded.
 
     Attributes:
+        kind: The message type.
         payloads: Some of its payloads, from which hostile ones are made.
         lines: Largest number of Python lines executed for a payload, and in addition for each of its bytes.
         memory: Largest memory for a payload in bytes, and 1024 more for each of its bytes.

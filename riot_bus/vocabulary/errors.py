@@ -23,6 +23,7 @@ class RiotError(Exception):
     Args:
         message: Description of the problem, with the offending value.
         where: Place of the problem (file:line, key, field path), if there is one.
+        hint: Advice for the user.
     """
 
     exit_code = 2
@@ -57,6 +58,10 @@ def install_hint(extra: str) -> str:
 @contextmanager
 def needs_extra(package: str, extra: str) -> Iterator[None]:
     """Say what to install if an import in this context fails.
+
+    Args:
+        package: Name of the package, as pip knows it.
+        extra: Extra of riot-bus that installs it.
 
     Raises:
         MissingExtraError: An import failed.
@@ -115,7 +120,12 @@ class OutOfTimeError(RiotError):
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str | None:
-    """Return a hint that names the nearest known words, or lists a few of them."""
+    """Return a hint that names the nearest known words, or lists a few of them.
+
+    Args:
+        word: Word that the user wrote.
+        known: Words that would have been accepted.
+    """
     from difflib import get_close_matches
 
     options = sorted(set(known))

@@ -19,6 +19,7 @@ class Flag:
     The command line, its reference and the requests to a robot's agent are made from it.
 
     Attributes:
+        help: Text for `--help`.
         names: Names on the command line, separated by spaces; `--field-name` is added if none begins with `--`.
         metavar: Placeholder of the value.
         env: Environment variable that stands for the option.

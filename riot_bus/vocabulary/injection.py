@@ -34,6 +34,7 @@ class Signal:
         center: Middle of the range, in the field's unit.
         amplitude: Half of the range.
         hold: Number of messages for which a value is kept.
+        seed: Seed of this signal.
         integer: Whether values are rounded.
         choices: Values to set instead of the number, which is rounded and used as their index (from 0); empty to set
             the number itself.

@@ -46,14 +46,7 @@ def router_per_package(
 
 
 def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:
-    """Write a report into a folder.
-
-    Args:
-        folder: Folder that the report is written to.
-        package: Name of the tested package.
-        lines: Lines of the report.
-        vacuous: Whether the results say nothing about what was asked for.
-    """
+    """Write a report into a folder."""
     text = json.dumps({"package": package, "lines": list(lines), "vacuous": vacuous})
     (folder / f"{file_stem(package)}-{os.getpid()}.json").write_text(text, encoding="utf-8")
 

@@ -79,11 +79,7 @@ def open_segments(
 
 
 class Components:
-    """The components that have connected so far, without those that were connected before.
-
-    Args:
-        service: Service of the router.
-    """
+    """The components that have connected so far, without those that were connected before."""
 
     def __init__(self, service: RouterService) -> None:
         self._service = service
@@ -106,11 +102,7 @@ class Components:
 
 
 class Crossings:
-    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager.
-
-    Args:
-        bus: Bus that is open.
-    """
+    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus

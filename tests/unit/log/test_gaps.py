@@ -3,9 +3,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.log.account import Account
-from riot_bus.record import losses as module
-from riot_bus.record.losses import Gaps, LossCounts, summed
+from riot_bus.log import gaps as module
+from riot_bus.log.gaps import Gaps
 
 
 def total(numbers: list[int]) -> int:
@@ -57,14 +56,3 @@ def test_in_any_order_only_what_never_came_is_missing(numbers: set[int], random)
     rest = list(numbers)
     random.shuffle(rest)
     assert total([1, last, *rest]) == last - 2 - len(numbers)
-
-
-def test_books_balance() -> None:
-    book = LossCounts()
-    book.recorded.add("a", 5)
-    book.lose("disk", "a", 2, written=True)
-    book.lose("missed", "a")
-    book.left_out["paused"].add("b")
-    assert book.account() == Account({"a": 3}, {"disk": {"a": 2}, "missed": {"a": 1}}, {"paused": {"b": 1}})
-    assert summed([book.account(), book.account()]).recorded == {"a": 6}
-    assert summed([book.account(), book.account()]).total() == 6

@@ -1,10 +1,11 @@
-"""The paths from a field back to external fields, as text and as a Graphviz graph."""
+"""The paths from a field back to external fields, as text."""
 
 from __future__ import annotations
 
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.findings.backtrack import nodes_of
 from riot_bus.report.format import clean, seconds, share, share_interval
 from riot_bus.vocabulary.counting import counted
 
@@ -50,22 +51,6 @@ def _tree(tree: dict[str, Any], record: BacktrackRecord, steps: dict[tuple[str, 
         alone = steps.get(("", topic))
         if alone is not None and not node["again"]:
             yield from (f"{'   ' * depth}   of all other topics: {text}" for text in said_of(alone, record))
-
-
-def nodes_of(trees: Sequence[Any]) -> Iterator[tuple[dict[str, Any], str, int]]:
-    """Yield each topic of backtrack trees before those that lead to it, with its parent's name and its depth.
-
-    Args:
-        trees: Roots of the trees, as in a record: what is not an object is left out.
-    """
-    ahead: list[tuple[Any, str, int]] = [(tree, "", 0) for tree in reversed(trees)]
-    while ahead:
-        node, parent, depth = ahead.pop()
-        if isinstance(node, dict):
-            yield node, parent, depth
-            hops = node.get("hops")
-            below = reversed(hops if isinstance(hops, list) else [])
-            ahead += [(hop, str(node.get("topic", "?")), depth + 1) for hop in below]
 
 
 def _marks(node: dict[str, Any], record: BacktrackRecord, step: StepRecord | None) -> str:
@@ -189,32 +174,3 @@ def _notes(record: BacktrackRecord) -> Iterator[str]:
 
 def _path(name: str) -> str:
     return name.rpartition(":")[2]
-
-
-def dot(record: BacktrackRecord) -> str:
-    """Return the record as a Graphviz graph: topics are ellipses, external ones boxes.
-
-    Steps with evidence are solid, others dotted, inferred ones dashed; labels give components and strength.
-    """
-    roots = [tree["topic"] for tree in record.trees]
-    ends = [end for step in record.steps for end in (step.source, step.target) if end]
-    topics = list(dict.fromkeys([*roots, *ends]))
-    number = {topic: f"t{place}" for place, topic in enumerate(topics)}
-    out = ["digraph riot {", "  rankdir=LR;"]
-    for topic in topics:
-        shape = "box" if topic in record.externals else "ellipse"
-        marks = ", style=dashed" if topic in record.missing else ", penwidth=3" if topic in roots else ""
-        out.append(f"  {number[topic]} [shape={shape}, label={_quoted(topic)}{marks}];")
-    for step in (one for one in record.steps if one.source):
-        best = next((one for one in step.evidence if one.found), None)
-        label = ", ".join(step.components)
-        if best is not None and best.strength is not None:
-            label += f"\n{share(best.strength)}"
-        style = "dashed" if step.inferred else "solid" if best is not None else "dotted"
-        out.append(f"  {number[step.source]} -> {number[step.target]} [style={style}, label={_quoted(label)}];")
-    return "\n".join([*out, "}"]) + "\n"
-
-
-def _quoted(text: str) -> str:
-    plain = "\n".join(clean(one) for one in text.split("\n")).replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + plain.replace("\n", "\\n") + '"'

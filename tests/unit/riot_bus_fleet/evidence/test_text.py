@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from riot_bus.report.backtrack import dot, lines
-from tests.unit.report.backtracks import RECORD
+from riot_bus_fleet.evidence.text import lines
+from tests.unit.riot_bus_fleet.evidence.backtracks import RECORD
 
 
 def test_text_says_what_each_step_rests_on():
@@ -67,13 +67,3 @@ def test_pairs_without_a_bound_are_counted_apart() -> None:
     told = "an effect of 0.8 % or more would have shown about half of the time"
     told += ", but 1 of them had too few messages to show any effect"
     assert f"2 pairs of fields, 1,200 messages of 4 logs; {told}" in text
-
-
-def test_dot_escapes_names_and_shows_evidence():
-    text = dot(RECORD)
-    assert text.startswith("digraph riot {")
-    assert '[shape=ellipse, label="/unit", penwidth=3];' in text
-    assert 'label="/odd\\"\\\\\\\\x1b"' in text
-    assert '[style=solid, label="planner\\n12 %"];' in text
-    assert '[style=dotted, label="planner"];' in text
-    assert '[style=dashed, label="unknown writer of /unit\\n12 %"];' in text
