@@ -110,7 +110,7 @@ class _Campaign:
     Attributes:
         done: Number of injected trials so far.
         failures: All failures, by signature.
-        alarms: How many nominal trials show a signature.
+        alarms: Number of nominal trials that show a signature.
         baseless: Signatures that no nominal trial could be compared for, and why.
         nominal: Outcomes of the nominal trials.
         unseen: By monitor, the trials in which it saw nothing, and why.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.draft.command_draft import unknown_command
-from riot_bus.draft.model import CommandDraft, Draft, DraftComponent, TopicDraft, Used, draft_of, free_name
+from riot_bus.draft.model import CommandDraft, DraftComponent, SystemDraft, TopicDraft, Used, draft_of, free_name
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.selector import key_matches
 
@@ -51,7 +51,7 @@ class Seen:
 
 def graph_draft(
     seen: Seen, *, unit: str | None = None, external: Collection[str] = (), names: Mapping[str, str] | None = None
-) -> Draft:
+) -> SystemDraft:
     """Return the system that a graph and messages show; sessions of one process are one component.
 
     Args:

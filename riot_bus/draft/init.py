@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.draft.graph_draft import Seen
     from riot_bus.draft.init_options import InitOptions
-    from riot_bus.draft.model import Draft
+    from riot_bus.draft.model import SystemDraft
     from riot_bus.types.capabilities import HeardSystem
 
 
@@ -152,7 +152,7 @@ def write_system(path: Path, text: str, *, force: bool) -> None:
         raise ConfigError(f"cannot write the system file: {error.strerror}", where=str(path)) from error
 
 
-def _write(path: Path, found: Draft, origin: str, nominal: Path | None, *, force: bool) -> None:
+def _write(path: Path, found: SystemDraft, origin: str, nominal: Path | None, *, force: bool) -> None:
     log = None if nominal is None else _relative(nominal, path)
     text = draft_toml(found, origin=origin, name=path.resolve().parent.name or "system", nominal=log)
     write_system(path, text, force=force)
@@ -177,7 +177,7 @@ def _relative(place: Path, path: Path) -> str:
     return os.path.relpath(place, root) if place.is_relative_to(root) else str(place)
 
 
-def _started(options: InitOptions, seen: Seen, found: Draft) -> Draft:
+def _started(options: InitOptions, seen: Seen, found: SystemDraft) -> SystemDraft:
     """Return the draft with what components do when they are started."""
     from riot_bus.draft.first_run import first_run, with_run
     from riot_bus.trial.context import open_system

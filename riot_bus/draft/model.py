@@ -47,7 +47,7 @@ class TopicDraft:
 
 @dataclass(frozen=True, slots=True)
 class CommandDraft:
-    """Draft of how a component is started, as for riot.toml.
+    """SystemDraft of how a component is started, as for riot.toml.
 
     Attributes:
         missing: Lines that say what the user has to fill in.
@@ -120,7 +120,7 @@ class DraftComponent:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Draft:
+class SystemDraft:
     """A draft of a system, as far as it was seen.
 
     Attributes:
@@ -154,7 +154,9 @@ class Draft:
         return {zid: part.name for part in self.parts for zid in part.zids}
 
 
-def draft_of(parts: Sequence[DraftComponent], *, unit: str | None = None, external: Collection[str] = ()) -> Draft:
+def draft_of(
+    parts: Sequence[DraftComponent], *, unit: str | None = None, external: Collection[str] = ()
+) -> SystemDraft:
     """Return the system of these components, with what is external and their segments.
 
     Components that the user names are external; if the user names none, those that subscribe to nothing. External
@@ -179,7 +181,7 @@ def draft_of(parts: Sequence[DraftComponent], *, unit: str | None = None, extern
         parts = [replace(each, external="you said so") if each.name in named else each for each in parts]
     else:
         parts = _guess(parts, chosen)
-    return Draft(parts=tuple(_with_segments(parts)), external=_external(parts, chosen), unit=chosen)
+    return SystemDraft(parts=tuple(_with_segments(parts)), external=_external(parts, chosen), unit=chosen)
 
 
 def free_name(text: str, taken: set[str]) -> str:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.draft.model import CommandDraft, Draft, DraftComponent, Used, draft_of, free_name
+from riot_bus.draft.model import CommandDraft, DraftComponent, SystemDraft, Used, draft_of, free_name
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def nodes_draft(
     started: Mapping[str, CommandDraft] | None = None,
     behind: Mapping[str, Mapping[str, CommandDraft]] | None = None,
     where: str = "",
-) -> Draft:
+) -> SystemDraft:
     """Return the system that nodes and bridges announce.
 
     Args:

@@ -14,12 +14,12 @@ from riot_bus.vocabulary.toml_text import toml_string, toml_value
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from riot_bus.draft.model import Draft, DraftComponent, TopicDraft, Used
+    from riot_bus.draft.model import DraftComponent, SystemDraft, TopicDraft, Used
 
 _MARK = "FILL IN"
 
 
-def draft_toml(found: Draft, *, origin: str, name: str, nominal: str | None = None) -> str:
+def draft_toml(found: SystemDraft, *, origin: str, name: str, nominal: str | None = None) -> str:
     """Return the text of a system file."""
     types = _node_types(found) if found.adapter else _types(found)
     tested = [part.name for part in found.parts if _is_tested(part, found.unit)]
@@ -32,7 +32,7 @@ def draft_toml(found: Draft, *, origin: str, name: str, nominal: str | None = No
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def left_to_fill_in(found: Draft) -> list[str]:
+def left_to_fill_in(found: SystemDraft) -> list[str]:
     """Return what the file of a plain Zenoh system marks with FILL IN, in a line each, with its place."""
     lines = [f"types: {topic}: {_type_unknown(known)}" for topic, known in _unclear(found)]
     for part in found.parts:
@@ -45,7 +45,7 @@ def left_to_fill_in(found: Draft) -> list[str]:
     return lines
 
 
-def draft_json(found: Draft) -> dict[str, Any]:
+def draft_json(found: SystemDraft) -> dict[str, Any]:
     """Return the draft as JSON's kinds of values."""
     common = {"external": dict(found.external), "unit": found.unit}
     parts = [_part_json(part) if not found.adapter else _node_json(part) for part in found.parts]
@@ -174,7 +174,7 @@ def _is_tested(part: DraftComponent, unit: str | None) -> bool:
     return part.name == unit if unit is not None else bool(part.inputs) and not part.external
 
 
-def _head(found: Draft, origin: str, name: str, nominal: str | None) -> str:
+def _head(found: SystemDraft, origin: str, name: str, nominal: str | None) -> str:
     """Return the first comments of a file, and `[system]`."""
     segments = list(dict.fromkeys(part.segment for part in found.parts))
     note = "All keys: docs/riot-toml.md."
@@ -204,7 +204,7 @@ def _head(found: Draft, origin: str, name: str, nominal: str | None) -> str:
     return "\n".join(lines)
 
 
-def _node_types(found: Draft) -> str:
+def _node_types(found: SystemDraft) -> str:
     """Return the table of types behind zenoh-bridge-ros2dds, whose keys do not name them; empty for other bridges."""
     types = {used.topic: used.type_name for part in found.parts for used in (*part.inputs, *part.outputs)}
     if found.adapter != "ros2dds" or not types:
@@ -213,7 +213,7 @@ def _node_types(found: Draft) -> str:
     return "\n".join(["[system.types]", *(f"{toml_string(topic)} = {toml_string(name)}" for topic, name in known)])
 
 
-def _types(found: Draft) -> str:
+def _types(found: SystemDraft) -> str:
     """Return the table of types that must be declared or are unknown; empty if there are none."""
     rows = []
     for topic, known in found.topics.items():
@@ -228,7 +228,7 @@ def _types(found: Draft) -> str:
     return "\n".join(["[system.types]", *rows]) if rows else ""
 
 
-def _unclear(found: Draft) -> Iterator[tuple[str, TopicDraft]]:
+def _unclear(found: SystemDraft) -> Iterator[tuple[str, TopicDraft]]:
     """Yield the topics of unknown type that had nonempty payloads."""
     for topic, known in found.topics.items():
         if not known.type_name and known.sizes[1]:
@@ -242,7 +242,7 @@ def _type_unknown(topic: TopicDraft) -> str:
     return f"{what}: no codec reads them; a packed structure is raw(float32 x, uint8 mode)"
 
 
-def _component(part: DraftComponent, found: Draft) -> str:
+def _component(part: DraftComponent, found: SystemDraft) -> str:
     runs = part.command
     lines = [f"[components.{part.name}]", *(f"# {comment(note)}" for note in part.notes)]
     lines += [f"# {_MARK}: {comment(each)}." for each in runs.missing]
@@ -274,7 +274,7 @@ def _component(part: DraftComponent, found: Draft) -> str:
     return "\n".join(lines)
 
 
-def _open(found: Draft) -> str:
+def _open(found: SystemDraft) -> str:
     topics = list(dict.fromkeys([*found.unwritten, *found.unread]))
     if not topics:
         return ""
@@ -290,7 +290,7 @@ def _rows(items: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{row:{width}}   # {comment(remark)}" if remark else row for row, remark in rows]
 
 
-def _external(found: Draft) -> str:
+def _external(found: SystemDraft) -> str:
     """Return the table of what is external: by keys, since runs of the whole system change messages key by key."""
     keys = {key: why for topic, why in found.external.items() for key in found.groups.get(topic, [topic])}
     mark, topic = (f"{_MARK}: ", "/topic") if found.adapter else ("", "key")

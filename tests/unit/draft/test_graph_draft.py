@@ -13,7 +13,7 @@ from riot_bus.draft.graph_draft import (
     topics_by_name,
     uses_of,
 )
-from riot_bus.draft.model import CommandDraft, Draft, TopicDraft
+from riot_bus.draft.model import CommandDraft, SystemDraft, TopicDraft
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
@@ -45,11 +45,11 @@ def facts(
     return Seen(Graph.of(components, (), found, ()), {key: topic(key) for key in keys}, where="tcp/h:1")
 
 
-def segments(found: Draft) -> dict[str, str]:
+def segments(found: SystemDraft) -> dict[str, str]:
     return {part.name: part.segment for part in found.parts}
 
 
-def command_of(found: Draft, name: str) -> CommandDraft:
+def command_of(found: SystemDraft, name: str) -> CommandDraft:
     return next(part.command for part in found.parts if part.name == name)
 
 

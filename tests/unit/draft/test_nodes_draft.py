@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.draft.model import CommandDraft, Draft
+from riot_bus.draft.model import CommandDraft, SystemDraft
 from riot_bus.draft.nodes_draft import nodes_draft
 from riot_bus.draft.writing import draft_json, draft_toml
 from riot_bus.system.system_file import SystemFile
@@ -44,7 +44,7 @@ DAEMON = node("/_ros2cli_daemon_0_abc", "e5", sub=[("/scan", SCAN)])
 SYSTEM = [*LIDAR, *ODOM, *PLANNER, *CONTROLLER, *DAEMON]
 
 
-def parsed(found: Draft) -> SystemFile:
+def parsed(found: SystemDraft) -> SystemFile:
     text = draft_toml(found, name="ros2", origin="a test\nwith = 'two lines'")
     return SystemFile.model_validate({**tomllib.loads(text), "path": Path("riot.toml").resolve()})
 

@@ -4,7 +4,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-from riot_bus.draft.graph_draft import Draft, Seen, graph_draft
+from riot_bus.draft.graph_draft import Seen, SystemDraft, graph_draft
 from riot_bus.draft.model import CommandDraft, TopicDraft
 from riot_bus.draft.writing import draft_json, draft_lines, draft_toml, left_to_fill_in
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph
@@ -26,7 +26,7 @@ TOPICS = {
 }
 
 
-def draft(*edges: tuple[str, str, str], unit: str | None = None) -> Draft:
+def draft(*edges: tuple[str, str, str], unit: str | None = None) -> SystemDraft:
     components = [ConnectedComponent("s", zid, "client", command=name) for zid, name in (("1", "sim.py"), ("2", "arm"))]
     rows = [Edge(key, role, "s", zid) for zid, role, key in edges]  # type: ignore[arg-type]
     return graph_draft(Seen(Graph.of(components, (), rows, ()), TOPICS, {"1": SIM, "2": ARM}), unit=unit)
@@ -39,11 +39,11 @@ ALL = [
 ]
 
 
-def text_of(found: Draft) -> str:
+def text_of(found: SystemDraft) -> str:
     return draft_toml(found, origin="a test\nwith = 'two lines'", name="na\nme", nominal="n.mcap")
 
 
-def parsed(found: Draft) -> SystemFile:
+def parsed(found: SystemDraft) -> SystemFile:
     return SystemFile.model_validate({**tomllib.loads(text_of(found)), "path": Path("riot.toml").resolve()})
 
 
