@@ -64,12 +64,7 @@ def never_applied(
 
 
 def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target]]) -> list[str]:
-    """Return the patterns (`topic:path`) that name no field of a log, no length of one, and no topic's messages.
-
-    Args:
-        patterns: Patterns, such as `leave` of riot.toml.
-        fields: All fields of the log, by topic.
-    """
+    """Return the patterns (`topic:path`) that name no field of a log, no length of one, and no topic's messages."""
     names = {f"{topic}:" for topic in fields} | {_name(each) for found in fields.values() for each in found}
 
     def named(pattern: str) -> bool:
@@ -115,16 +110,7 @@ def applied(
     leave: Sequence[str] = (),
     include: Sequence[str] = (),
 ) -> dict[str, AppliesTo]:
-    """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log.
-
-    Args:
-        file: The file.
-        text: Text of the file.
-        messages: The log.
-        registry: Registry of the log's types.
-        leave: Patterns of fields to leave alone, as for `targets_of`.
-        include: Patterns of brittle fields to include.
-    """
+    """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log."""
     every = [each for found in targets_of(messages, registry, include=["*"]).values() for each in found]
     chosen = {each for found in targets_of(messages, registry, leave=leave, include=include).values() for each in found}
     tables: dict[str, list[tuple[str, bool]]] = {}

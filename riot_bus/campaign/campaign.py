@@ -63,23 +63,18 @@ class CampaignResult:
 
     Attributes:
         failures: Failures confirmed by fresh trials, by signature, in the order of discovery.
-        unconfirmed: Failures that no fresh trial has shown again.
         trials: Number of all trials, without repeated ones.
-        failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
             told to stop).
         notes: Notes and their numbers, such as of monitors that raised an exception or saw nothing.
         starts: Ways in which trials started the unit, and how many did so; the last trial's way at the end.
         tried: Variations that were tried, and whether they failed alone.
         undecided: Variations that failed together, and that the budget did not tell apart.
-        coverable: Number of variations to try.
-        effects: Effects of the injections.
         unjudged: Cases that could not be judged, and why.
         alarms: Signatures from comparison with nominal trials that nominal trials have shown themselves: no failures;
             also in `notes`.
         unordered: Number of passing trials in which the order across topics was given up.
         calm: Number of trials for which what had hung was kept back, since hangs took too much of the time.
-        stopped: Whether it was told to stop.
         grown: Passing cases after which the unit had grown more than in nominal trials, the most first; before each
             how much more, as a share of what is allowed.
     """
@@ -109,10 +104,8 @@ class _Campaign:
 
     Attributes:
         done: Number of injected trials so far.
-        failures: All failures, by signature.
         alarms: Number of nominal trials that show a signature.
         baseless: Signatures that no nominal trial could be compared for, and why.
-        nominal: Outcomes of the nominal trials.
         unseen: By monitor, the trials in which it saw nothing, and why.
         controlled: By signature of growth, how many messages its last control has played.
         hangs: Seconds of each trial that hung.
@@ -352,16 +345,10 @@ def run_campaign(
     A unit that always fails on the nominal log is not tested further. One that sometimes fails is tested: its failures
     on the nominal log are findings without injections, with their rates.
 
-    Args:
-        messages: The nominal log of the unit's inputs.
-        schedule: Schedule that draws the injections that `covering` does not choose.
-        runner: Runner of test cases.
-        settings: Seed and budget.
-        covering: Covering that chooses most trials; without it, all are drawn.
-        progress: Function that is called after each batch, also those that repeat failures, with the injected trials so
-            far, their final number (None if unknown), a text on the state, and the seconds left (None for no limit).
-        found: Function that is called with each failure as soon as it is confirmed.
-        stop: Function that is called before each batch of injected trials; True ends the campaign.
+    The schedule draws the injections that `covering` does not choose. `progress` is called after each batch, also those
+    that repeat failures, with the injected trials so far, their final number (None if unknown), a text on the state,
+    and the seconds left (None for no limit); `found` with each failure as soon as it is confirmed; `stop` before each
+    batch of injected trials: True ends the campaign.
 
     Raises:
         EnvironmentFaultError: Trials of the nominal log cannot be judged.

@@ -42,25 +42,13 @@ def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
 
 
 def more_nominal(case: TestCase, played: int, runner: Runner) -> Sequence[Outcome]:
-    """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some.
-
-    Args:
-        case: The test case; it has a nominal log.
-        played: Number of messages that it plays.
-        runner: Runner of the trials.
-    """
+    """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some."""
     log = join_logs([case.messages] * (2 * math.ceil(played / len(case.messages))))
     return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_CONTROLS)])
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
-    """Return the share of judged fresh trials of a case that fail with a signature.
-
-    Args:
-        case: The test case; its first failing trial does not count, since the case was chosen for it.
-        signature: Signature of the failure.
-        runner: Runner of the trials.
-    """
+    """Return the share of judged fresh trials that fail with a signature; the case was chosen for an earlier one."""
     hits = total = asked = 0
     while asked < CONFIRMATIONS:
         count = _FIRST if not asked else min(CONFIRMATIONS - asked, max(_FIRST, runner.parallelism))

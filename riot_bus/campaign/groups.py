@@ -58,12 +58,7 @@ def groups_of(
 ) -> dict[str, dict[str, list[Group]]]:
     """List the mutations that can be made in a log, by topic and by what they contradict.
 
-    Args:
-        messages: The nominal log.
-        registry: Registry of the log's types.
-        dictionary: Dictionary with the mutations.
-        leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
-        include: Patterns of brittle fields, and of fields of `opt_in` mutations, to include.
+    Fields that match `leave` are left alone; brittle ones and those of `opt_in` mutations have to match `include`.
 
     Raises:
         ConfigError: A mutation of the user's names a field that its type does not have.

@@ -38,11 +38,7 @@ def malformations(
     fields, each field, list and map is missing, null and of another type. All stamps of a message are those of the
     topic's first message, or of its last one. Of an array's elements, only the first is changed.
 
-    Args:
-        messages: The log.
-        registry: Registry of the log's types.
-        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
-        include: Patterns of brittle fields to include.
+    Topics none of whose fields may be changed are left alone, too.
     """
     found = []
     longest = Counter[str]()

@@ -39,7 +39,6 @@ class _Pursuit:
     Attributes:
         shown: The new behaviour; a part shows it if it shows some of it.
         parts: Generator of parts to try, to which is sent whether they show it.
-        part: The part to try now.
     """
 
     shown: _Shown

@@ -40,9 +40,6 @@ class Schedule:
         targets: Fields by topic, from `targets_of`; all elements of an array together weigh as much as one field.
         groups: Mutations by topic and family, from `groups_of`; each family has the same weight.
 
-    Attributes:
-        types: Types of the fields, by topic and path.
-
     Raises:
         ConfigError: Nothing can be injected.
     """
@@ -56,6 +53,7 @@ class Schedule:
         groups: Mapping[str, Mapping[str, Sequence[Group]]] | None = None,
     ) -> None:
         self._dictionary = dictionary
+        # by topic and path
         self.types = {(topic, each.path): each.type for topic, fields in targets.items() for each in fields}
         self._families: dict[str, dict[str, list[Target]]] = {}
         for topic, fields in targets.items():
@@ -148,10 +146,7 @@ def message_faults(
     Single messages and a few in a row are dropped, those at the start are missing; a message comes twice, or in a
     burst, or later or earlier (`moves_of`).
 
-    Args:
-        messages: The log.
-        registry: Registry that names topics.
-        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
+    Topics none of whose fields may be changed, as of `leave`, are left alone.
     """
     found = []
     times, places = [message.time for message in messages], positions_of(messages, registry)

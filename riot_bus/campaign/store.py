@@ -56,9 +56,6 @@ class TrialStore:
     The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an interruption leaves all of
     it or nothing.
 
-    Args:
-        path: Path of the file, which is created if it does not exist.
-
     Raises:
         EnvironmentFaultError: The file is not such a store, or is locked for a minute.
         ConfigError: A link in its folder leads out of that.
@@ -92,10 +89,8 @@ class TrialStore:
     def put(self, key: str, outcome: Outcome, case: TestCase | None = None) -> None:
         """Write an outcome to the file before returning; a full disk leaves no partial outcome.
 
-        Args:
-            key: Key of the test case and of all else that decides its outcome.
-            outcome: The outcome.
-            case: The test case; `tried` returns it if it has injections.
+        The key is that of the test case and of all else that decides its outcome. `tried` returns a case with
+        injections.
 
         Raises:
             OSError: The disk is full.
@@ -139,9 +134,6 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
     """Return one row per trial of a store, without observations, in the order in which the trials ended.
 
     Nothing is written. A trial that is executed again gets a new number.
-
-    Args:
-        path: Path of the store; if it does not exist or is empty, there are no rows.
 
     Raises:
         EnvironmentFaultError: The file is not such a store.

@@ -33,10 +33,7 @@ class Failure:
         occurrences: Number of trials of the campaign that failed this way.
         rate: Rate of this failure in fresh trials of the case; None while there were none.
         nominal: Rate of this failure in trials of the nominal log.
-        details: Details of the failures, each once.
         simpler: A simpler case that failed this way later, with its trial and outcome.
-        others: Some other cases that failed this way.
-        types: Types of the fields that injections change.
     """
 
     violation: Violation

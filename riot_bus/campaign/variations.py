@@ -72,11 +72,8 @@ def moves_of(
     A message comes after the next one of its topic, after a later one, after the next one of another topic, or before
     the last one of each other topic.
 
-    Args:
-        topic: The topic.
-        times: Times of all messages of the log, nanoseconds, ascending.
-        positions: For each topic the positions of its messages in the log, ascending.
-        still: Topics whose messages are not delayed.
+    `times` are those of all messages of the log, nanoseconds, and `positions` those of the messages of each topic, both
+    ascending. Messages of the topics in `still` are not delayed.
     """
     own, rest = positions[topic], [name for name in positions if name != topic]
     others = sorted((name for name in rest if name not in still), key=lambda name: len(positions[name]))

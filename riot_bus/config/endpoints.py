@@ -91,9 +91,7 @@ def split_endpoints(text: str) -> list[str]:
 def parse_endpoint(text: str, *, connect: bool = False) -> Endpoint:
     """Parse and check an endpoint.
 
-    Args:
-        text: The endpoint as the user wrote it.
-        connect: Whether it is connected to, so that it needs a port other than 0.
+    To `connect`, it needs a port other than 0.
 
     Raises:
         ConfigError: It cannot work; the message says why.

@@ -56,12 +56,7 @@ def explained(
 ) -> ConfigError:
     """Turn pydantic's error into one with file, line, table and hint.
 
-    Args:
-        error: Error of the validation.
-        path: The file.
-        text: Its text.
-        known_keys: Returns the keys that a table may have.
-        prefix: Tables above what was validated.
+    `known_keys` returns the keys that a table may have; `prefix` are the tables above what was validated.
     """
     problem: Any = error.errors()[0]
     place = [*prefix, *(str(part) for part in problem["loc"])]

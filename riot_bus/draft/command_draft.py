@@ -70,13 +70,9 @@ def command_draft(
 ) -> CommandDraft:
     """Return a draft of the command that starts a process again so that it connects to riot's endpoint.
 
-    Args:
-        process: Facts about the process.
-        ports: Ports on which the network of the process listens.
-        endpoints: Endpoints without a port on which that network listens, such as socket files.
-        ours: Environment that components get in any case.
-        python: Path of the Python that runs riot.
-        taken: Texts of files that other drafts name already, by name; those of this draft are added.
+    The network of the process listens on `ports`, and on `endpoints` without a port, such as socket files. All
+    components get the environment `ours` in any case. `taken` are the texts of files that other drafts name already, by
+    name; those of this draft are added.
     """
     missing: list[str] = []
     files: dict[str, str] = {}

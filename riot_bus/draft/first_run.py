@@ -66,11 +66,7 @@ class _Tap:
 def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
     """Start components and watch them; their messages reach no other system.
 
-    Args:
-        context: Context of the system.
-        names: Names of the components.
-        keys: Further keys that they may have subscribed to.
-        seconds: Time to watch them after all have connected, in seconds.
+    They may have subscribed to `keys`, too, and are watched for so many seconds after all have connected.
     """
     failed: dict[str, str] = {}
     tap = _Tap()
@@ -103,10 +99,7 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
 def with_run(seen: Seen, run: FirstRun, sessions: Mapping[str, str]) -> Seen:
     """Return facts about a system, completed by what its components did when started; a pure function.
 
-    Args:
-        seen: Facts that were known before.
-        run: Behaviour of the components.
-        sessions: Name of the component by the id of its session.
+    `sessions` has the name of the component by the id of its session.
     """
     first = {name: zid for zid, name in reversed(list(sessions.items()))}
     homes = {each.zid: each.segment for each in seen.graph.components}

@@ -54,11 +54,8 @@ def graph_draft(
 ) -> SystemDraft:
     """Return the system that a graph and messages show; sessions of one process are one component.
 
-    Args:
-        seen: Observed facts about the system.
-        unit: Component to test, as of `draft_of`.
-        external: Components that play the outside world.
-        names: Names of components by the ids of their sessions, where they have some already.
+    Some components may have names already, by the ids of their sessions; for the unit and the external ones see
+    `draft_of`.
 
     Raises:
         EnvironmentFaultError: Nothing was seen.
@@ -126,10 +123,6 @@ def component_names(processes: Sequence[Process], commands: Mapping[str, Command
     """Return the name in riot.toml of the component of each session.
 
     That is its usual name; if several have the same one, the first word that only its command has is added.
-
-    Args:
-        processes: The sessions of each component.
-        commands: Drafts of the components' commands, by the ids of their sessions.
     """
     called, words = [], []
     for process in processes:
@@ -152,12 +145,7 @@ def _known_command(process: Process, commands: Mapping[str, CommandDraft]) -> Co
 
 
 def uses_of(graph: Graph, names: Mapping[str, str]) -> Uses:
-    """Return the keys that each component uses; a key expression only if it includes none of these keys.
-
-    Args:
-        graph: Graph of components and topics.
-        names: Name of the component of each session.
-    """
+    """Return the keys that each component uses; a key expression only if it includes none of these keys."""
     found: Uses = defaultdict(set)
     for edge in graph.edges:
         if edge.zid in names:

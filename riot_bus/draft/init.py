@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 
 
 def init_nodes(options: InitOptions) -> dict[str, Any]:
-    """Look at the ROS 2 nodes on a router and write a system file.
-
-    Returns:
-        What was seen and written, as JSON values.
+    """Look at the ROS 2 nodes on a router and write a system file; return what was seen and written, as JSON values.
 
     Raises:
         ConfigError: The file exists already, or a named node was not seen.
@@ -64,11 +61,7 @@ def init_nodes(options: InitOptions) -> dict[str, Any]:
 def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn: Callable[[str], None]) -> HeardSystem:
     """Listen to links that an adapter knows, in its notation, and write a system file.
 
-    Args:
-        options: Options of the command; the unit is named as the adapter names it.
-        adapter: Name of the adapter.
-        links: Links in the notation of the adapter.
-        warn: Function called with a line about what does not work.
+    The unit is named as the adapter names it; `warn` is called with a line about what does not work.
 
     Raises:
         ConfigError: The file exists already, the adapter cannot listen to links, or a link or the unit is wrong.
@@ -86,10 +79,7 @@ def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn
 
 
 def init_network(options: InitOptions) -> dict[str, Any]:
-    """Look at the components on a router, start them if that was asked for, and write a system file.
-
-    Returns:
-        What was seen and written, as JSON values.
+    """Look at the components on a router, start them if that was asked for, and write a system file, as `init_nodes`.
 
     Raises:
         ConfigError: A file exists already, or a named component was not seen.

@@ -23,8 +23,6 @@ class TopicDraft:
     """Known facts about a topic that had messages.
 
     Attributes:
-        topic: Name of the topic.
-        key: Zenoh key of the topic.
         declare: Whether riot.toml has to declare the type, since keys, encodings and payloads do not identify it.
         fits: Codecs that read all payloads, if it is not clear which of them is right.
         encodings: Encodings of its messages, the most frequent first.
@@ -89,12 +87,10 @@ class DraftComponent:
 
     Attributes:
         zids: Ids of its Zenoh sessions.
-        nodes: Its ROS nodes, if they are known.
         services: Services that it offers and calls, as text.
         actions: Actions that it offers and calls, as text.
         external: Reason why it counts as external; empty if it does not.
         segment: Segment of the router that it was seen on; in a finished draft, its segment in riot.toml.
-        notes: Comments on its command.
         peer: Whether it is a Zenoh peer, which may find others without a router.
         dds: Whether it is a node of DDS behind a `riot bridge ros2`.
     """

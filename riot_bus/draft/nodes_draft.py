@@ -42,15 +42,9 @@ def nodes_draft(
 ) -> SystemDraft:
     """Return the system that nodes and bridges announce.
 
-    Args:
-        announcements: Liveliness tokens of nodes and bridges.
-        offered: Quality of service by key.
-        known: Function that tells whether a type has a definition.
-        unit: Component to test, as of `draft_of`.
-        external: Components that play the outside world.
-        started: Commands of processes, by session id.
-        behind: Processes of the ROS domain behind each `riot bridge ros2`, by session id and name of the node.
-        where: Name of the network in errors.
+    `offered` is the quality of service by key; `started` has the commands of processes by session id, and `behind`
+    those of the ROS domain behind each `riot bridge ros2`, by session id and name of the node; `where` names the
+    network in errors.
 
     Raises:
         EnvironmentFaultError: No nodes were seen.

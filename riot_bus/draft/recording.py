@@ -84,12 +84,7 @@ def _lasting(reader: LogReader) -> Graph:
 
 
 def look_at(messages: Iterable[Message], registry: TypeRegistry) -> tuple[dict[str, TopicDraft], int]:
-    """Return what messages show about their topics, by key, and the number of keys skipped because of the limit.
-
-    Args:
-        messages: Messages in their order.
-        registry: Registry of message types, which already knows the schemas of logs.
-    """
+    """Return what messages show about their topics, by key, and the number of keys skipped because of the limit."""
     codecs = _documents(registry)
     looks: dict[str, _TopicLook] = {}
     skipped: set[str] = set()

@@ -116,11 +116,7 @@ def _node_json(part: DraftComponent) -> dict[str, Any]:
 
 
 def draft_lines(found: Mapping[str, Any]) -> list[str]:
-    """Return a draft as text: its components, what is external, what is left to fill in, and what to do next.
-
-    Args:
-        found: As `draft_json` returns it, with the `file` written and whether components were `started`.
-    """
+    """Return as text what `draft_json` found, with the `file` written and whether components were `started`."""
     lines = _nodes_lines(found) if "unknown_types" in found else _plain_lines(found)
     return [comment(line) for line in lines]
 

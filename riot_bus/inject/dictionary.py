@@ -67,11 +67,6 @@ class Dictionary:
     def add(self, text: str, *, where: str, own: bool = False) -> None:
         """Add the text of a dictionary file.
 
-        Args:
-            text: Text of the file, as TOML.
-            where: Name of the file in errors.
-            own: Whether the file is the user's own.
-
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
         """
@@ -111,10 +106,7 @@ class Dictionary:
     ) -> tuple[SuggestedValue, ...]:
         """Return the values worth trying in a field, those bound to its path first.
 
-        Args:
-            type: Primitive type of the field.
-            path: Field path (or `topic:path`) to look bindings up by.
-            told: Values from the field's definition (`riot_bus.types.capabilities`); unused if a binding says `only`.
+        The path may be `topic:path`. Values `told` by the field's definition are unused if a binding says `only`.
 
         Raises:
             ConfigError: The type is unknown, or a binding of the user's own for this path holds no value that the type
@@ -158,8 +150,7 @@ class Dictionary:
     def unmatched(self, paths: Iterable[str]) -> Iterator[ConfigError]:
         """Yield an error for each `[[field]]` whose pattern matches none of these fields.
 
-        Args:
-            paths: Paths of all fields (`topic:path`); for an array, some of its elements suffice.
+        A field's path is `topic:path`; for an array, some of its elements suffice.
         """
         known = list(paths)
         for binding in reversed(self._bindings):

@@ -45,9 +45,7 @@ class Mutation:
     """Fields of one message that are changed together.
 
     Attributes:
-        type: Type of the message that has the fields.
         changes: New value of each field by path.
-        reason: Reason why this is worth trying.
         consistent: Formula that is true of sound messages and false of mutated ones; empty if these are only unusual.
         opt_in: Whether it is only tried where the user asked for all of its fields.
         source: Entry and file that it comes from.
@@ -118,11 +116,6 @@ class RawMessage(BaseModel):
 
 def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutation]:
     """Yield the mutations of a `[[message]]`, one for each of its types.
-
-    Args:
-        raw: Table as the file has it.
-        where: File and place in it, for errors.
-        own: Whether the file is the user's own.
 
     Raises:
         ConfigError: A path or formula does not parse.

@@ -30,7 +30,6 @@ class Option:
     """One option of an interceptor.
 
     Attributes:
-        name: Name as it is written.
         type: Type as it is declared, empty if it is not.
         default: Default value as text; None if there is none, or if the option is required.
         doc: Meaning of the option, in a sentence.
@@ -49,7 +48,6 @@ class Description:
     """Description of a shipped or installed interceptor, for `riot interceptors`.
 
     Attributes:
-        name: Name by which `--interceptor` and riot.toml refer to it.
         summary: First line of its docstring; the reason if it cannot be loaded.
         options: Its own options, without the conditions that all interceptors have; empty if it cannot be loaded.
     """
@@ -60,7 +58,7 @@ class Description:
 
 
 def build(use: str, options: Mapping[str, Any], *, where: str | None = None, root: Path | None = None) -> object:
-    """Build an interceptor.
+    """Build an interceptor, wrapped in its conditions if there are any.
 
     Args:
         use: Name of a shipped or installed interceptor, or `FILE.py[:NAME]`, whose code is then executed.
@@ -68,9 +66,6 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
             `name` gives it another name.
         where: Place where it is named, for errors.
         root: Folder that relative paths start from, by default the working folder.
-
-    Returns:
-        The interceptor, wrapped in its conditions if there are any.
 
     Raises:
         ConfigError: There is no such interceptor or option, or a value is wrong.

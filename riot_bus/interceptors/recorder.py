@@ -32,9 +32,6 @@ class Recorder:
 
     If an intercepted message was changed, delayed, copied or dropped, both the original and what was delivered are
     written, under the same sequence number.
-
-    Attributes:
-        lossy: Whether any message is lost.
     """
 
     def __init__(
@@ -46,6 +43,7 @@ class Recorder:
         topic: Callable[[str], str] = str,
     ) -> None:
         self.lossy = False
+        """Whether any message is lost."""
         self._topic = topic
         self._mailbox: Mailbox[Callable[[], None]] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
         self._lock = threading.RLock()

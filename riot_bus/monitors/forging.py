@@ -24,12 +24,7 @@ _SECOND = 10**9  # in nanoseconds, as times of messages
 
 
 def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
-    """Return why a monitor is not shown to be able to fire; None if it fires on a forged copy of a trial.
-
-    Args:
-        monitor: Monitor that implements `Forges`; for others it cannot be shown.
-        view: A nominal trial; it is not changed.
-    """
+    """Return why a monitor is not shown to be able to fire; None if it fires on a forged copy of a trial."""
     try:
         found = monitor.judge(view)
         if found:

@@ -67,10 +67,7 @@ class MinedRule:
         kind: `finite` (no number is NaN or infinite), `count` (of the topic's messages), `value` (of the field, message
             by message), `counter` (the field increases), `clock` (the field, in units of `unit` nanoseconds, is the
             time of the message, plus `low` to `high` nanoseconds), `norm` (the quaternion has length 1).
-        topic: Name of the topic.
         field: Path of the field; in `finite`, with `[*]` for all elements of an array; empty for `count`.
-        low: Lower bounds.
-        high: Upper bounds.
         unit: Unit of a `clock` field, nanoseconds.
     """
 
@@ -188,8 +185,7 @@ NO_RULES = Mined()
 def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
     """Return what the answers to the probe have in common.
 
-    Args:
-        histories: Groups of nominal trials, each group with the same history before the probe.
+    The trials come in groups with the same history before the probe.
     """
     groups = [[_answers(view.outputs[view.probed :], view.registry) for view in views] for views in histories]
     trials = list(chain.from_iterable(groups))
@@ -202,10 +198,7 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
 def check_rules(rules: Sequence[MinedRule], judged: Iterable[Iterable[Violation]], *, trials: int) -> Mined:
     """Return the rules that none of the other nominal trials breaks; the rest is listed as dropped.
 
-    Args:
-        rules: Mined rules.
-        judged: Violations in each of the other trials; only those that `Mined` with these rules finds count.
-        trials: Number of trials that the rules were learnt from.
+    Of the violations in each of the other trials, only those that `Mined` with these rules finds count.
     """
     fired = [{one.signature.removeprefix("mined ") for one in each if one.monitor == "mined"} for each in judged]
     wrong = set().union(*fired)

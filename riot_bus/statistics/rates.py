@@ -41,12 +41,6 @@ def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[
 def chance_of_difference(hits: int, total: int, other_hits: int, other_total: int) -> float:
     """Return the one-sided p-value of Fisher's exact test that the first rate is higher than the other one.
 
-    Args:
-        hits: Number of hits of the rate that is expected to be higher.
-        total: Number of trials of this rate.
-        other_hits: Number of hits of the other rate.
-        other_total: Number of trials of the other rate.
-
     Example:
         >>> round(chance_of_difference(4, 4, 0, 10), 4)
         0.001

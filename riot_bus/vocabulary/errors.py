@@ -59,10 +59,6 @@ def install_hint(extra: str) -> str:
 def needs_extra(package: str, extra: str) -> Iterator[None]:
     """Say what to install if an import in this context fails.
 
-    Args:
-        package: Name of the package, as pip knows it.
-        extra: Extra of riot-bus that installs it.
-
     Raises:
         MissingExtraError: An import failed.
     """
