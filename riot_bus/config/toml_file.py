@@ -9,10 +9,10 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Container, Iterable, Sequence
     from pathlib import Path
 
-    from pydantic import ValidationError
+    from pydantic import BaseModel, ValidationError
 
 
 class MistakeError(ValueError):
@@ -73,6 +73,31 @@ def explained(
     else:
         message = f"{problem['msg']} (got {problem.get('input')!r})"
     return ConfigError(message, where=place_of(path, text, place), hint=hint or None)
+
+
+def explained_key(
+    error: ValidationError, where: str, tags: Container[str], table_at: Callable[[list[str | int]], type[BaseModel]]
+) -> ConfigError:
+    """Turn pydantic's error into one with the path of the key, such as `inject[0].topic`, and hint.
+
+    `tags` are the names of alternatives of a value, which are not keys of the file; `table_at` returns the table that a
+    key is in.
+    """
+    problems = error.errors()
+    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
+    *outer, last = first["loc"]
+    unknown = first["type"] == "extra_forbidden"  # a key from the file, which may have the name of a tag
+    place: list[str | int] = [part for part in outer if part not in tags]
+    place += [last] if unknown or last not in tags else []
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+    where = f"{where}: {key}" if key else where
+    if unknown:
+        word = str(last)
+        hint = did_you_mean(word, table_at(place).model_fields)
+        return ConfigError(f"unknown key {word!r}", where=where, hint=hint)
+    given = first["input"]
+    shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
+    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where)
 
 
 def place_of(path: Path, text: str, place: list[str]) -> str:

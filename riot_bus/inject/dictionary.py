@@ -1,22 +1,6 @@
 """Dictionaries: exceptional values per type or field, and mutations per message, each with why it is worth trying.
 
-A dictionary is a TOML file:
-
-    type = "float64"                       # optional: the type of every entry that names none
-
-    [[entry]]
-    value = nan                            # or {hex = "00ff"} for bytes, {repeat = "A", times = 4096} for long text
-    reason = "not a number"
-
-    [[field]]                              # values for some fields only, by a path pattern (`*` = anything)
-    path = "*.linear.x"
-    type = "float64"                       # optional: then every value is checked when the file is read
-    only = true                            # optional: no values for whole types or from definitions in such fields
-    entries = [{ value = 1e6, reason = "faster than any robot" }]
-
-    [[message]]                            # fields that are changed together, by message type: see `mutations`
-
-Files come from the packages that the entry point group `riot_bus.dictionaries` names, and from riot.toml.
+They are TOML files (docs/dictionaries.md): those that the entry points `riot_bus.dictionaries` or riot.toml name.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.loader import load_class
 from riot_bus.plugin_options import REQUIRED, explained_option, instance_of, options_of
 from riot_bus.plugins import INTERCEPTORS
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean, located
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -85,11 +85,10 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
             raise ConfigError(f"unknown option {key!r}", where=place, hint=did_you_mean(key, {*declared, *_CONDITIONS}))
     interceptor: object = instance_of(kind, own, lambda _: place, root=root)
     try:
-        when = _WHEN.validate_python(conditions)
+        with located(place):
+            when = _WHEN.validate_python(conditions)
     except ValidationError as error:
         raise explained_option(error, lambda _: place) from None
-    except ConfigError as error:
-        raise ConfigError(error.message, where=place, hint=error.hint) from None
     return Selective(interceptor, when, name) if conditions or name else interceptor
 
 

@@ -5,13 +5,13 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Injection, Signal
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import Selector, check_wildcards, key_matches, parse_selector, split_field
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from riot_bus.zenoh.session import canonical
+from tests.manual_clock import ManualClock
 
 chunk = st.sampled_from(["a", "b", "ab", "aab", "aba", "@v", "@va", "a.b", "std_msgs::msg::String_"])
 wild = st.sampled_from(["a", "b", "*", "**", "a$*", "$*b", "a$*a", "$*a$*b$*", "@v"])
