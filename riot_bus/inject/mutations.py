@@ -1,8 +1,8 @@
 """Mutations: fields of one message that are changed together, so that they contradict each other.
 
-They are part of a dictionary file (docs/dictionaries.md), and apply wherever their type occurs: in messages of that type,
-and in all messages that contain one. A text is a formula over the message as it was before; literal text has quotes of
-its own: `"'rgb8'"`.
+They are part of a dictionary file (docs/dictionaries.md), and apply wherever their type occurs: in messages of that
+type, and in all messages that contain one. A text is a formula over the message as it was before; literal text has
+quotes of its own: `"'rgb8'"`.
 """
 
 from __future__ import annotations
