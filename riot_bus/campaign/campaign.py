@@ -31,8 +31,6 @@ _DRAWN = 4
 """One in this many trials has policies on many messages; they are drawn blindly until each variation has been tried."""
 _NARROWED = 2
 """One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
-_NOMINAL = 4
-_MORE_NOMINAL = 16
 _MOST_CASES = 3
 """Cases of one signature that are repeated before it counts as unconfirmed."""
 _HANGS, _HANG_SHARE = 8, 0.5
@@ -244,7 +242,7 @@ class _Campaign:
     def check_nominal(self) -> None:
         """Run the nominal log, more often if verdicts differ; if these trials cannot be judged, no others can."""
         cases, outcomes = dict[int, TestCase](), list[Outcome]()
-        for count in (_NOMINAL, _MORE_NOMINAL):
+        for count in (4, 16):
             if not outcomes or len({outcome.verdict for outcome in outcomes}) > 1:
                 more = {-n: self.case(self.settings.seed + n - 1) for n in range(len(cases) + 1, count + 1)}
                 outcomes += self.runner.run(list(more.values()))

@@ -26,8 +26,6 @@ _FIRST = 4
 _DOUBT, _SPREAD = 0.005, 0.15
 """Accepted doubt whether the case triggers the failure or it is chance, and accepted spread of the rate; then trials
 end. A failure in one of five trials is missed once in eighty-seven times."""
-_CONTROLS = 4
-"""Trials of nominal messages; they are twice as many as those that make the unit grow, so that chance hides nothing."""
 
 
 def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
@@ -44,7 +42,7 @@ def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
 def more_nominal(case: TestCase, played: int, runner: Runner) -> Sequence[Outcome]:
     """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some."""
     log = join_logs([case.messages] * (2 * math.ceil(played / len(case.messages))))
-    return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_CONTROLS)])
+    return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_FIRST)])
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import Target, any_names, family_of
+from riot_bus.campaign.targets import MOST_ADDED_BYTES, Target, any_names, family_of
 from riot_bus.campaign.variations import Variation, moves_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -23,14 +23,10 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-_POLICIES = (1, 2, 3)
-_FIELDS = (1, 1, 2, 3)
 _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
 _SOME, _BURST = 0.25, 20
 """Share of a topic's messages that is missing at the start; number of copies in a burst."""
-_MOST_BYTES = 1 << 26
-"""Most bytes that long values may add to all messages of a trial."""
 
 
 class Schedule:
@@ -76,8 +72,7 @@ class Schedule:
         Several policies find more per trial; minimisation later shows which of them mattered.
         """
         draw = random.Random(f"{self._seed}:{trial}")  # noqa: S311
-        policies = draw.choice(_POLICIES)
-        return tuple(injection for _ in range(policies) for injection in self._policy(draw))
+        return tuple(injection for _ in range(draw.choice((1, 2, 3))) for injection in self._policy(draw))
 
     def items(self) -> list[Variation]:
         """Return each value of each field, and each mutation, as variations to try once.
@@ -95,7 +90,7 @@ class Schedule:
                     at = number % len(targets)
                     if number < len(known[at]):
                         value = known[at][number].value
-                        most = _MOST_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
+                        most = MOST_ADDED_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
                         elements = targets[at].elements if alike and repr(value) in common else ()
                         path = draw.choice(elements) if elements else targets[at].path
                         injection = Injection(topic, path, value, seed=self._seed)
@@ -119,7 +114,7 @@ class Schedule:
             group = draw.choice(groups[draw.choice(sorted(groups))])
             first, last = _stretch(draw, group.messages, group.most)
             return group.injections(first, last, seed=self._seed)
-        names = draw.sample(sorted(families), min(len(families), draw.choice(_FIELDS)))
+        names = draw.sample(sorted(families), min(len(families), draw.choice((1, 1, 2, 3))))
         chosen = [draw.choice(families[name]) for name in names]
         first, last = _stretch(draw, chosen[0].messages)
         return [

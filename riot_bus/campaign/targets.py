@@ -27,8 +27,10 @@ _PLACES = 64
 _INDEX = re.compile(r"\[(\d+)\]")
 _OBSERVED = 200
 """Messages of a topic that are read for limits: enough for these, and a second at most for large messages."""
-_WORDS = _OTHERS = 4
+_OTHERS = 4
 """Number of texts of the field itself, and of values of other fields of its message, that are tried."""
+MOST_ADDED_BYTES = 1 << 26
+"""Most bytes that a change may add to all messages of a trial."""
 _LONG = 4096
 """Texts of this length or longer are not tried elsewhere: each test case would hold them."""
 
@@ -198,7 +200,7 @@ def _values(target: Target, rows: Iterable[Mapping[str, tuple[str, Scalar]]]) ->
             others |= {value: None for path, (kind, value) in row.items() if kind == target.type and path[:4] != "len("}
     if target.type in ("string", "bytes"):
         texts = [each for each in own if isinstance(each, str | bytes) and len(each) < _LONG and len(own) > 1]
-        yield from (SuggestedValue(each, "another message has it") for each in texts[:_WORDS])
+        yield from (SuggestedValue(each, "another message has it") for each in texts[:_OTHERS])
     elif target.type != "bool" and own:
         numbers = [value for value in own if isinstance(value, int | float) and value - value == 0]
         low, high = min(numbers, default=0), max(numbers, default=0)

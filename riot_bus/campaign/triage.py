@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 Types = Mapping[tuple[str, str], str]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
-_MOST_DETAILS = 5
-_MOST_OTHERS = 8
 _MINED_ALARMS = 0.01
 """Share of nominal trials in which mined rules may fire by chance (docs/verdicts.md)."""
 
@@ -145,10 +143,10 @@ def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, tri
             known.simpler = case, trial, outcome
         elif is_simpler:
             known.represent_by(case, trial, outcome)
-        elif len(known.others) < _MOST_OTHERS:
+        elif len(known.others) < 8:
             known.others.append(case)
         known.occurrences += 1
-        if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:
+        if violation.detail not in known.details and len(known.details) < 5:
             known.details.append(violation.detail)
         found.append(known)
     return found

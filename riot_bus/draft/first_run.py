@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import Role
     from riot_bus.vocabulary.message import Message
 
-_ASK_S = 0.2  # passes in full for each component that has not subscribed to every key
 _MOST_KEYS = 1000  # each is declared as a publisher with a listener, once for every component
 _MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26  # 100 topics of the 200 payloads that `recording` reads; 64 MiB
 
@@ -88,7 +87,7 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
         flows = [each for each, count in setup.network.bus.flows().items() if count]
         asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
         reads = {
-            name: set(asked) - set(setup.network.bus.wait_subscribed(name, asked, timeout=_ASK_S))
+            name: set(asked) - set(setup.network.bus.wait_subscribed(name, asked, timeout=0.2))
             for name, process in started.items()
             if asked and process.status is None
         }

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.graph.survey import Started
 
 _MOST_BYTES = 1 << 18  # settings have some KiB; larger files in a command are data or programs
-_MOST_WORDS = 100  # each may name a file that is read: at most 25 MiB together
 _DOMAIN = "ROS_DOMAIN_ID"
 _PYTHON = re.compile(r"(?:python|pypy)[0-9.]*t?")
 _NODE = re.compile(r"(?:^|:)__(?:node|name):=(.+)")
@@ -57,7 +56,7 @@ def _program(started: Started, environment: Mapping[str, str]) -> str:
 
 def _texts(started: Started, environment: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     """Yield the files of text that a command and Zenoh's variables name."""
-    words = [*started.command[1:_MOST_WORDS], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
+    words = [*started.command[1:100], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
     for word in dict.fromkeys(words):
         path = Path(os.path.normpath(os.path.join(started.cwd, word.rpartition("=")[2])))
         with suppress(OSError, ValueError):  # the word is not a path, or the file is not text

@@ -40,11 +40,9 @@ _ROOM, _SAME = 3.0, 1e-6
 trials and normal noise, they are then more than nine standard deviations from the mean."""
 _SPARE = 4
 """One output in this many may be lost or come twice on a bus."""
-_UNIT_NS = (1, 10**3, 10**6, 10**9)
-_CLOCK_NS = 10**9
 _STALE_NS = 10 * 10**9
 """A loaded machine delays an output by a second or two, not by ten."""
-_NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2  # ten times apart, so that rounding alone breaks no rule
+_NORM_ALLOWED = 1e-2  # ten times what nominal trials may have, so that rounding alone breaks no rule
 
 
 class _Answer(NamedTuple):
@@ -218,7 +216,7 @@ def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Mi
         yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
         lengths = [_norm(answer.numbers, parent) for answer in every]
-        if all(length is not None and abs(length - 1) <= _NORM_NOMINAL for length in lengths):
+        if all(length is not None and abs(length - 1) <= _NORM_ALLOWED / 10 for length in lengths):
             yield MinedRule("norm", topic, parent)
     count = counts.pop()
     if not counts:
@@ -237,9 +235,9 @@ def _of_field(
     columns = [[[answer.numbers[path] for answer in trial] for trial in group] for group in groups]
     runs = list(chain.from_iterable(columns))
     values = list(chain.from_iterable(runs))
-    for unit in _UNIT_NS:
+    for unit in (1, 10**3, 10**6, 10**9):
         lags = [value * unit - time for value, time in zip(values, times, strict=True)]
-        if max(lags) - min(lags) < min(_CLOCK_NS, (max(times) - min(times)) / 2):
+        if max(lags) - min(lags) < min(1e9, (max(times) - min(times)) / 2):
             yield MinedRule("clock", topic, path, (min(lags) - _STALE_NS,), (max(lags) + _STALE_NS,), unit)
             return
     if all(len(run) >= _SPARE and set(_steps(run)) == {1.0} for run in runs):

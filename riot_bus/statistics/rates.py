@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_HALVINGS = 60  # narrows a rate to 2**-60, below the resolution of doubles near 1 (2**-53)
-
 
 @dataclass(frozen=True, slots=True)
 class Proportion:
@@ -53,7 +51,7 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
 def _crossing(hits: int, total: int, tail: float) -> float:
     """Return the rate at which `hits` or more of `total` have the probability `tail`."""
     low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(60):  # to 2**-60, below the resolution of doubles near 1
         middle = (low + high) / 2
         chance = math.fsum(_chance(count, total, middle) for count in range(hits, total + 1))
         low, high = (middle, high) if chance < tail else (low, middle)
