@@ -10,7 +10,7 @@ from markdown_it import MarkdownIt
 
 from riot_bus.findings.known import KnownFinding
 from riot_bus.report.campaign_view import CampaignView
-from riot_bus.testing.reports import CAMPAIGNS, HOSTILE_TEXT, CampaignReportConformance, campaign_at
+from riot_bus_testkit.reports import CAMPAIGNS, HOSTILE_TEXT, CampaignReportConformance, campaign_at
 
 
 def campaign_with_baseline(name: str, folder: Path, *, note: str = "ticket 12") -> CampaignView:

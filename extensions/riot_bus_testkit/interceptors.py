@@ -13,9 +13,9 @@ import json
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.testing.plugin import ODD_PAYLOADS, PluginConformance
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
+from riot_bus_testkit.plugin import ODD_PAYLOADS, PluginConformance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -10,7 +10,7 @@ from riot_bus.interceptors.copies import Duplicate
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
 from riot_bus.interceptors.payloads import ClockOffset, Corrupt, Freeze, Truncate
 from riot_bus.interceptors.timing import Delay, Jitter, Reorder
-from riot_bus.testing.interceptors import InterceptorBench, InterceptorConformance
+from riot_bus_testkit.interceptors import InterceptorBench, InterceptorConformance
 
 SHIPPED = {
     "bandwidth": lambda: Bandwidth(bytes_per_second=100.0),

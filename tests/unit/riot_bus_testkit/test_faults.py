@@ -7,8 +7,8 @@ import pytest
 from riot_bus.inject.faults import fault_class
 from riot_bus.inject.plan import parse_plan
 from riot_bus.plugins import FAULTS
-from riot_bus.testing.faults import FaultConformance
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.faults import FaultConformance
 
 TABLES = {
     "set": 'field = "x"\nvalue = -1',

@@ -8,8 +8,8 @@ import pytest
 from riot_bus.backchain.proposers import PORTFOLIO, Evolution, Forest, Simplex, proposers
 from riot_bus.backchain.proposers import History as Evaluations
 from riot_bus.plugins import SEARCHES
-from riot_bus.testing.search import SearchConformance
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.search import SearchConformance
 
 pytest.importorskip("sklearn")
 pytest.importorskip("cmaes")

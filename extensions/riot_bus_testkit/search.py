@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from riot_bus.backchain.proposers import History, proposers
-from riot_bus.testing.plugin import PluginConformance
+from riot_bus_testkit.plugin import PluginConformance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

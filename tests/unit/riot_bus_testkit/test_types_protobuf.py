@@ -2,9 +2,9 @@ import pytest
 
 pytest.importorskip("google.protobuf")
 
-from riot_bus.testing.types import TypeConformance
 from riot_bus_protobuf.kind import ProtobufType
 from riot_bus_protobuf.layout import Definitions
+from riot_bus_testkit.types import TypeConformance
 from tests.unit.types.proto_samples import SET, cls, every, legacy
 
 DEFINITIONS = Definitions({each.name: each for each in SET.file})

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.inject.interceptor import Injector
 from riot_bus.inject.plan import parse_plan
-from riot_bus.testing.interceptors import InterceptorConformance, delivered_of
+from riot_bus_testkit.interceptors import InterceptorConformance, delivered_of
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from riot_bus.testing.adapters import AdapterConformance
 from riot_bus.types.capabilities import Announcement, ParsesTokens, Stamp
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.adapters import AdapterConformance
 
 
 class Named(JsonType):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.plugins import MONITORS
-from riot_bus.testing.monitors import MonitorConformance, trial_view
+from riot_bus_testkit.monitors import MonitorConformance, trial_view
 from tests.stl_env import need_rtamt
 
 SAMPLES = {

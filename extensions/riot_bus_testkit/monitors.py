@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.forging import why_cannot_fire
 from riot_bus.monitors.model import ComponentView, Forges, ResourceSample, TrialView, judge
-from riot_bus.testing.plugin import ODD_PAYLOADS, PluginConformance
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
+from riot_bus_testkit.plugin import ODD_PAYLOADS, PluginConformance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -20,7 +20,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.testing.types import SETTINGS, hostile
 from riot_bus.types.capabilities import (
     Announcement,
     AnnouncesServers,
@@ -44,6 +43,7 @@ from riot_bus.types.serve import PARTS
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
+from riot_bus_testkit.types import SETTINGS, hostile
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -14,7 +14,8 @@ from riot_bus.report.markdown import MarkdownReport
 from riot_bus.report.page import HtmlReport
 from riot_bus.report.sarif import SarifReport
 from riot_bus.report.text import TextReport
-from riot_bus.testing.reports import (
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.reports import (
     CAMPAIGNS,
     FINDING_FILES,
     STAGES,
@@ -23,7 +24,6 @@ from riot_bus.testing.reports import (
     campaign_at,
     view_at,
 )
-from riot_bus.vocabulary.errors import ConfigError
 from tests.report_samples import MarkdownConformance, OwnReportConformance
 
 pytest.importorskip("jinja2")

@@ -4,11 +4,11 @@ import cbor2
 import msgpack
 import pytest
 
-from riot_bus.testing.types import HostileConformance, TypeConformance
 from riot_bus.types.cbor_type import CborType
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.types.raw_type import RawType, StructType
+from riot_bus_testkit.types import HostileConformance, TypeConformance
 
 DOCUMENT = {
     "pose": {"x": 1.5, "n": 3, "big": 1 << 40},
