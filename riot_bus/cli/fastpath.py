@@ -105,7 +105,11 @@ def parse(arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str,
 
 
 def quick_start(arguments: Sequence[str]) -> bool:
-    """Execute a command line if it is an unambiguous `riot router`; return whether it was."""
+    """Execute a command line if it is an unambiguous `riot router`; return whether it was.
+
+    Args:
+        arguments: Words after `riot`.
+    """
     found = parse(arguments[1:], os.environ) if arguments[:1] == ["router"] else None
     if found is None:
         return False

@@ -61,6 +61,7 @@ class ConsoleNarrator:
     """A listener that shows events on stderr (or wherever diagnostics go); a context manager.
 
     Args:
+        console: The console that is written to.
         now: Clock that returns the time in seconds.
     """
 
