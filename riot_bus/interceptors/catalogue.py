@@ -25,38 +25,6 @@ _CONDITIONS = {"from": "source", "to": "target"} | {
 _WHEN: TypeAdapter[When] = TypeAdapter(When)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Option:
-    """One option of an interceptor.
-
-    Attributes:
-        type: Type as it is declared, empty if it is not.
-        default: Default value as text; None if there is none, or if the option is required.
-        doc: Meaning of the option, in a sentence.
-        required: Whether it has to be given.
-    """
-
-    name: str
-    type: str
-    default: str | None = None
-    doc: str = ""
-    required: bool = False
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Description:
-    """Description of a shipped or installed interceptor, for `riot interceptors`.
-
-    Attributes:
-        summary: First line of its docstring; the reason if it cannot be loaded.
-        options: Its own options, without the conditions that all interceptors have; empty if it cannot be loaded.
-    """
-
-    name: str
-    summary: str
-    options: tuple[Option, ...]
-
-
 def build(use: str, options: Mapping[str, Any], *, where: str | None = None, root: Path | None = None) -> object:
     """Build an interceptor, wrapped in its conditions if there are any.
 
@@ -92,34 +60,32 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
     return Selective(interceptor, when, name) if conditions or name else interceptor
 
 
-def names() -> list[str]:
-    """Return the names of all interceptors that are shipped or installed."""
-    return list(INTERCEPTORS.targets())
+def interceptor_list() -> list[dict[str, Any]]:
+    """Describe the shipped and installed interceptors as JSON values, without the conditions that all have.
+
+    A default is a text, None if there is none. The summary of one that cannot be loaded says why.
+    """
+    return [_described(name) for name in INTERCEPTORS.targets()]
 
 
-def describe() -> list[Description]:
-    """Describe the shipped and installed interceptors; the summary of one that cannot be loaded says why."""
-    found = []
-    for name in names():
-        try:
-            kind = _find(name, None)
-        except ConfigError as error:
-            found.append(Description(name, error.message, ()))
-            continue
-        text = inspect.getdoc(kind) or ""
-        docs = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE))
-        options = tuple(
-            Option(
-                key,
-                annotation,
-                None if default in (REQUIRED, None) else str(default),
-                " ".join(docs.get(key, "").split()),
-                required=default is REQUIRED,
-            )
-            for key, (annotation, default) in options_of(kind).items()
-        )
-        found.append(Description(name, text.partition("\n")[0], options))
-    return found
+def _described(name: str) -> dict[str, Any]:
+    try:
+        kind = _find(name, None)
+    except ConfigError as error:
+        return {"name": name, "summary": error.message, "options": ()}
+    text = inspect.getdoc(kind) or ""
+    docs = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE))
+    options = tuple(
+        {
+            "name": key,
+            "type": annotation,
+            "default": None if default in (REQUIRED, None) else str(default),
+            "doc": " ".join(docs.get(key, "").split()),
+            "required": default is REQUIRED,
+        }
+        for key, (annotation, default) in options_of(kind).items()
+    )
+    return {"name": name, "summary": text.partition("\n")[0], "options": options}
 
 
 def _find(use: str, where: str | None, root: Path | None = None) -> type:
@@ -130,8 +96,3 @@ def _find(use: str, where: str | None, root: Path | None = None) -> type:
         hint = "its entry point has to name a class"
         raise ConfigError(f"interceptor {use!r} is not a class", where=INTERCEPTORS.targets()[use], hint=hint)
     return kind
-
-
-def interceptor_list() -> list[dict[str, Any]]:
-    """Return the interceptors that are known by name, and their options, as JSON values."""
-    return [dataclasses.asdict(each) for each in describe()]
