@@ -13,7 +13,6 @@ from riot_bus.draft.model import CommandDraft
 from riot_bus.draft.writing import draft_json, draft_toml
 from riot_bus.plugins import LISTENERS
 from riot_bus.system.system_file import SystemFile
-from riot_bus.types.capabilities import ListensToLinks
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.draft.graph_draft import Seen
     from riot_bus.draft.init_options import InitOptions
     from riot_bus.draft.model import SystemDraft
-    from riot_bus.types.capabilities import HeardSystem
+    from riot_bus.types.capabilities import HeardSystem, ListensToLinks
 
 
 def init_nodes(options: InitOptions) -> dict[str, Any]:
@@ -68,12 +67,9 @@ def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn
         EnvironmentFaultError: A link cannot be opened, or nothing was heard.
     """
     (loaded,) = load_adapters([adapter])
-    if not isinstance(loaded, ListensToLinks) and adapter not in LISTENERS.targets():
-        hint = "it needs `listen` of riot_bus.types.capabilities.ListensToLinks"
-        raise ConfigError(f"adapter {adapter!r} hears no systems on links", where="riot init", hint=hint)
-    listener = loaded if isinstance(loaded, ListensToLinks) else LISTENERS.load(adapter)(loaded)
+    listener: ListensToLinks = LISTENERS.load(loaded.name, where="riot init --link")(loaded)
     check_path(options.out, force=options.force)
-    found: HeardSystem = listener.listen(links, seconds=options.seconds, unit=options.unit, warn=warn)
+    found = listener.listen(links, seconds=options.seconds, unit=options.unit, warn=warn)
     write_system(options.out, found.toml, force=options.force)
     return found
 
