@@ -40,7 +40,6 @@ class LogAnswer:
     """What a test case did on one log.
 
     Attributes:
-        place: The log.
         answer: `fixed`: no trial failed. `failed`: at least one did. `error`: no verdict was possible.
         detail: The reason.
         failed: Trials that failed as the test case says, or in any way if it does not say.

@@ -48,7 +48,6 @@ class Scanner:
     """Judges logs by one rule.
 
     Args:
-        rule: The rule.
         near: Moments of each log that are kept.
     """
 
@@ -57,11 +56,6 @@ class Scanner:
 
     def scan(self, path: Path, *, place: str = "", robot: str = "") -> LogScan:
         """Judge a log, which may be larger than memory, by the rule.
-
-        Args:
-            path: Path of the log.
-            place: Name of the log in the result; its path if empty.
-            robot: Name of the robot that recorded it.
 
         Raises:
             ConfigError: The file is not a log.

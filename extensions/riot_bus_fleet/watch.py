@@ -28,9 +28,7 @@ class RuleWatch:
     """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
 
     Args:
-        rule: The rule.
         within: Distance at which warnings begin, in nominal spreads.
-        registry: The registry of topics and types.
 
     Attributes:
         judged: Number of messages at which all fields of the rule were known.

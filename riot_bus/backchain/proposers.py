@@ -1,6 +1,6 @@
 """Search methods that share one history: each proposes the next vector in [0, 1]^n, and is told its value.
 
-Third-party methods are found by the entry points `riot_bus.search`; `riot_bus.testing.search` tests them.
+Third-party methods are found by the entry points `riot_bus.search`; `riot_bus_testkit.search` tests them.
 """
 
 from __future__ import annotations

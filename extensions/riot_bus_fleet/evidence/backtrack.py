@@ -35,12 +35,8 @@ class FieldEvidence:
     """Evidence from the logs on whether one field follows another.
 
     Attributes:
-        source: The field that may be followed.
-        target: The field that may follow.
         rows: Number of messages of the target's topic behind it.
-        logs: Number of logs behind it.
         dependence: Result of the test; None if it was not tested.
-        reason: Reason why it was not tested.
     """
 
     source: str

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from riot_bus.campaign.bindings import naming_nothing, never_applied
-from riot_bus.campaign.campaign import CampaignResult, run_campaign
+from riot_bus.campaign.campaign import CampaignResult, CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
@@ -112,12 +112,10 @@ def test_unit(
             () if whole_system else subject.log,
             schedule,
             runner,
-            seed=workspace.seed,
-            trials=trials,
+            CampaignSettings(
+                seed=workspace.seed, trials=trials, ordered=baseline.ordered, seconds=seconds, covered=covered
+            ),
             covering=_covering(workspace, subject, schedule),
-            ordered=baseline.ordered,
-            seconds=seconds,
-            covered=covered,
             progress=step.progress,
             found=lambda failure: written.append(_save(step, subject, failure, baseline)),
             stop=lambda: bool(stop(written)),
