@@ -21,7 +21,7 @@ from riot_bus.types.capabilities import (
 )
 from riot_bus.types.codecs import Codecs
 from riot_bus.types.model import MessageType, TopicName, TypeSource
-from riot_bus.types.msgpack_type import is_container
+from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.vocabulary.selector import key_matches
@@ -337,7 +337,7 @@ class TypeRegistry:
                 adapter.load(others)
 
     def _infer(self, payload: bytes) -> MessageType | None:
-        if is_container(payload):
+        if MsgpackType().is_container(payload):
             return self.type_named("msgpack")
         if payload.lstrip(b" \t\r\n")[:1] in (b"{", b"["):
             found = self.type_named("json")
