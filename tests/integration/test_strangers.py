@@ -70,7 +70,7 @@ FLEET = {
     **dict.fromkeys(("record", "status", "pause", "resume", "stop", "logs"), "r"),
     **{"robots": "", "play": "r log.mcap --inject {theirs}/plan.toml", "seek": "r 1", "rate": "r 1"},
 }
-FORMATS = ("text", "html", "sarif", "github", "allure")
+FORMATS = ("text", "html", "sarif", "github")
 LINES: dict[str, tuple[str, ...]] = {
     "report": (
         *(f"{{out}} --format {name}" for name in FORMATS),
@@ -232,6 +232,7 @@ def test_each_command_stands_in_the_table_and_is_tried() -> None:
 @pytest.mark.parametrize(
     "command", [pytest.param(one, marks=pytest.mark.nightly if one in OF_THE_NETWORK else ()) for one in sorted(LINES)]
 )
+@pytest.mark.rotating
 def test_nothing_of_a_stranger_s_folder_is_executed(stranger: Stranger, tmp_path: Path, command: str) -> None:
     """Commands that execute nothing work in that folder itself; others where there is no riot.toml, then the user's."""
     safe = promised()[command] == NOTHING

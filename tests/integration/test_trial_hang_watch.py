@@ -15,7 +15,7 @@ from riot_bus.pool.local import Pool
 from riot_bus.pool.nominal import measure_baseline
 from riot_bus.processes.launcher import Launcher
 from riot_bus.trial import signs
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
@@ -77,6 +77,7 @@ def outcomes(
 
 
 @pytest.mark.parametrize("kind", chosen(("busy", "livelock", "deadlock"), gate=("busy",)))
+@pytest.mark.rotating
 def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: Path, kind: str) -> None:
     first, *others = outcomes(tmp_path, kind, ["1e9", "1e9", "null"])
     for outcome in (first, *others):

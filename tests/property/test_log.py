@@ -1,11 +1,12 @@
 import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
@@ -40,7 +41,7 @@ settings.register_profile("log", deadline=None, max_examples=scaled(60))
 
 def write(path, rows, compression="zstd", chunk_bytes=200, close=True):
     writer = LogWriter(
-        path, compression=compression, chunk_bytes=chunk_bytes, clock=ManualClock(), metadata={"seed": "1"}
+        path, LogSettings(compression=compression, chunk_bytes=chunk_bytes), clock=ManualClock(), metadata={"seed": "1"}
     )
     for message, role, what in rows:
         writer.write(message, role=role, changes=what)
@@ -96,6 +97,7 @@ def check_cut(path, whole, size, log):
         return len(found)
 
 
+@pytest.mark.rotating
 def test_cut_at_every_byte(tmp_path):
     path = tmp_path / "a.mcap"
     log = [Message(n, "ab"[n % 2], b"payload %d" % n, attachment=b"%d" % n, sequence=n) for n in range(9)]

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+LARGEST_CHUNK = 1 << 28  # bytes that a writer may put into a chunk: above, `iter_columns` has no room
 _PER_CHUNK = 1 << 16  # a chunk of 1 MiB that is compressed to a sixteenth; less is harmless
 _MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that repeats one byte takes 4 bytes
 
 
 class BeyondLimitError(ValueError):
-    """Something would take more than a limit allows.
-
-    Args:
-        what: Description of it, with its amount.
-        name: Name of the limit.
-        value: Present value of the limit.
-        needed: Value that the limit would need.
-    """
+    """Something would take more than a limit allows."""
 
     def __init__(self, what: str, name: str, value: int, needed: int) -> None:
         super().__init__(f"{what}, more than {name}={value}")
