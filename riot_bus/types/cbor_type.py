@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import StandIn
 
 _KINDS = ("uint", "int", "bin", "str", "array", "map", "tag", "simple")
-_WIDTHS = {24: 1, 25: 2, 26: 4, 27: 8}
+_WIDTHS = {24: 1, 25: 2, 26: 4, 27: 8}  # RFC 8949, section 3: bytes that follow, by the low five bits
 _SIMPLE = {
     0xF4: Code("bool", number=False), 0xF5: Code("bool", number=True), 0xF6: Code("nil"),
     0xF9: Code("float", 2), 0xFA: Code("float", 4), 0xFB: Code("float", 8),

@@ -38,7 +38,7 @@ _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000; as
 _MOST_TAGS = 16  # a value has one or two; hostile payloads may repeat them up to their end
 
 _BREAK = b"\xff"
-_ELEMENT, _KEY, _VALUE = -1, -2, -3
+_ELEMENT, _KEY, _VALUE = range(-3, 0)
 _NEXT = {_ELEMENT: _ELEMENT, _KEY: _VALUE, _VALUE: _KEY}
 """Next state after an element, a key or a value, in containers that end with a break."""
 _FLOATS = {2: ">e", 4: ">f", 8: ">d"}

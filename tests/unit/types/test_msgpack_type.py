@@ -138,7 +138,7 @@ def test_hostile_bytes(payload):
 
 def test_nesting_is_bounded():
     deep = b"\x91" * 100_000 + b"\x01"
-    assert is_container(deep)
+    assert MSGPACK.is_container(deep)
     with pytest.raises(PayloadError, match="nested deeper than 64"):
         MSGPACK.leaves(deep)
 
