@@ -109,9 +109,9 @@ class PermeabilityResult:
     alpha: float = 0.05
     runs: int = 0
 
-    def permeable(self, internal: str | None = None) -> tuple[PermeabilityEdge, ...]:
-        """Return the significant edges (into one internal field, when given)."""
-        return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
+    def permeable(self) -> tuple[PermeabilityEdge, ...]:
+        """Return the significant edges."""
+        return tuple(edge for edge in self.edges if edge.permeable)
 
     def doubtful(self) -> tuple[PermeabilityEdge, ...]:
         """Return the significant edges whose interval of the strength contains 0: some of them are chance findings."""

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from riot_bus.backchain.extras import strong_components, student_reach
+from riot_bus.backchain.extras import student_reach
 from riot_bus.vocabulary.errors import MissingExtraError
 
 
@@ -17,10 +17,3 @@ def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.special", None)
     with pytest.raises(MissingExtraError, match="scipy"):
         student_reach(3)
-
-
-def test_nodes_that_lead_to_each_other_are_one_component():
-    one, two, three, four = strong_components(4, [(0, 1), (1, 0), (0, 1), (1, 2), (2, 3)])
-    assert one == two
-    assert len({one, three, four}) == 3
-    assert strong_components(2, []) != [0, 0]
