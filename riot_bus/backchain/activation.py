@@ -47,7 +47,6 @@ class Evaluation:
 
     Attributes:
         distance: Smallest distance to the rule over the run; None when the internal fields were never seen.
-        failed: Whether the failure itself happened.
     """
 
     distance: float | None
@@ -60,9 +59,7 @@ class Activation:
 
     Attributes:
         found: External values at which the failure happened; None when it did not.
-        runs: System runs spent.
         best_distance: Smallest distance seen; None when the internal fields were never seen.
-        history: Every point with its evaluation, in order.
     """
 
     found: Mapping[str, float] | None
@@ -196,12 +193,6 @@ class _Turns:
     """Turns of the searches for constant and for varying fields: every other one goes to the nearest search so far.
 
     Before that, each search has a few turns.
-
-    Args:
-        constant: The search among constant fields.
-        families: The ways to vary.
-        seed: Seed of every choice.
-        methods: Search methods of each.
     """
 
     def __init__(
@@ -266,15 +257,8 @@ class _Search:
     """A search among points of one family.
 
     Args:
-        family: The numbers that make up a point.
-        seeds: Seeds of every choice.
-        portfolio: Search methods.
         tried: Vectors of constant fields that were tried, the best first, from which the first points are made; None
             if the family consists of constant fields, which are first changed alone.
-
-    Attributes:
-        encoding: Points as vectors.
-        nearest: The least distance so far.
     """
 
     def __init__(

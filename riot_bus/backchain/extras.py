@@ -8,10 +8,6 @@ from riot_bus.vocabulary.errors import needs_extra
 def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
     """Return the half width of an interval in standard errors (Student's t).
 
-    Args:
-        freedom: Degrees of freedom, at least 1.
-        confidence: Confidence level of the interval.
-
     Raises:
         MissingExtraError: scipy is not installed.
     """

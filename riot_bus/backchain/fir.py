@@ -77,7 +77,6 @@ class RunColumns:
         rows: Rows of this run in the stacked outputs.
         index: Input message per sample and lag (n x lags).
         values: Delivered values, in units of the signal's amplitude around its centre.
-        signal: Signal that was to be sent.
         first: The topic's index of the first message in `values`.
     """
 
@@ -198,13 +197,7 @@ def fitted(response: Floats, design: Floats) -> Floats:
 
 
 def memory_of(pieces: Sequence[Floats], *, low: float, high: float) -> float:
-    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits.
-
-    Args:
-        pieces: The series of each run, with mean 0.
-        low: Least result, above -1.
-        high: Largest result, below 1.
-    """
+    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits."""
     products = sum(float(one[:-1] @ one[1:]) for one in pieces)
     squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
     return float(np.clip(products / squares, low, high)) if squares > 0 else 0.0

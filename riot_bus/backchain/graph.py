@@ -14,8 +14,6 @@ class ComponentTopics:
     """The topics that one component reads and writes.
 
     Attributes:
-        inputs: Topics that it reads.
-        outputs: Topics that it writes.
         told: Source of this, such as `riot.toml` or `recorded graph`; `inferred` if there is none.
         open: Whether it may read more than is known.
     """
@@ -31,13 +29,10 @@ class Hop:
     """A topic in a tree, and the topics one component further on.
 
     Attributes:
-        topic: The topic.
         component: Component that connects it to its parent in the tree; None at the root.
-        external: Whether the outside world controls it.
         loop: Whether it is already on the path from the root; it is not followed again.
         cut: Whether it is not followed because the tree was too large.
         again: Whether its next hops are elsewhere in the tree.
-        hops: The next hops, by component and topic.
     """
 
     topic: str

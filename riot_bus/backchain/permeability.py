@@ -66,14 +66,10 @@ class PermeabilityEdge:
     """Test result for the path from one external to one internal field.
 
     Attributes:
-        external: External field.
-        internal: Internal field.
         strength: Share of the variance within a run that the external field explains, 0 to 1.
         low: Lower end of the jackknife interval (95 %) of the strength, over runs; 0 if the effect is not significant.
-        high: Upper end of that interval.
         lag_s: Lag at which the external field shows most, in seconds.
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
-        permeable: Whether the effect is significant.
         effect: Aspect of the internal field whose variance the strength is a share of.
         detectable: Smallest share of the variance at which an effect of a single lag would have shown at this step;
             None if the effect is significant, or if no effect would have shown.
@@ -120,11 +116,7 @@ class PermeabilityResult:
     def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
         """Return the result of all runs, in which an edge whose interval contains 0 needs confirmation by other runs.
 
-        An edge that they do not confirm is not permeable and gets their p-value.
-
-        Args:
-            fresh: Result of the other runs.
-            together: Result of these and the other runs together.
+        An edge that the `fresh` ones do not confirm is not permeable and gets their p-value.
         """
         clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
         asked = {_pair(edge): edge for edge in fresh.edges}
@@ -203,11 +195,6 @@ def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
     """Return whether the first value of a field in each run seems to decide the mean of an internal field.
 
     This costs no further runs, but proves nothing: so few runs only show which fields are worth testing.
-
-    Args:
-        runs: The multiplexed runs.
-        external: The external field.
-        internal: The internal field.
     """
     series = [
         (run.inputs[external].series.values, np.asarray(run.outputs[internal].values, dtype=np.float64))

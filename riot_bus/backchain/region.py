@@ -30,8 +30,6 @@ class Region:
     """A box in which the failure happens.
 
     Attributes:
-        names: The fields.
-        box: Their ranges.
         samples: The start and all tested points, in order.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
         ends: Sides of the box with a failure at the end of the field's range, beyond which nothing was tried.

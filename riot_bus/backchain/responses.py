@@ -25,12 +25,7 @@ _OUTLIER = 6.0  # times the median size: four standard deviations of normal nois
 
 
 def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
-    """Return level, innovation and spread of a series, centred per run (samples x 3).
-
-    Args:
-        pieces: The standardised series of each run.
-        level: Residual of the level whose size is the spread; the series itself when None.
-    """
+    """Return level, innovation and spread (size of `level`, or of the series), centred per run (samples x 3)."""
     memory = memory_of(pieces, low=-_MEMORY, high=_MEMORY)
     rest = _cut(np.concatenate(pieces) if level is None else level, pieces)
     parts = []

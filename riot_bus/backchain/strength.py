@@ -22,7 +22,6 @@ class Share:
     """Share of a response's variance that one field explains.
 
     Attributes:
-        name: The field.
         strength: The share, 0 to 1, corrected for the number of terms.
         low: Lower end of the 95 % jackknife interval.
         high: Upper end of that interval.

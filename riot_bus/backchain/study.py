@@ -26,7 +26,6 @@ class Study:
 
     Args:
         url: Storage of studies, as optuna takes it, such as `sqlite:///studies.db`.
-        name: Name of the study, which is created if it does not exist.
 
     Raises:
         ConfigError: The storage cannot be used.
@@ -47,11 +46,6 @@ class Study:
         self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
     ) -> None:
         """Add runs.
-
-        Args:
-            points: Values of external fields by name, one mapping per run.
-            evaluations: Evaluation of each point.
-            fields: Fields that points name.
 
         Raises:
             ConfigError: The storage cannot be used any more.

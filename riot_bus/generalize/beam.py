@@ -72,12 +72,7 @@ class _Term:
 def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width: int = 3, beam: int = 24) -> Learnt:
     """Return the disjunction of at most 4 terms of at most 4 literals with the least description length.
 
-    Args:
-        candidates: The literals to choose from.
-        masks: (candidates, samples): where each literal holds.
-        failed: (samples,): the outcomes.
-        width: Partial rules kept per step.
-        beam: Partial terms kept per step.
+    `masks` (candidates x samples) tells where literals hold; `width` rules and `beam` terms are kept per step.
     """
     bits = np.array([candidate.bits for candidate in candidates]) + np.log2(2.0 + len(candidates)) / 4
     keep = _distinct(masks, bits)
@@ -124,12 +119,6 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
 
     Learning term by term does not find such literals: each one costs more than it gains in its term. The guard and the
     rule within it are chosen in turns.
-
-    Args:
-        candidates: The literals to choose from.
-        masks: (candidates, samples): where each literal holds.
-        failed: (samples,): the outcomes.
-        plain: The rule of `learn`; the guarded one has to be shorter.
     """
     needed = np.flatnonzero(masks[:, failed].all(axis=1) & ~masks.all(axis=1))
     if not len(needed) or not failed.any():

@@ -106,8 +106,6 @@ class Feature:
     """One derived quantity of up to four variables.
 
     Args:
-        kind: One of `FEATURE_KINDS`.
-        args: Names of the variables.
         constant: Coefficients of "linear" (the first one is positive), divisor of "mod", mask of "bits", text of
             "prefix" and "contains"; None for all other kinds.
 
@@ -184,9 +182,6 @@ class Feature:
     def values(self, columns: Mapping[str, Array]) -> Array | None:
         """Return the feature's value in each row, exact for integers; None if a column's type does not fit it.
 
-        Args:
-            columns: One array of equal length per variable.
-
         Returns:
             int64, object (exact Python integers beyond int64) or float64. For the kinds in `FLAGS`: bool, or for
             those that test texts float64: 1.0 or 0.0, and NaN in rows without a text.
@@ -251,11 +246,7 @@ _MOST_WITH_CASTS = 4
 
 
 def casts_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return features of integers, and of sums, differences and products of two, cast to smaller integers.
-
-    Args:
-        types: Name and type of each variable.
-    """
+    """Return features of integers, and of sums, differences and products of two, cast to smaller integers."""
     sizes = {name: int(type_.removeprefix("u")[3:]) for name, type_ in types.items() if _INTEGER.fullmatch(type_)}
     found: list[Feature] = []
     for name, size in sizes.items():

@@ -105,11 +105,7 @@ class Literal:
         return f"{word}{elements} {self.operator} {_shown(self.value)}"
 
     def holds(self, columns: Mapping[str, Array]) -> Array:
-        """Return one boolean per row; False where the value has another type or is NaN.
-
-        Args:
-            columns: One array of equal length per variable.
-        """
+        """Return one boolean per row; False where the value has another type or is NaN."""
         members = self.value if isinstance(self.value, tuple) else (self.value,)
         if isinstance(members[0], str | bytes | bool):
             return _among(self.feature.column(columns), members, wanted=self.operator in ("==", "in"))
@@ -128,10 +124,6 @@ class Literal:
 
         It is the smallest move of one variable (or, for products, also of both) that reaches the boundary, in units of
         `scale`; categories and flags, which have no margin, are at 1 or -1.
-
-        Args:
-            columns: One array of equal length per variable.
-            scale: Nominal spread of each variable; 1 where it is missing or not positive.
         """
         inside = self.holds(columns)
         members = self.value if isinstance(self.value, tuple) else (self.value,)
@@ -159,11 +151,6 @@ def arc_distances(term: Sequence[Literal], columns: Mapping[str, Array], scale: 
     """Yield distances to each range that a term demands of a feature that wraps around; far below 0 within it.
 
     A point near the jump is near to one of the two limits alone, but not to the range between them.
-
-    Args:
-        term: Literals that all have to hold.
-        columns: One array of equal length per variable.
-        scale: Nominal spread of each variable.
     """
     for lower in term:
         values = lower.feature.values(columns) if WRAPS.match(lower.feature.kind) else None

@@ -20,12 +20,7 @@ def boundary_distance(
 ) -> Array:
     """Return an upper bound of the distance to the boundary, exact for moves along one axis.
 
-    Args:
-        feature: A feature other than a flag.
-        points: One float64 array per argument; none for features of texts.
-        values: The feature itself.
-        units: Nominal spread of each argument.
-        value: The constant the feature is compared with.
+    `points` has one float64 array per argument (none for features of texts), `values` the feature itself.
 
     Returns:
         Non-negative array, NaN or infinite where the point or the boundary is at infinity.
@@ -58,15 +53,7 @@ def boundary_distance(
 
 
 def arc_distance(feature: Feature, values: Array, units: Sequence[float], low: float, high: float) -> Array:
-    """Return the distance of points outside an arc of a circle to its nearer end: the jump does not lead into it.
-
-    Args:
-        feature: A feature that wraps around.
-        values: The feature itself.
-        units: Nominal spread of each argument.
-        low: The lower end of the arc.
-        high: Its upper end, at least `low`.
-    """
+    """Return the distance of points outside an arc of a circle to its nearer end: the jump does not lead into it."""
     place, size = values.astype(np.float64), _circle(feature)
     return np.asarray(np.minimum(np.mod(low - place, size), np.mod(place - high, size)) / max(units))
 

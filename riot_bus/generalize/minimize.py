@@ -56,12 +56,10 @@ class Minimal:
 
     Attributes:
         kept: Indices into the log, ascending.
-        trials: Number of trials asked.
         one_minimal: Whether it was shown that `kept` triggers the failure, and does not without any one message.
         confidence: Lower bound of the confidence in that; 0 if it was not shown.
         failed: Failing trials of `kept`, and trials in total.
         without: The same for each message of `kept`, when it alone is left out.
-        noise: Present knowledge about the failure rates.
     """
 
     kept: tuple[int, ...]
@@ -113,9 +111,6 @@ def minimize(
         parallelism: Questions worth asking in one batch.
         progress: Called after every batch.
         better: Called with each smaller part that was found to fail, which is not proven to be minimal yet.
-
-    Returns:
-        The kept messages. `one_minimal` says whether they were shown to be minimal.
 
     Raises:
         InconclusiveError: If the whole log does not fail.
@@ -178,11 +173,7 @@ class _Search:
         return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing)[0] > 0.5
 
     def _minimal(self, kept: tuple[int, ...]) -> tuple[int, ...]:
-        """Search, and check the result; a refuted result is repaired and checked again.
-
-        Args:
-            kept: Messages to begin with: none, or a set that is probably minimal.
-        """
+        """Search, and check the result; a refuted result is repaired and checked again."""
         if kept:
             self._check_whole()
         kept = kept or self._search(())

@@ -45,12 +45,7 @@ class Trials(Generic[QuestionT]):
     """Trials of a search: asks each time by a fresh trial, decides from all answers, and learns their reliability.
 
     Args:
-        ask: The batch oracle.
         key: Function whose result is equal for questions that are the same.
-        noise: Knowledge about the rates of failures and of false ones.
-        budget: Maximum number of trials.
-        parallelism: Questions worth asking in one batch.
-        progress: Called after every batch.
     """
 
     def __init__(
@@ -86,15 +81,10 @@ class Trials(Generic[QuestionT]):
         doing: str,
         told: Sequence[tuple[int, bool]] = (),
     ) -> int:
-        """Return the hypothesis that a `FlipSearch` finds.
+        """Return the hypothesis that a `FlipSearch` over prior weights finds.
 
-        Args:
-            masses: Prior weights of the hypotheses.
-            at: Gives the input at a position of the chain.
-            rises: Whether inputs trigger the failure from the flip on.
-            sure: Probability that ends the search.
-            doing: Name of the current step, for `progress`.
-            told: Positions that `ask` has already answered, with whether they failed.
+        `at` gives the input at a position; inputs trigger the failure from the flip on if it `rises`, else before it.
+        `told` are positions that `ask` has already answered, with whether they failed.
 
         Raises:
             BudgetSpentError: There are no trials left for it.
@@ -157,15 +147,7 @@ class Trials(Generic[QuestionT]):
         return chances
 
     def require(self, question: QuestionT, *, prior: float, doubt: float, doing: str, what: str, so: str) -> None:
-        """Raise an error unless a question triggers the failure.
-
-        Args:
-            question: Question that has to trigger it.
-            prior: Probability before any trial.
-            doubt: A probability below this, or above one minus this, decides.
-            doing: Name of the current step, for `progress`.
-            what: Name of the question, for the error.
-            so: Consequence if it does not trigger the failure, for the error.
+        """Raise an error, which says `what` does not trigger the failure, `so` what follows, unless a question does.
 
         Raises:
             InconclusiveError: It probably does not trigger the failure.
@@ -184,12 +166,6 @@ class Trials(Generic[QuestionT]):
         """Return for each question whether it triggers the failure; equal ones are decided together.
 
         It is not known how many of them do, so their trials say nothing about the rates.
-
-        Args:
-            questions: Questions, of which some may be equal.
-            doubt: Maximum probability that an answer is wrong.
-            doing: Name of the current step, for `progress`.
-            priors: Probability of each one to trigger it before any trial; None if nothing is known.
 
         Raises:
             BudgetSpentError: There are no trials left for it.

@@ -37,11 +37,6 @@ def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[in
 
     They are failing ones that alone support a term, passing ones that alone support a literal, and passing ones next to
     its limit.
-
-    Args:
-        rule: Rule that was learnt from the samples.
-        columns: One array per variable; shape (samples,).
-        failed: Whether each sample failed; shape (samples,).
     """
     predicted = rule.predict(columns)
     passing = ~failed & ~predicted
@@ -126,13 +121,7 @@ def _all(term: Sequence[Candidate], columns: Mapping[str, Array], holds: _Holds)
 
 
 def _surely(candidate: Candidate, columns: Mapping[str, Array], *, outer: bool = False) -> Array:
-    """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it.
-
-    Args:
-        candidate: Literal with the interval of its threshold.
-        columns: One array per variable.
-        outer: Whether to take the outer end of the interval instead.
-    """
+    """Return where a literal holds with its threshold at the inner end of its interval, as learnt, or at the outer."""
     values = candidate.feature.values(columns)
     if candidate.operator not in ("<", ">") or values is None:
         return concrete(candidate).holds(columns)
@@ -186,17 +175,9 @@ def probe_threshold(
     turn: int,
     known: Callable[[Assignment], bool] = lambda _: False,
 ) -> Assignment | None:
-    """Return a trial that narrows the threshold of one literal, None when it is as exact as trials can make it.
+    """Return a trial that narrows the threshold of the literal at a place (index of the term, and in it), if any can.
 
     Takes turns between halving the interval and testing the simplest number in it from both sides.
-
-    Args:
-        table: The trials so far.
-        learnt: Rule with the intervals of its thresholds.
-        place: Index of the term, and of the literal in it.
-        chance: Source of randomness.
-        turn: Number of probes of this literal so far.
-        known: Whether a trial was made already.
     """
     candidate = learnt.terms[place[0]][place[1]]
     low, high = candidate.outside, candidate.inside

@@ -268,12 +268,7 @@ class _Search:
     ) -> str | None:
         """Find one field between two assignments whose outcomes differ; None if they do not.
 
-        Args:
-            start: Assignment whose outcome is known.
-            end: Assignment with one answered trial.
-            failing: Whether `start` triggers the failure.
-            answer: Whether the trial of `end` failed.
-            unchanged: Prior that the outcomes do not differ.
+        Whether `start` triggers the failure is known, and one trial of `end`; `unchanged`: the prior of no difference.
         """
         changed = [name for name in self.fields if not same_scalar(start[name], end[name])]
         if not changed:

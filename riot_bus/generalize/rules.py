@@ -107,14 +107,11 @@ class LearnedRule:
     """A rule and how well it did on fresh trials that it was not learnt from.
 
     Attributes:
-        rule: The rule.
         precision: Share of the predicted failures that fail, on the distribution stated in `validation`.
         recall: Share of the failures that are predicted, on that distribution.
         balanced_accuracy: Mean of recall and of the share of passing cases that are predicted; None if no fresh trial
             failed, or none passed.
         checks: Number of fresh trials behind these rates.
-        samples: All trials, each with its values and whether it failed.
-        trials: Number of trials.
         alternatives: At most two rules that the trials do not distinguish from this one.
         varied_mistakes: Number of fresh trials with other values of variables outside of the rule that it gets wrong.
         varied_checks: Number of such trials.

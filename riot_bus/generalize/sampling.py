@@ -114,13 +114,7 @@ def row_of(variables: Sequence[Variable], assignment: Assignment) -> dict[str, S
 def changed(
     variables: Sequence[Variable], base: Assignment, change: Mapping[str, Setting]
 ) -> dict[str, Setting] | None:
-    """Return the base with other values, converted to their types; None if `change` is empty or a value does not fit.
-
-    Args:
-        variables: All variables of the rule.
-        base: Value of each variable.
-        change: New values by name of a variable, or of a column of an array.
-    """
+    """Return the base with values by name of a variable or column; None for no change or one that does not fit."""
     found = dict(base)
     for variable in variables:
         if variable.name in change:
@@ -204,11 +198,7 @@ def _spread(values: Sequence[Any]) -> list[Scalar]:
 
 
 class Sampler:
-    """Draws assignments: nominal, interesting, log-uniform over the type, or near an interesting value.
-
-    Args:
-        variables: The variables; each draw gives all of them a value.
-    """
+    """Draws assignments: nominal, interesting, log-uniform over the type, or near an interesting value."""
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)

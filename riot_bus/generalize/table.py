@@ -59,15 +59,7 @@ def concrete(candidate: Candidate) -> Literal:
 
 
 class Table:
-    """All samples with their features.
-
-    Args:
-        variables: The variables of the rule.
-
-    Attributes:
-        assignments: The samples.
-        rows: The samples as rules see them.
-    """
+    """All samples with their features."""
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
@@ -121,11 +113,7 @@ class Table:
         return self._values[self.features.index(feature)] or []
 
     def candidates(self) -> tuple[list[Candidate], Array]:
-        """Return the literals that could separate failing from passing samples, and where they hold.
-
-        Returns:
-            k candidates and a boolean array (k, samples).
-        """
+        """Return the literals that could separate failing from passing samples, and where each holds (k x samples)."""
         failed = self.outcomes
         found: list[Candidate] = []
         masks: list[Array] = []

@@ -88,15 +88,7 @@ def scores(predicted: Sequence[bool], failed: Sequence[bool], share: float) -> S
 
 
 def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.Random, count: int) -> list[Assignment]:
-    """Return at most `count` cases near the limits of a rule.
-
-    Args:
-        table: The trials so far; cases are known ones, or new draws, moved to a limit.
-        learnt: The rule with the intervals of its thresholds.
-        sampler: Draws new cases.
-        chance: Source of randomness.
-        count: Number of cases to try to make.
-    """
+    """Return at most `count` cases near the limits of a rule: known ones, or new draws, moved to a limit."""
     limits: dict[Candidate, list[tuple[int, int]]] = {}  # one that several terms share is one limit
     for row, term in enumerate(learnt.terms):
         for column, candidate in enumerate(term):

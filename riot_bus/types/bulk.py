@@ -24,11 +24,6 @@ _EXACT = 1 << 53  # beyond it, float64 skips integers
 def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
     """Return one field of many payloads; payloads that cannot be decoded, or lack the field, are marked as not valid.
 
-    Args:
-        kind: Type of the payloads.
-        payloads: The payloads.
-        path: Path of a field, or `len(path)`.
-
     Raises:
         PayloadError: The type has no such field, whatever the payload.
     """

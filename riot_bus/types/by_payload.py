@@ -21,10 +21,6 @@ class ByPayload(Generic[_T]):
     """Caches results by payload, since different trials have nearly the same messages.
 
     Its keys are the identity of the type, as types of adapters need not be hashable, and the payload's hash.
-
-    Args:
-        make: Function that computes a result.
-        most: Largest number of cached results.
     """
 
     def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:

@@ -55,9 +55,6 @@ class Codecs:
 
         The codec `cbor` serves `cbor`, `application/cbor`, `application/x-cbor` and similar encodings. A codec that
         cannot be loaded is replaced by an opaque type that says why.
-
-        Args:
-            encoding: Encoding of MCAP or Zenoh, without a schema.
         """
         name = encoding.lower()
         for prefix in _PREFIXES:

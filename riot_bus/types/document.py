@@ -78,10 +78,7 @@ class DocumentType:
     """A `MessageType` for all documents of one encoding; subclasses define its codes.
 
     Attributes:
-        title: Name of the encoding for users.
-        codes: Meaning of each first byte.
         signed: Whether codes of the kind `int` are followed by two's complement, not by -1 - value.
-        stand_ins: Encoded replacements of fields.
     """
 
     name = ""

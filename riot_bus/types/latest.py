@@ -64,9 +64,6 @@ class LatestFields:
     The value of an order is returned at each message of its second topic.
 
     Args:
-        names: Names of fields and orders; see `place_of`.
-        topics: Topic of each message of the short log to which the names refer.
-        registry: Registry of topic names and message types.
         keeps: Whether a message without a field leaves its earlier values in force, as if it had not come.
 
     Raises:

@@ -21,8 +21,6 @@ class TypeListing:
     """A type and the fields of its messages.
 
     Attributes:
-        name: Name of the type, such as `nav_msgs/msg/Odometry`.
-        encoding: Encoding of its payloads, such as `cdr`.
         fields: Fields in payload order; empty if only payloads show them.
         problem: Reason why the fields are unknown although the type describes them.
     """

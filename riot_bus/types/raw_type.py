@@ -37,13 +37,7 @@ _EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature 
 
 
 class OpaqueType:
-    """A type whose payloads are never decoded.
-
-    Args:
-        name: Name of the type.
-        encoding: Message encoding of MCAP.
-        reason: Reason why payloads cannot be decoded.
-    """
+    """A type whose payloads are never decoded."""
 
     schema: Schema | None = None
 

@@ -21,12 +21,6 @@ _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 def set_elements(kind: MessageType, payload: bytes, path: str, change: Callable[[Scalar], Scalar]) -> bytes:
     """Return a payload in which all fields that a path with `[*]` stands for are set.
 
-    Args:
-        kind: Type of the message.
-        payload: Its payload.
-        path: Path with one or more `[*]`.
-        change: Function that returns the new value of a field, given the present one.
-
     Raises:
         PayloadError: There are no such fields (other than for an empty array) or too many, or the value does not fit.
     """

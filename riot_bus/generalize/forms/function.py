@@ -67,12 +67,7 @@ def compiled(tree: Tree, names: Sequence[str]) -> Callable[[Sequence[Any]], Any]
 
 
 def judge_of(terms: Terms, names: Sequence[str]) -> Judge:
-    """Return a function that judges a single row as `Rule.predict` does; it never raises.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        names: Names of the values that it will get, in their order.
-    """
+    """Return a function that judges a single row as `Rule.predict` does; it never raises."""
     judges = term_judges(terms, names)
     return judges[0] if len(judges) == 1 else lambda values: any(judge(values) for judge in judges)
 

@@ -94,14 +94,7 @@ UNITS = {units}
 
 
 def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, float], told: Sequence[str]) -> str:
-    """Return the text of a Python file.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-        scale: Nominal spread of its variables.
-        told: Lines for the reader: what it is about, and the rule.
-    """
+    """Return the text of a Python file."""
     names = list(types)
     words = identifiers(names)
     arguments = ", ".join(words.values())
@@ -117,13 +110,7 @@ def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, f
 
 
 def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> str:
-    """Return the source of a standalone predicate `rule(v)` over a dict of variables.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-        told: The rule as text.
-    """
+    """Return the source of a standalone predicate `rule(v)` over a dict of variables."""
     words = identifiers(list(types))
     predicate = "\n        or ".join(f"({_term(term, words, types)})" for term in terms) or "False"
     used = {each.__name__ for each in _HELPERS if f"{each.__name__}(" in predicate}

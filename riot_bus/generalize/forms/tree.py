@@ -163,12 +163,7 @@ def one_by_one(literal: Literal) -> tuple[Literal, ...]:
 
 
 def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
-    """Return the values of a variable at which a literal changes; empty if not known, or not about numbers.
-
-    Args:
-        literal: Literal of a rule.
-        name: Name of the variable that moves.
-    """
+    """Return the values of a variable at which a literal changes; empty if not known, or not about numbers."""
     feature = literal.feature
     if feature.kind in NO_ROOTS or isinstance(literal.value, bool) or not isinstance(literal.value, int | float):
         return ()

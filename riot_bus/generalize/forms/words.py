@@ -71,12 +71,7 @@ def is_misfit(literal: Literal, types: Mapping[str, str]) -> bool:
 
 
 def comparison(literal: Literal, *, floating: bool) -> tuple[str, int | float] | bool:
-    """Return the operator and number of a literal in the type of its feature, or its truth if values do not matter.
-
-    Args:
-        literal: A literal that compares with a number.
-        floating: Whether its feature is a floating-point number; then so is the threshold, else it is an integer.
-    """
+    """Return the operator and number of a literal in the type of its feature, or its truth if values do not matter."""
     operator, value = literal.operator, literal.value
     assert isinstance(value, int | float)
     if floating:
