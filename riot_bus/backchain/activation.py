@@ -8,24 +8,20 @@ history, by default Nelder-Mead, expected improvement of a forest surrogate, and
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from riot_bus.backchain.coordinates import CoordinateSearch
 from riot_bus.backchain.encoding import Encoding, SearchField
-from riot_bus.backchain.proposers import PORTFOLIO, History, proposers
+from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.proposers import PORTFOLIO, History, Proposer, SearchMethod, proposers
 from riot_bus.backchain.varied import Dimension, Recombination
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
-    from riot_bus.backchain.proposers import Proposer, SearchMethod
-    from riot_bus.vocabulary.trial import Progress
+from riot_bus.vocabulary.trial import Progress
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""

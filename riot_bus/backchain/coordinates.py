@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from riot_bus.backchain.encoding import Encoding
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.encoding import Encoding
+from riot_bus.backchain.fir import Floats
 
 _REACHES = (0.2, 0.35, 0.07)
 """Steps, as shares of a field's encoded range; the next one only if no field comes nearer with the previous one."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.fir import Floats
 
 _DIGITS = 3  # steps of a thousandth of the distance from nominal: finer ones make no difference
 _FEW = 16  # a guess: modes have fewer values; counts and other quantities have more

@@ -6,16 +6,13 @@ matrix product of the drawn values with a table that the residuals fill (`correl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.injection import Signal
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

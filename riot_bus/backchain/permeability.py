@@ -13,8 +13,9 @@ system run (time = number of the run), signals with `hold=1`, and `lags=1`.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,12 +23,8 @@ from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
 from riot_bus.backchain.strength import estimate
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.vocabulary.injection import Signal
-    from riot_bus.vocabulary.trial import Progress, Series
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Progress, Series
 
 _MIN_SAMPLES = 8
 _ROUNDS = 8

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample, fit_box
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Mapping, Sequence
-
-    from riot_bus.backchain.encoding import SearchField
-    from riot_bus.vocabulary.trial import Ask, Progress
+from riot_bus.backchain.encoding import SearchField
+from riot_bus.vocabulary.trial import Ask, Progress
 
 _STRIDE = 4.0
 _ROUNDS = 20

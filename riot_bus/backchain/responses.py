@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from riot_bus.backchain.fir import Floats, fit_terms, fitted, memory_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 Effect = Literal["level", "change", "spread"]
 """Aspect of an internal field that follows an external one: its value, its innovations, or how much it varies."""

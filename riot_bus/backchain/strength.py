@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, Ints, fit_terms, fitted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 _TERMS = 4  # as in responses.py: the selected fields explain as much as in the test
 _FEWEST_GROUPS = 4  # Student's t: 3.2 standard errors with four groups, 4.3 with three, 12.7 with two

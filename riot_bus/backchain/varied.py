@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from riot_bus.backchain.encoding import Encoding, SearchField
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.fir import Floats
 
 _PARTS = 3
 """Parts of a run: enough for a pulse that another value follows."""

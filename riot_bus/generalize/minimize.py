@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.generalize.oracle import FAILS, SURE, BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.trial import Ask, Progress
 
@@ -30,12 +30,6 @@ are often not told from 1 by then (benchmarks/noise.py)."""
 
 _WRONG = 0.01
 """Budget of error of the last check."""
-
-_FAILS = 0.98
-"""Prior that the whole log fails: fresh trials of it have confirmed the finding."""
-
-_SURE = 0.95
-"""Confidence that ends one search; the check at the end finds mistakes."""
 
 _UNNEEDED = 0.1
 """Prior that a message which a search has found is not needed after all, or that those found are not enough."""
@@ -162,7 +156,7 @@ class _Search:
         what = f"the whole log ({len(self.prior)} messages)"
         self.trials.require(
             tuple(range(len(self.prior))),
-            prior=_FAILS,
+            prior=FAILS,
             doubt=_DOUBT,
             doing="checking the whole log",
             what=what,
@@ -245,7 +239,7 @@ class _Search:
                 [0.0] * impossible + masses[impossible:],
                 at,
                 rises=True,
-                sure=_SURE,
+                sure=SURE,
                 doing=f"looking for needed message {len(kept) + 1}",
             )
             if not self.trials.failed:

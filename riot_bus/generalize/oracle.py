@@ -17,6 +17,12 @@ WAVES = 4
 """Trials for each slot in one batch whose questions do not depend on each other's answers: slots wait for each other
 only at its end, and progress is still told often."""
 
+FAILS = 0.98
+"""Prior that what a search begins with fails: it was confirmed, or minimised."""
+
+SURE = 0.95
+"""Confidence that ends one search; later checks find mistakes. More costs trials, less errs on flaky units."""
+
 
 def scalar_key(value: Setting) -> Hashable:
     """Return a key equal exactly for bit-identical values (NaN equals itself, -0.0 is not 0.0, True is not 1)."""

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.generalize.oracle import BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
+from riot_bus.generalize.oracle import FAILS, SURE, BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.trial import Ask, Progress
@@ -29,12 +29,6 @@ PASSING_STRAIGHT = 12
 
 BUDGET = 1000
 """Trials at most: enough for three of 5,000 fields, failing three times in ten (about 500)."""
-
-_FAILS = 0.98
-"""Prior that the failing log fails: it was minimised."""
-
-_SURE = 0.95
-"""Confidence that ends one search. More of it costs reliable units trials; with 0.9, flaky ones find wrong fields."""
 
 _EARLY = 15
 """Draws in a row after which certificates are confirmed for the first time: rates of failure are better known by then,
@@ -152,7 +146,7 @@ def relevant_fields(
     try:
         what, so = "the failing log", "no field can be called relevant"
         doing = "checking the failing values"
-        trials.require(search.failing, prior=_FAILS, doubt=DOUBT, doing=doing, what=what, so=so)
+        trials.require(search.failing, prior=FAILS, doubt=DOUBT, doing=doing, what=what, so=so)
         search.heal()
         search.resample(straight, failing=True)
         if search.found:
@@ -289,7 +283,7 @@ class _Search:
         total = sum(masses)
         masses = [_START * total, *masses, total * unchanged / (1 - unchanged)]
         doing = f"bisecting {len(changed)} fields"
-        length = self.trials.flip(masses, at, rises=not failing, sure=_SURE, doing=doing, told=told)
+        length = self.trials.flip(masses, at, rises=not failing, sure=SURE, doing=doing, told=told)
         if length == 0:
             self._disown(start, failing=failing)
         if not 0 < length <= len(changed):

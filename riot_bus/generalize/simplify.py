@@ -10,16 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from riot_bus.generalize.minimize import BUDGET, minimize
-from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.generalize.oracle import SURE, BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
 Levels = tuple[int, ...]
 """A rung for each ladder."""
-
-_SURE = 0.95
-"""Confidence that ends one search for a rung; its result is checked."""
 
 _FOUND, _NEEDED, _DOUBT = 0.9, 0.1, 0.02
 """Priors that a rung found by a search fails, and that the simplest rung fails; doubt that ends a check."""
@@ -111,5 +108,5 @@ def _with_lower(now: Levels, place: int, size: int, trials: Trials[Levels]) -> L
     def at(rung: int) -> Levels:
         return (*now[:place], rung + 1, *now[place + 1 :])
 
-    found = trials.flip([1.0] * (size - 1), at, rises=True, sure=_SURE, doing="trying simpler values")
+    found = trials.flip([1.0] * (size - 1), at, rises=True, sure=SURE, doing="trying simpler values")
     return at(found) if found < size - 2 and _fails(at(found), _FOUND, trials) else now

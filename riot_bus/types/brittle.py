@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import re
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from riot_bus.types.capabilities import KnowsBrittleFields
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
+from riot_bus.types.model import MessageType
 
 STAMPS = ("header stamp", "timestamp")
 """Reasons that apply to time fields."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
+from riot_bus.types.model import Leaf, MessageType
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.types.model import Leaf, MessageType
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 _T = TypeVar("_T")
 

@@ -6,14 +6,11 @@ values are not fields. Containers and strings of indefinite length are read; a p
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
+from riot_bus.types.capabilities import StandIn
 from riot_bus.types.document import INDEFINITE, Code, DocumentType
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from riot_bus.types.capabilities import StandIn
 
 _KINDS = ("uint", "int", "bin", "str", "array", "map", "tag", "simple")
 _WIDTHS = {24: 1, 25: 2, 26: 4, 27: 8}  # RFC 8949, section 3: bytes that follow, by the low five bits

@@ -8,8 +8,10 @@ duplicate keys counts; a payload that is not a map is called `value`.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar, NamedTuple
 
+from riot_bus.types.capabilities import StandIn
 from riot_bus.types.model import (
     REBUILD,
     ROOT,
@@ -27,12 +29,7 @@ from riot_bus.types.model import (
     wrap_integer,
 )
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000; as for JSON
 _MOST_TAGS = 16  # a value has one or two; hostile payloads may repeat them up to their end

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from riot_bus.types.elements import read_field
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import Order, order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
 
 _NAME = re.compile(r"(?P<topic>.+?)(?:\[(?P<place>\d{1,6})\])?:(?P<path>[^:]*)\Z", re.DOTALL)
 

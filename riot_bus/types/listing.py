@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import DescribesFields
 from riot_bus.types.fields import FieldType
+from riot_bus.types.model import MessageType
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
-    from riot_bus.types.registry import TypeRegistry
 
 
 @dataclass(frozen=True, slots=True)

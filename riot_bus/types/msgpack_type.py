@@ -5,15 +5,12 @@ Extension types are not fields.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
+from riot_bus.types.capabilities import StandIn
 from riot_bus.types.document import Code, DocumentType
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from riot_bus.types.capabilities import StandIn
 
 _CODES = (
     *(Code("uint", number=number) for number in range(128)),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TypeVar
 
 from riot_bus.plugins import ADAPTERS
 from riot_bus.types.capabilities import (
+    Announcement,
     AnnouncesServers,
+    Ask,
     DiscoversTypes,
     HasServices,
     ListsTypes,
@@ -20,19 +24,12 @@ from riot_bus.types.capabilities import (
     TakesFiles,
 )
 from riot_bus.types.codecs import Codecs
-from riot_bus.types.model import MessageType, TopicName, TypeSource
+from riot_bus.types.model import Adapter, MessageType, Schema, TopicName, TypeSource
 from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.types.capabilities import Announcement, Ask
-    from riot_bus.types.model import Adapter, Schema
-    from riot_bus.vocabulary.message import Message
 
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")

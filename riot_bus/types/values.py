@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}

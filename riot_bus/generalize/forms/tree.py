@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.expressions import Applied, Name, Node, text
+from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.features import Feature
 
 Terms = tuple[tuple[Literal, ...], ...]
 

@@ -7,14 +7,11 @@ import keyword
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.expressions import TEXTS, Applied
 from riot_bus.generalize.forms.standalone import FLOATS
 from riot_bus.generalize.forms.tree import Tree
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.literals import Literal
 
 _CPP = (
     "alignas alignof and and_eq asm auto bitand bitor bool case catch char class compl const constexpr "
