@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
-from riot_bus.backchain.study import Study
 from riot_bus.chain.base.external import driving_log
 from riot_bus.chain.whole.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.whole.driven_system import AGAIN, DrivenSystem
@@ -17,7 +16,7 @@ from riot_bus.chain.whole.replay import Replay, replay
 from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord
-from riot_bus.plugins import SEARCHES
+from riot_bus.plugins import SEARCHES, hook
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def activation(
         return _not_tested(_NONE_ODD)
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
-    shared = Study(study, _study_name(system, names)) if study else None
+    shared = hook("study", "riot_bus_cluster")(study, _study_name(system, names)) if study else None
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
