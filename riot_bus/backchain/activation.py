@@ -25,16 +25,8 @@ from riot_bus.vocabulary.trial import Progress
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
-_REPEATS = 30
-_DOWN = 0.9
-"""A distance below this share of the nominal one is progress, not noise."""
-_FAR = 1e100
-_FIRST = 6
-"""Runs that each search gets before the one that came nearest is preferred."""
-_RECOMBINED = 24
-"""Points that vary in time that are made from constant ones before the search methods begin."""
-_PROMISING = 4
-"""Promising points that are tried: each costs a run, and if none of these fails, others hardly will."""
+_REPEATS = 30  # a guess: so often a known point may be proposed before a search gives up
+_FAR = 1e100  # its square is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +108,10 @@ def activate(
 
     Deterministic for equal seeds and evaluations, unless `shared` is given. No point is evaluated twice.
 
-    Args:
-        fields: Fields that may be set; best only those that permeability has left.
-        evaluate: Function that runs the system once per point, in order.
-        seed: Seed of every choice.
-        budget: Largest number of system runs.
-        parallelism: Points per call of `evaluate`.
-        methods: Search methods, which take turns in this order.
-        families: Ways in which fields vary in time, which are tried after constant ones.
-        promising: Points that failed in other runs; a few are tried first, if within the fields' ranges, with other
-            fields at their usual values.
-        progress: Called after each batch.
-        shared: History that receives all runs and gives those of other searches: they only guide this search, and
-            points that failed there are tried first.
+    `evaluate` runs the system once per point, in order. Best give only fields that permeability has left. `families`
+    are ways in which fields vary in time, which are tried after constant ones; `promising` points failed in other runs:
+    a few are tried first, if within the ranges of fields, with other fields at their usual values. Runs of others in
+    the `shared` history only guide this search, and points that failed there are tried first.
 
     Raises:
         ConfigError: All methods need more fields, and the star probes did not suffice.
@@ -144,7 +127,7 @@ def activate(
     )
     elsewhere = ({each.name: one.get(each.name, each.usual) for each in fields} for one in promising)
     allowed = (one for one in elsewhere if all(each.low <= one[each.name] <= each.high for each in fields))
-    for one in islice(allowed, _PROMISING):
+    for one in islice(allowed, 4):  # each costs a run, and if none of these fails, others hardly will
         search.promise(one)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     known = [*fields, *(each.search for family in families for each in family)]
@@ -188,7 +171,7 @@ class _Proposal:
 class _Turns:
     """Turns of the searches for constant and for varying fields: every other one goes to the nearest search so far.
 
-    Before that, each search has a few turns.
+    Before that, each search has six runs.
     """
 
     def __init__(
@@ -236,7 +219,7 @@ class _Turns:
         self._turn += 1
         order = sorted(
             self._searches,
-            key=lambda each: (each.runs >= _FIRST, each.nearest if self._turn % 2 else 0.0, each.runs),
+            key=lambda each: (each.runs >= 6, each.nearest if self._turn % 2 else 0.0, each.runs),
         )
         for each in order:
             if found := each.batch(size):
@@ -275,7 +258,8 @@ class _Search:
         self._known: dict[tuple[float, ...], float | None] = {}
         self._constant = tried is None
         self._mixed = Recombination(family, tried or _star(self.encoding), np.random.default_rng([*seeds, 98]))
-        self._probes = (self._mixed.ask() for _ in range(0 if self._constant else _RECOMBINED))
+        # Before the methods, points that vary in time are made from constant ones.
+        self._probes = (self._mixed.ask() for _ in range(0 if self._constant else 24))
         self._lines = CoordinateSearch(self.encoding) if self._constant else None
         self._methods: list[Proposer] | None = None
         self._turn = 0
@@ -348,7 +332,7 @@ class _Search:
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return the next method; until constant fields have reduced the distance, every other turn combines them."""
         self._turn += 1
-        if self._constant and self.nearest < _DOWN * self._usual:
+        if self._constant and self.nearest < 0.9 * self._usual:  # progress, not noise
             return methods[self._turn % len(methods)]
         return methods[self._turn // 2 % len(methods)] if self._turn % 2 else self._mixed
 

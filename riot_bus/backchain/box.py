@@ -9,8 +9,6 @@ from typing import NamedTuple
 Place = tuple[float, ...]
 """Value of each field."""
 
-_SWEEPS = 4  # a guess: it ends earlier if no edge moves, but that is not certain
-
 
 class RegionSample(NamedTuple):
     """A point, and whether it failed."""
@@ -62,7 +60,7 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
 
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
     """
-    for _ in range(_SWEEPS):
+    for _ in range(4):  # a guess: it ends earlier if no edge moves, but that is not certain
         before = box
         for side in range(len(box.edges)):
             edges = list(box.edges)

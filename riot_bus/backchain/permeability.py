@@ -19,16 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
-from riot_bus.backchain.strength import estimate
+from riot_bus.backchain.strength import estimate, student_reach
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Progress, Series
 
 _MIN_SAMPLES = 8
-_ROUNDS = 8
-_CLEAR = 0.5
 _FEWEST, _SUSPICION = 4, 0.002
 """Fewest runs to judge a field's first value, and the chance that one without any effect is suspected; a suspicion
 needs further runs, which cost more than all others together."""
@@ -292,7 +289,7 @@ def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Seque
 def _effect(scores: Floats) -> Effect:
     """Return which aspect follows the field: the level if the effect shows there about as well as anywhere."""
     level = max(score for score, channel in zip(scores, CHANNELS, strict=True) if channel == "level")
-    return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
+    return "level" if level >= 0.5 * scores.max() else CHANNELS[int(scores.argmax())]
 
 
 def _select(
@@ -306,7 +303,7 @@ def _select(
     selected: list[str] = []
     detectable: dict[str, float] = {}
     spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may score as high as a discovery
-    for _ in range(_ROUNDS):
+    for _ in range(8):
         left = [name for name in names if name not in selected]
         if not left:
             break

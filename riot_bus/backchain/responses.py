@@ -15,7 +15,7 @@ Effect = Literal["level", "change", "spread"]
 CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 """The effect that each column of `residuals` shows."""
 
-_TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
+TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
 _LEAST_SPREAD = 0.25  # of the mean size: quiet samples weigh at most four times as much
 _TRIMS = 6  # a guess: each fit without outliers shows which samples really are
 _MEMORY = 0.99  # largest size of an autocorrelation: with 1, innovations of a drift would be noise alone
@@ -48,7 +48,7 @@ def residuals(
     left = raw
     if selected:
         design = np.hstack([designs[name] for name in selected])
-        most = _TERMS * len(selected)
+        most = TERMS * len(selected)
         level = raw[:, 0] - _explained(raw[:, 0], design, most)
         raw = responses(pieces, level)
         explained = [_explained(raw[:, at], design, most) for at in range(3)]

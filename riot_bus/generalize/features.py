@@ -97,9 +97,6 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
 FLAGS: Final = frozenset({"nan", "nonfinite", "ascii", "printable", "digits", "utf8", "prefix", "contains"})
 """Kinds whose values are booleans."""
 
-_LETTER = 2.0
-"""Bits of one letter of a constant text."""
-
 
 @dataclass(frozen=True, slots=True, order=True)
 class Feature:
@@ -160,7 +157,7 @@ class Feature:
             return bits + sum(0.0 if abs(weight) == 1 else number_bits(abs(weight)) for weight in self.constant)
         if isinstance(self.constant, int):
             return bits + number_bits(self.constant)
-        return bits + _LETTER * len(self.constant) if self.constant else bits
+        return bits + 2.0 * len(self.constant) if self.constant else bits
 
     @property
     def expression(self) -> Node:
@@ -206,13 +203,7 @@ _MOST_WITH_TRIPLES = 6
 
 
 def features_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return the features worth trying for variables of these types, cheapest first.
-
-    Of those with constants, only sums and differences of three are included.
-
-    Args:
-        types: Name and type (bool, int8 .. uint64, float32, float64, string, bytes) of each variable.
-    """
+    """Return the features worth trying for variables of these types, cheapest first."""
     numbers = [name for name, type_ in types.items() if type_.startswith(("int", "uint", "float"))]
     found = [Feature("raw", (name,)) for name in types]
     for name in numbers:

@@ -50,6 +50,8 @@ class BudgetSpentError(Exception):
 class Trials(Generic[QuestionT]):
     """Trials of a search: asks each time by a fresh trial, decides from all answers, and learns their reliability.
 
+    All methods that ask raise BudgetSpentError if there are no trials left for it.
+
     Args:
         key: Function whose result is equal for questions that are the same.
     """
@@ -91,9 +93,6 @@ class Trials(Generic[QuestionT]):
 
         `at` gives the input at a position; inputs trigger the failure from the flip on if it `rises`, else before it.
         `told` are positions that `ask` has already answered, with whether they failed.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
         """
         search = FlipSearch(masses, self.noise, rises=rises)
         for position, failed in told:
@@ -117,16 +116,8 @@ class Trials(Generic[QuestionT]):
     ) -> list[float]:
         """Return for each question the probability that it triggers the failure.
 
-        Args:
-            questions: Questions that differ from each other.
-            prior: Probability before any trial; one for all questions, or one for each.
-            doubt: A probability below this, or above one minus this, decides.
-            doing: Name of the current step, for `progress`.
-            least: Minimum number of trials of each question, including earlier ones.
-            first: Whether to stop at the first question found to trigger the failure; later ones may stay undecided.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
+        Questions differ from each other; each needs at least `least` trials, earlier ones included. A probability below
+        `doubt`, or above 1 - doubt, decides. With `first`, it stops at the first question that is found to trigger it.
         """
         searches = []
         priors = [prior] * len(questions) if isinstance(prior, float) else prior
@@ -157,7 +148,6 @@ class Trials(Generic[QuestionT]):
 
         Raises:
             InconclusiveError: It probably does not trigger the failure.
-            BudgetSpentError: There are no trials left for it.
         """
         if self.triggers([question], prior=prior, doubt=doubt, doing=doing)[0] < 0.5:
             failed, passed = self.counts(question)
@@ -169,14 +159,8 @@ class Trials(Generic[QuestionT]):
     def decide(
         self, questions: Sequence[QuestionT], *, doubt: float, doing: str, priors: Sequence[float] | None = None
     ) -> list[bool]:
-        """Return for each question whether it triggers the failure; equal ones are decided together.
-
-        It is not known how many of them do, so their trials say nothing about the rates.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
-        """
-        known = self.noise
+        """Return for each question whether it triggers the failure; equal ones are decided together."""
+        known = self.noise  # it is not known how many of them do, so their trials say nothing about the rates
         by_key = {self._key(question): question for question in questions}
         likely = dict(zip(map(self._key, questions), priors or [0.5] * len(questions), strict=True))
         prior = [likely[key] for key in by_key]
@@ -193,11 +177,7 @@ class Trials(Generic[QuestionT]):
         return min(waves * self.parallelism, left)
 
     def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
-        """Return whether one fresh trial of each question failed, for the first ones that fit in one batch.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
-        """
+        """Return whether one fresh trial of each question failed, for the first ones that fit in one batch."""
         return self._asked(questions[: self._batch()], doing)
 
     def _asked(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:

@@ -24,9 +24,6 @@ Assignment = Mapping[str, Setting]
 TYPES = ("bool", *INTEGERS, *FLOATS, "string", "bytes")
 """The types a variable may have."""
 
-_OBSERVED = 200
-"""Elements of nominal arrays are evenly thinned out to about this number, at most twice as many."""
-
 _FLOAT32_MAX = 3.4028234663852886e38  # largest finite float32, (2 - 2**-23) * 2**127: struct.pack refuses more
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
 
@@ -259,7 +256,7 @@ def _element(variable: Variable) -> Variable:
     arrays = [value for value in (variable.failing, *variable.passing) if isinstance(value, Elements)]
     at = [value for array in arrays for value in (array[place] for place in variable.places)]
     nominal = [value for array in variable.nominal if isinstance(array, Elements) for value in array]
-    some = tuple(nominal[:: max(1, len(nominal) // _OBSERVED)])
+    some = tuple(nominal[:: max(1, len(nominal) // 200)])  # thinned out evenly
     failing = at[0] if at else arrays[0][0]
     name, type_ = variable.name.replace("[*]", "[?]"), variable.type[:-2]
     return Variable(name, type_, failing, tuple(at[1:]), some, variable.dictionary)

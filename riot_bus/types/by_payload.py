@@ -15,10 +15,7 @@ _T = TypeVar("_T")
 
 
 class ByPayload(Generic[_T]):
-    """Caches results by payload, since different trials have nearly the same messages.
-
-    Its keys are the identity of the type, as types of adapters need not be hashable, and the payload's hash.
-    """
+    """Caches results by payload, since different trials have nearly the same messages."""
 
     def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
         self._make, self._most = make, most

@@ -30,10 +30,6 @@ def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
     A name is `topic:path`, or `topic[i]:path` if a short log has several messages of the topic. Of n messages of a
     topic, number n - 1 is the latest one, number n - 2 the one before, and so on.
 
-    Args:
-        name: Name of a field or of a quantity of elements.
-        topics: Topic of each message of the short log; topics used only without a number may be missing.
-
     Raises:
         ConfigError: It is not the name of a field, or the log has no message with this number.
     """
@@ -58,10 +54,8 @@ def in_words(name: str, topics: Sequence[str]) -> str:
 class LatestFields:
     """Takes messages in turn and returns the current values of named fields, from the latest messages of their topics.
 
-    The value of an order is returned at each message of its second topic.
-
-    Args:
-        keeps: Whether a message without a field leaves its earlier values in force, as if it had not come.
+    The value of an order is returned at each message of its second topic. If it `keeps` values, a message without a
+    field leaves its earlier values in force, as if it had not come.
 
     Raises:
         ConfigError: A name is invalid, or has a number for which the log has no message.

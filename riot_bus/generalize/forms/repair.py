@@ -42,11 +42,7 @@ def unit_of(scale: Mapping[str, float], name: str) -> float:
 
 
 class Repair:
-    """Function that changes values so that a rule does not hold; see `standalone.nearest`.
-
-    Args:
-        scale: Nominal spread by name, in units of which moves are measured.
-    """
+    """Function that changes values so that a rule does not hold; see `standalone.nearest`."""
 
     def __init__(
         self,
