@@ -94,26 +94,21 @@ def minimize(
     trials: Trials[tuple[int, ...]] = Trials(
         ask, key=lambda question: question, noise=noise, budget=budget, parallelism=parallelism, progress=progress
     )
-    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better).run(likely=likely)
+    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better, tuple(range(n))).run(
+        likely=likely
+    )
 
 
+@dataclass
 class _Search:
-    """The state of one run of `minimize`."""
+    """The state of one run of `minimize`; `best` is the smallest part found to fail, at first the whole log."""
 
-    def __init__(
-        self,
-        trials: Trials[tuple[int, ...]],
-        prior: list[float],
-        groups: Sequence[str] | None,
-        causes: frozenset[int] | None,
-        better: Callable[[Minimal], None] | None,
-    ) -> None:
-        self.trials = trials
-        self.prior = prior
-        self.groups = groups
-        self.causes = causes
-        self.better = better
-        self.best = tuple(range(len(prior)))
+    trials: Trials[tuple[int, ...]]
+    prior: list[float]
+    groups: Sequence[str] | None
+    causes: frozenset[int] | None
+    better: Callable[[Minimal], None] | None
+    best: tuple[int, ...]
 
     def run(self, *, likely: bool) -> Minimal:
         whole = self.best

@@ -13,8 +13,7 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.expressions import Array
 from riot_bus.generalize.features import Feature
-from riot_bus.generalize.literals import compare
-from riot_bus.generalize.margins import WRAPS
+from riot_bus.generalize.literals import WRAPS, compare
 from riot_bus.generalize.numbers import between, logarithmic, number_bits, step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, changed, columns_of, row_of

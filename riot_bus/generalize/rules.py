@@ -24,15 +24,7 @@ from riot_bus.generalize.oracle import assignment_key, same_scalar
 from riot_bus.generalize.questions import AskExpecting, Questions, Sample
 from riot_bus.generalize.refine import around, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import (
-    Assignment,
-    Variable,
-    changed,
-    columns_of,
-    fitted,
-    integer_range,
-    row_of,
-)
+from riot_bus.generalize.sampling import Assignment, Variable, changed, columns_of, fitted, integer_range, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.validation import Estimate, near_limits, scores
 from riot_bus.vocabulary.elements import Setting
@@ -239,8 +231,6 @@ class _Search:
         self.ask([self.draws.alone(failing) for _ in range(budget // 10)], "start")
         self.ask([self.sampler.assignment(self.random) for _ in range(budget // 8)], "explore")
 
-    # -- learning -------------------------------------------------------------------------------------------------
-
     def refine(self) -> None:
         """Learn and ask until the committee agrees and every threshold is exact, or the budget is spent."""
         calm = 0
@@ -442,8 +432,6 @@ class _Search:
                 moved = (changed(self.variables, base, {name: value}) for value in asked)
                 found += [one for one in moved if one is not None and not self.known(one)]
         return found
-
-    # -- validation -----------------------------------------------------------------------------------------------
 
     def validate(self, count: int, context: Sequence[Variable]) -> list[Sample]:
         """Ask fresh cases of the distribution stated in `validation`, half of them inside the rule if possible."""

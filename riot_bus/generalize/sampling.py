@@ -176,12 +176,9 @@ def interesting(variable: Variable) -> list[Scalar]:
             edges += range(2, 10)
     elif variable.type.startswith("float"):
         edges = [0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 1e6, -1e6]
-    elif variable.type == "bool":
-        edges = [False, True]
-    elif variable.type == "string":
-        edges = [""]
     else:
-        edges = [b""]
+        single: dict[str, list[Scalar]] = {"bool": [False, True], "string": [""], "bytes": [b""]}
+        edges = single[variable.type]
     known: list[Any] = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
     held = [value for value in (fit(value, variable.type) for value in known) if value is not None]
     return list({scalar_key(value): value for value in held}.values())
