@@ -40,6 +40,8 @@ class MsgpackType(DocumentType):
 
     def is_container(self, payload: bytes) -> bool:
         """Return whether the payload is exactly one non-empty MessagePack map or array."""
+        if not payload or _CODES[payload[0]].kind not in ("map", "array"):
+            return False
         try:
             return self.head(payload, 0).entries > 0 and self.skip(payload, 0) == len(payload)
         except PayloadError:

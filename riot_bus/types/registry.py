@@ -38,6 +38,7 @@ _VARIABLE = "RIOT_ADAPTERS"
 _CACHED_KEYS = 1 << 14  # peers may invent keys: a full cache is emptied, which costs only time
 _LONGEST_ENCODING = 1 << 8  # with `_CACHED_KEYS`, bounds the cached texts at 4 MiB
 
+_MSGPACK = MsgpackType()
 _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "text/plain", "application/octet-stream"})
 
 
@@ -334,7 +335,7 @@ class TypeRegistry:
                 adapter.load(others)
 
     def _infer(self, payload: bytes) -> MessageType | None:
-        if MsgpackType().is_container(payload):
+        if _MSGPACK.is_container(payload):
             return self.type_named("msgpack")
         if payload.lstrip(b" \t\r\n")[:1] in (b"{", b"["):
             found = self.type_named("json")
