@@ -10,6 +10,7 @@ An extension of riot itself may also fill hooks, entry points of the group `riot
     backtrack_lines   show paths found in logs alone on a finding's page (`riot report`)
     difference_from   compare delivered messages with a log (the fixture's `expect`)
     play_expecting    compare the answers to a played log with the expected ones (`riot play --expect`)
+    study             share a search as a study of optuna (`riot activate --study`)
     testkit           test plug-ins: the module with `InterceptorBench` and the names in `Conformance` below
     transparency      compare a router with a plain one (`riot doctor --transparency`)
     workers           run trials elsewhere than on this machine (`--executor`)

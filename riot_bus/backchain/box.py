@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from typing import NamedTuple
 
 Place = tuple[float, ...]
 """Value of each field."""
-
-_SWEEPS = 4  # a guess: it ends earlier if no edge moves, but that is not certain
 
 
 class RegionSample(NamedTuple):
@@ -64,7 +60,7 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
 
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
     """
-    for _ in range(_SWEEPS):
+    for _ in range(4):  # a guess: it ends earlier if no edge moves, but that is not certain
         before = box
         for side in range(len(box.edges)):
             edges = list(box.edges)

@@ -13,25 +13,19 @@ system run (time = number of the run), signals with `hold=1`, and `lags=1`.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
-from riot_bus.backchain.strength import estimate
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.vocabulary.injection import Signal
-    from riot_bus.vocabulary.trial import Progress, Series
+from riot_bus.backchain.strength import estimate, student_reach
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Progress, Series
 
 _MIN_SAMPLES = 8
-_ROUNDS = 8
-_CLEAR = 0.5
 _FEWEST, _SUSPICION = 4, 0.002
 """Fewest runs to judge a field's first value, and the chance that one without any effect is suspected; a suspicion
 needs further runs, which cost more than all others together."""
@@ -68,10 +62,8 @@ class PermeabilityEdge:
     Attributes:
         strength: Share of the variance within a run that the external field explains, 0 to 1.
         low: Lower end of the jackknife interval (95 %) of the strength, over runs; 0 if the effect is not significant.
-        high: Upper end of that interval.
         lag_s: Lag at which the external field shows most, in seconds.
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
-        permeable: Whether the effect is significant.
         effect: Aspect of the internal field whose variance the strength is a share of.
         detectable: Smallest share of the variance at which an effect of a single lag would have shown at this step;
             None if the effect is significant, or if no effect would have shown.
@@ -107,9 +99,9 @@ class PermeabilityResult:
     alpha: float = 0.05
     runs: int = 0
 
-    def permeable(self, internal: str | None = None) -> tuple[PermeabilityEdge, ...]:
-        """Return the significant edges (into one internal field, when given)."""
-        return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
+    def permeable(self) -> tuple[PermeabilityEdge, ...]:
+        """Return the significant edges."""
+        return tuple(edge for edge in self.edges if edge.permeable)
 
     def doubtful(self) -> tuple[PermeabilityEdge, ...]:
         """Return the significant edges whose interval of the strength contains 0: some of them are chance findings."""
@@ -118,7 +110,7 @@ class PermeabilityResult:
     def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
         """Return the result of all runs, in which an edge whose interval contains 0 needs confirmation by other runs.
 
-        An edge that they do not confirm is not permeable and gets their p-value.
+        An edge that the `fresh` ones do not confirm is not permeable and gets their p-value.
         """
         clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
         asked = {_pair(edge): edge for edge in fresh.edges}
@@ -165,6 +157,8 @@ def analyse(
         lags: Number of lags, in samples of the internal field (and in messages of the external one, if rates differ).
         draws: Number of redraws of the signals for the null distribution; the smallest p-value is 1 / (draws + 1).
         alpha: Accepted share of false discoveries, per internal field.
+        seed: Seed of the redraws.
+        progress: Called after each internal field.
 
     Raises:
         ValueError: `lags` or `draws` is not positive.
@@ -295,7 +289,7 @@ def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Seque
 def _effect(scores: Floats) -> Effect:
     """Return which aspect follows the field: the level if the effect shows there about as well as anywhere."""
     level = max(score for score, channel in zip(scores, CHANNELS, strict=True) if channel == "level")
-    return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
+    return "level" if level >= 0.5 * scores.max() else CHANNELS[int(scores.argmax())]
 
 
 def _select(
@@ -309,7 +303,7 @@ def _select(
     selected: list[str] = []
     detectable: dict[str, float] = {}
     spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may score as high as a discovery
-    for _ in range(_ROUNDS):
+    for _ in range(8):
         left = [name for name in names if name not in selected]
         if not left:
             break

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from riot_bus.backchain.encoding import Encoding, SearchField
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.fir import Floats
 
 _PARTS = 3
 """Parts of a run: enough for a pulse that another value follows."""
-_WAVE_POINTS, _MOST_PERIODS = 16, 40
-_BEST, _SPREAD, _ENDS = 6, (0.0, 0.25, 0.75, 1.0), (0.0, 1.0)
-"""Values of a field to combine with others: those of the nearest points, quantiles of all, and the ends."""
+_WAVE_POINTS, _MOST_PERIODS = 16, 40  # a guess: points of a period, and periods in a run
 
 
 class Dimension(NamedTuple):
@@ -168,7 +163,7 @@ class Recombination:
         self._rng = rng
         tried = np.asarray(constants)
         self._pool = [
-            np.concatenate([tried[:_BEST, field], np.quantile(tried[:, field], _SPREAD)])
+            np.concatenate([tried[:6, field], np.quantile(tried[:, field], (0.0, 0.25, 0.75, 1.0))])
             for field in range(tried.shape[1])
         ]
 
@@ -180,7 +175,7 @@ class Recombination:
             if field is None:
                 vector[place] = rng.random()
             elif rng.random() < share:
-                vector[place] = rng.choice(_ENDS if ends else self._pool[field])
+                vector[place] = rng.choice((0.0, 1.0) if ends else self._pool[field])
         return vector
 
     def tell(self, vector: Floats, value: float) -> None:

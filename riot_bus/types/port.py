@@ -1,12 +1,11 @@
 """Access of an adapter's bridge to a segment, independent of Zenoh; implemented by `bridge`.
 
-Methods are described there. `BridgePort` is for a bridge in one process with its router, `SegmentAccess` for a bridge
-that connects to a segment of another router.
+Methods are described there. `SegmentAccess` is for a bridge that connects to a segment of another router.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -19,8 +18,6 @@ class BridgedLink:
     """A link of a bridge in the router's own process; to the bus, it represents the systems at its other end.
 
     Attributes:
-        segment: Name of its segment.
-        name: Name of the link.
         addresses: Addresses of its other ends.
         publishes: Systems behind the link that published over it, by key.
         subscribes: Key expression of messages that can be sent over it; empty if none can.
@@ -66,28 +63,6 @@ class PortQuery(Protocol):
 
     def fail(self, reason: str) -> None:
         """Reply with an error."""
-
-
-class BridgePort(Protocol):
-    """A segment in which to publish and subscribe."""
-
-    @property
-    def endpoint(self) -> str:
-        """Endpoint for display, without the part after `#`."""
-
-    def publisher(
-        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
-    ) -> PortPublisher:
-        """Return a new publisher."""
-
-    def put_all(self, outlets: Sequence[PortPublisher], payloads: Sequence[bytes], attachment: bytes) -> int:
-        """Publish many messages, each with one of this port's publishers; return how many could not be published."""
-
-    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
-        """Subscribe to messages of others."""
-
-    def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
-        """Subscribe to messages of others, taking several at once."""
 
 
 class SegmentAccess(Protocol):

@@ -8,7 +8,7 @@ import threading
 from collections import Counter
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_bridges.mavlink.losses import MOST_IDS
@@ -17,7 +17,7 @@ from riot_bus_mavlink.frame import parse_frame
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.types.port import BridgePort, Closeable, PortPublisher
+    from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus_bridges.mavlink.json_form import JsonForm
     from riot_bus_bridges.mavlink.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
@@ -27,6 +27,28 @@ ENCODING = "application/json;mavlink"
 _MOST_QUEUED = 1024  # batches
 _END_S = 5.0  # generous: the thread ends after the batch that it has begun; not measured
 _MARK = b"mavlink-json-1"
+
+
+class BridgePort(Protocol):
+    """A segment in which to publish and subscribe; implemented by `riot_bus_bridges.host.inner`."""
+
+    @property
+    def endpoint(self) -> str:
+        """Endpoint for display, without the part after `#`."""
+
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> PortPublisher:
+        """Return a new publisher."""
+
+    def put_all(self, outlets: Sequence[PortPublisher], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages, each with one of this port's publishers; return how many could not be published."""
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
+        """Subscribe to messages of others."""
+
+    def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
+        """Subscribe to messages of others, taking several at once."""
 
 
 class Mirror:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
-from riot_bus.backchain.study import Study
 from riot_bus.chain.base.external import driving_log
 from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.whole.crash_region import FOLDER, axes_of, crash_region
@@ -20,7 +19,7 @@ from riot_bus.chain.whole.replay import Replay, replay
 from riot_bus.findings.activation import ActivationRecord, RegionRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord
-from riot_bus.plugins import SEARCHES
+from riot_bus.plugins import SEARCHES, hook
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
 _NO_TIME = "the region around it was not measured to its end: the time was over"
@@ -65,9 +64,9 @@ def activation(
     odd, only_odd = system.odd_points(names)[:budget], system.only_odd()
     if only_odd and not odd:
         return _not_tested(_NONE_ODD)
-    shared = Study(study, _study_name(system, names)) if study else None
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
+    shared = hook("study", "riot_bus_cluster")(study, _study_name(system, names)) if study else None
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],

@@ -1,4 +1,4 @@
-"""Forms of a rule for use in a maintainer's code: files in the finding's folder, and what extensions add."""
+"""Forms of a rule for use in a maintainer's code: a Python predicate, and what extensions add."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
-from riot_bus.generalize.forms.python_form import python_file, python_predicate
+from riot_bus.generalize.forms.python_form import python_predicate
 from riot_bus.generalize.forms.tree import Terms
 from riot_bus.generalize.rule import Rule
 from riot_bus.plugins import RULE_FORMS
-from riot_bus.report.formats import write_file
 from riot_bus.report.regression import file_stem
 from riot_bus.vocabulary.errors import ConfigError
-
-PYTHON = "sanitize.py"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +47,7 @@ def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> Rule
         f"Precision {_rate(record.precision)}, recall {_rate(record.recall)}.",
     ]
     rule = WrittenRule(terms, types, record.scale, lines, file_stem(finding), folder)
-    (folder / PYTHON).unlink(missing_ok=True)  # of an earlier rule
     with suppress(ConfigError):
-        write_file(python_file(terms, types=types, scale=record.scale, told=lines), folder / PYTHON)
         record = record.model_copy(update={"python": python_predicate(terms, types=types, told=record.text)})
     for form in RULE_FORMS.targets():
         update: Mapping[str, Any] = RULE_FORMS.load(form)(rule)

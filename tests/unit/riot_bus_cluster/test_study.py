@@ -10,9 +10,9 @@ import pytest
 
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.backchain.study import Study
 from riot_bus.backchain.varied import VariedInputs
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from riot_bus_cluster.study import Study
 from tests.interop import OPTUNA, importable
 
 FIELDS = (

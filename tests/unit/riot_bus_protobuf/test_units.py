@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus.types.units import unit_in
+from riot_bus_protobuf.units import unit_in
 
 
 @pytest.mark.parametrize(

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import uuid
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.backchain.activation import Evaluation
+from riot_bus.backchain.encoding import SearchField
 from riot_bus.vocabulary.errors import ConfigError, needs_extra
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.encoding import SearchField
 
 _HINT = "a file of SQLite, such as sqlite:///studies.db, is enough for one machine"
 
@@ -26,7 +23,6 @@ class Study:
 
     Args:
         url: Storage of studies, as optuna takes it, such as `sqlite:///studies.db`.
-        name: Name of the study, which is created if it does not exist.
 
     Raises:
         ConfigError: The storage cannot be used.
@@ -47,9 +43,6 @@ class Study:
         self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
     ) -> None:
         """Add runs.
-
-        Args:
-            points: Values of external fields by name, one mapping per run.
 
         Raises:
             ConfigError: The storage cannot be used any more.
