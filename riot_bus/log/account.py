@@ -81,13 +81,7 @@ class Account:
 
 
 class LossCounts:
-    """The counts of one file in bounded memory; not thread-safe.
-
-    Attributes:
-        recorded: Messages by topic that are in the file, or on their way to it.
-        lost: Messages by reason and topic that are not in the file.
-        left_out: Messages by reason and topic that were not wanted.
-    """
+    """The counts of one file in bounded memory: recorded are also messages on their way to it; not thread-safe."""
 
     def __init__(self) -> None:
         self.recorded = BoundedCounts()
@@ -112,11 +106,7 @@ class LossCounts:
 
 
 def account_of(record: Mapping[str, str]) -> Account | None:
-    """Read a metadata record; None if it is damaged or of another version.
-
-    Args:
-        record: Record that `LogReader.notes(LOST)` yields; the last one of a log counts.
-    """
+    """Read a metadata record `riot_bus.lost`, of which a log's last one counts; None if damaged or of another kind."""
     try:
         if record["version"] != str(_VERSION):
             return None

@@ -22,9 +22,7 @@ def bus_messages(
     """Yield the delivered messages; those of a file without keys under the keys that they would have on the bus.
 
     Each of the latter gets a number, and the attachment that its middleware needs, from an otherwise unknown publisher.
-
-    Raises:
-        ConfigError: A topic cannot be published.
+    Raises ConfigError for a topic that cannot be published.
     """
     foreign: dict[str, _Topic] = {}
     for number, topic in enumerate(reader.recorded_topics(), 1):

@@ -95,7 +95,7 @@ def log_info(
     progress: Callable[[int, int], None] | None = None,
     limits: LogLimits | None = None,
 ) -> LogInfo:
-    """Return an overview of a log.
+    """Return an overview of a log; raises ConfigError if the file is none.
 
     Args:
         path: Path of the log.
@@ -103,9 +103,6 @@ def log_info(
             it is small (64 MiB), or if its summary is not sound.
         progress: Function that is called repeatedly with the number of bytes read and of the whole file.
         limits: Limits of what is read; None for the default ones, with the changes in `RIOT_LOG_LIMITS`.
-
-    Raises:
-        ConfigError: The file is not a log.
     """
     limits = lifted() if limits is None else limits
     if not scan:

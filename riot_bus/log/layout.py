@@ -146,15 +146,12 @@ def companions(extras: Sequence[tuple[int, dict[str, Any]]], provenance: Sequenc
 
 
 def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
-    """Decode the extras of one chunk: properties of its messages that MCAP has no place for.
+    """Return the extras of one chunk by the message's place in it (0, 1, ...), from data that may be damaged.
 
     Args:
-        data: Result of `pack_extras`, from a file that may be damaged.
+        data: Result of `pack_extras`.
         most: Largest number of messages that the chunk can have, and so of extras.
         limits: Limits of what is read.
-
-    Returns:
-        Extras by the message's place in the chunk (0, 1, ...), as `apply_extras` takes them.
 
     Raises:
         ValueError: The data are damaged or, as BeyondLimitError, too large.

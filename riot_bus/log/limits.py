@@ -20,11 +20,7 @@ _TIGHT = LogLimits(
 
 
 def lifted(limits: LogLimits = DEFAULT_LIMITS) -> LogLimits:
-    """Return limits with the changes in the environment's `RIOT_LOG_LIMITS`, such as `ratio=1000,chunk=2GiB`.
-
-    Raises:
-        ConfigError: A limit is unknown, or its value is not valid.
-    """
+    """Return limits with the changes in `RIOT_LOG_LIMITS`, such as `ratio=1000,chunk=2GiB`; raises ConfigError."""
     wanted: dict[str, int] = {}
     for text in filter(None, map(str.strip, os.environ.get(VARIABLE, "").split(","))):
         name, _, value = text.partition("=")

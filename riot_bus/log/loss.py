@@ -78,14 +78,7 @@ class Loss:
 
 @dataclass(slots=True)
 class LossNotes:
-    """What a reader has found missing so far, by block number, so that nothing is counted twice.
-
-    Attributes:
-        damaged: Blocks that cannot be read.
-        salvaged: Messages that were read all the same, by damaged block.
-        unknown: Messages with an unknown channel or an impossible time, by block.
-        unsorted: Messages that come after messages with later times, by block.
-    """
+    """What a reader has found missing so far, by block number, so that nothing is counted twice."""
 
     damaged: set[int] = field(default_factory=set)
     salvaged: dict[int, int] = field(default_factory=dict)

@@ -40,14 +40,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ChannelSource:
-    """The common properties of the messages of a channel.
-
-    Attributes:
-        topic: Name of the topic shown to users.
-        role: Whether they were delivered, or are originals.
-        own: Whether riot_bus has written them.
-        constants: Further properties that they have in common.
-    """
+    """The common properties of the messages of a channel; `own` tells whether riot_bus has written them."""
 
     key: str
     topic: str
@@ -239,10 +232,10 @@ class LogReader:
         )
 
     def load(self, block: Block, *, memory: int | None = None) -> Records:
-        """Return the records of a block; counts nothing, so threads may load blocks ahead.
+        """Return the records of one of the `blocks`; counts nothing, so threads may load blocks ahead.
 
         Args:
-            block: One of the `blocks`.
+            block: The block.
             memory: Most bytes, before and after decompression, if the limits allow more.
 
         Raises:
@@ -271,9 +264,7 @@ class LogReader:
     def extras_of(self, block: Block, most: int) -> dict[int, dict[str, Any]]:
         """Return a block's extras by the message's position in the block; damaged ones are counted and left out.
 
-        Args:
-            block: The block of the messages.
-            most: Largest number of messages that the block can have (`Records.most_written`).
+        At most so many messages, `Records.most_written`, can be in the block.
         """
         try:
             if block.extras is None:

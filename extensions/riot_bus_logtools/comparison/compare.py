@@ -24,13 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wishes:
-    """What counts as a difference.
-
-    Attributes:
-        tolerances: Distances that values may have, and numbers of messages that may be missing.
-        timing: Seconds by which messages may be earlier or later; None for any.
-        order: Whether the order across topics has to be the same.
-    """
+    """What counts as a difference: values, messages off by more than `timing` seconds (None: never), another order."""
 
     tolerances: TopicTolerances = field(default_factory=TopicTolerances)
     timing: float | None = None

@@ -37,10 +37,7 @@ _MOST_KEYS = 100  # each is a subscription, of which a recording accepts 200; `*
 def play_expecting(
     options: PlayOptions, expectation: Expectation, foreground: Foreground, *, wishes: Wishes
 ) -> LogDifference | None:
-    """Play logs, record the answers, and compare them with the expected ones.
-
-    Returns:
-        How the answers differ from the expected ones; None if the playback was interrupted.
+    """Play logs, record the answers, and compare them with the expected ones; return None if it was interrupted.
 
     Raises:
         ConfigError: An option or a log is not usable, or no answer is expected.

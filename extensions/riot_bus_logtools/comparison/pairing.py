@@ -40,15 +40,9 @@ class Half:
 
 @dataclass(slots=True)
 class Pairing:
-    """Messages by their positions in both logs.
+    """Messages by their positions in both logs; `pairs` and `blocks`, of equal bytes, increase in both.
 
-    Attributes:
-        blocks: Sequences of messages with equal bytes.
-        pairs: Other messages that match, increasing in both logs.
-        lost: Messages of the first log only.
-        added: Messages of the second log only.
-        moved: Messages that are the same in both, in another order.
-        unaligned: Ranges of messages that could not be paired.
+    Those that are in another order are `moved`; `unaligned` ones could not be paired.
     """
 
     blocks: list[Twins]

@@ -12,15 +12,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FieldExample:
-    """One place where a field differs.
+    """One place where a field differs: numbers of the messages among those of their topic in each log, from 0.
 
-    Attributes:
-        path: Path of the field in the message.
-        a: Number of the message among those of its topic in the first log, from 0.
-        b: Number of the message in the second log, counted in the same way.
-        seconds: Seconds since the first message of the first log.
-        before: Value in the first log; None if the message has no such field.
-        after: Value in the second log; None if the message has no such field.
+    Seconds count from the first message of the first log; None stands for the value of a message without the field.
     """
 
     path: str
@@ -62,13 +56,9 @@ class FieldDifference:
 
 @dataclass(frozen=True, slots=True)
 class TopicTiming:
-    """Seconds by which messages of a topic were earlier or later, counted from the first message in common.
+    """Seconds, without sign, by which messages of a topic were earlier or later than the first message in common.
 
-    Attributes:
-        median: Median of all, without sign.
-        largest: Largest of all, without sign.
-        number: Number of the message with the largest one, in the first log.
-        late: Number of messages for which it is more than allowed.
+    The number is that of the message with the largest one, in the first log; `late` counts those with too much.
     """
 
     median: float

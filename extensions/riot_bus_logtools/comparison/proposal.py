@@ -53,13 +53,7 @@ _OFFSET = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """A tolerance proposed for a field, or for the number of messages of a topic.
-
-    Attributes:
-        name: `TOPIC:PATH`, or `TOPIC`.
-        value: A number, or `ignore`.
-        reason: Reason for the value.
-    """
+    """A tolerance proposed for a field (`TOPIC:PATH`), or for the number of messages of a topic; it may be `ignore`."""
 
     name: str
     value: float | str
@@ -68,12 +62,9 @@ class Proposed:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Tolerances with which nominal runs are the same.
+    """Tolerances with which nominal runs are the same, from so many pairs of runs and of messages.
 
-    Attributes:
-        pairs: Number of pairs of runs that were compared.
-        messages: Number of pairs of messages that were compared.
-        unsettled: Topics in which pairs of runs still differ.
+    In unsettled topics, pairs of runs still differ.
     """
 
     logs: tuple[str, ...]

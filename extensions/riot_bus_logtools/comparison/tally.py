@@ -86,14 +86,9 @@ class _Field:
 
 
 class Tally:
-    """Counts of the differences in the pairs of messages of a topic.
+    """Counts of the differences in the pairs of messages of a topic; `near` ones are within the tolerances.
 
-    Attributes:
-        near: Messages that differ within the tolerances.
-        changed: Messages that differ by more.
-        same_fields: Messages that have other bytes, but the same fields.
-        left: Messages in which a field that is not compared differs, by name of the field.
-        changed_at: Numbers of changed messages in the first log.
+    In `left` are the fields that are not compared, in `same_fields` messages of other bytes, but the same fields.
     """
 
     def __init__(self) -> None:
@@ -103,14 +98,7 @@ class Tally:
         self._fields: dict[str, _Field] = {}
 
     def take(self, changes: Sequence[FieldChange], a: int, b: int, seconds: float) -> None:
-        """Add a pair of messages whose bytes differ.
-
-        Args:
-            changes: Result of `riot_bus_logtools.comparison.fields.differing`.
-            a: Number of the message in the first log.
-            b: Number of the message in the second log.
-            seconds: Time in the first log, in seconds since its start.
-        """
+        """Add a pair of messages whose bytes differ: changes, numbers in both logs, seconds in the first one."""
         if not changes:
             self.same_fields += 1
             return

@@ -74,12 +74,7 @@ def _where(example: FieldExample, name: str) -> str:
 
 
 def spans(places: Sequence[int], number: int) -> str:
-    """Return numbers of messages as text, consecutive ones together: `#3, #7-9`.
-
-    Args:
-        places: First of the numbers, increasing.
-        number: Number of all messages.
-    """
+    """Return numbers of messages, increasing, the first of so many, as text, consecutive ones together: `#3, #7-9`."""
     found: list[list[int]] = []
     for place in places:
         if found and place == found[-1][1] + 1:

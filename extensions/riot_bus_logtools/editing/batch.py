@@ -121,12 +121,7 @@ def runs_of(batch: Batch) -> list[tuple[int, int]]:
 
 
 def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.bool_]]:
-    """Shift times; the batch is changed in place, and returned with a mask of the messages whose time is still valid.
-
-    Args:
-        batch: Messages whose times are shifted.
-        delta: Nanoseconds to add to both times of each, shape (n,).
-    """
+    """Add nanoseconds, shape (n,), to both times; return the batch, changed in place, and whose time is still valid."""
     if not delta.any():
         return batch, np.ones(len(batch), np.bool_)
     buffer = batch.writable()

@@ -48,13 +48,7 @@ class Trouble:
 
 
 class EditStep:
-    """One `--keep`, `--drop` or `--set`, and its success.
-
-    Attributes:
-        matched: Whether there is such a topic.
-        reading: Success of reading the fields of its predicate.
-        setting: Success of setting its field.
-    """
+    """One `--keep`, `--drop` or `--set`, and its success in reading the fields of its predicate and setting its own."""
 
     def __init__(self, selection: Selection, assignment: Assignment | None = None) -> None:
         self.selection = selection
@@ -79,11 +73,9 @@ class ChannelEdit:
     """What happens to the messages of one channel.
 
     Attributes:
-        topic: Topic as it was recorded.
-        source: Common properties of the messages as they were recorded.
+        topic: Topic as it was recorded; `source` has the messages' common properties.
         target: Channel that they are written to; None if all are dropped.
         channel: Number of the channel in its input, -1 if it has none.
-        counts: Counts of the topic.
         find_type: Function that returns the type of a topic, given the encoding and payload of a message.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.

@@ -32,14 +32,7 @@ _MOST_LOOKED_AT = 1000  # uncompressed chunks before a compressed one; looking a
 
 
 class InputLog(LogReader):
-    """Reads a log as batches of records.
-
-    Attributes:
-        shift: Nanoseconds that are added to all its times.
-
-    Raises:
-        ConfigError: The file is missing or not an MCAP file.
-    """
+    """Reads a log as batches of records, `shift` nanoseconds later; raises ConfigError as its base does."""
 
     def __init__(self, number: int, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path, salvage=salvage)
@@ -128,11 +121,9 @@ class InputLog(LogReader):
         return batch
 
     def packed(self, block: Block, targets: Sequence[OutputChannel]) -> tuple[str, bytes] | None:
-        """Return the compression of a chunk and its compressed data; None if it cannot be copied unchanged.
+        """Return the compression and data of the chunk loaded last; None if it cannot be copied unchanged.
 
-        Args:
-            block: Block that was loaded last.
-            targets: All channels of the output; those that the block defines must be the same.
+        Then the channels that it defines must be those of the output.
         """
         return read_packed(self._file, block) if self._agrees(block, targets) else None
 

@@ -42,8 +42,6 @@ class _Draft:
         pieces: Records of the messages.
         rows: Channel, time and length of the messages of each batch, shape (n,) each.
         extras: Positions of messages, and their extras.
-        provenance: Changes that interceptors made to the messages.
-        count: Number of messages.
         size: Bytes of the messages and their attachments.
     """
 
@@ -68,11 +66,7 @@ class _Draft:
 
 
 class OutputFile:
-    """Writes messages to one file.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
+    """Writes messages to one file; raises ConfigError if it cannot be written."""
 
     def __init__(self, path: Path, where: str, *, profile: str, compression: str, chunk_bytes: int) -> None:
         self.path = path
@@ -108,14 +102,9 @@ class OutputFile:
             self._define(target)
 
     def write(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
-        """Write messages.
+        """Write messages whose records have the channel numbers of the output; raises EnvironmentFaultError.
 
-        Args:
-            batch: Messages, whose records have the channel numbers of the output.
-            targets: Channels of the output, by number of the channel edit.
-
-        Raises:
-            EnvironmentFaultError: The disk is full or broken.
+        The targets are the channels of the output, by number of the channel edit.
         """
         for number in np.unique(batch.edit).tolist():
             self._define(targets[number])
@@ -131,13 +120,7 @@ class OutputFile:
             position = following
 
     def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: tuple[str, bytes]) -> bool:
-        """Write a whole chunk unchanged; return whether that was done.
-
-        Args:
-            batch: All messages of the chunk, nothing else.
-            targets: Channels of the output, by number of the channel edit.
-            ready: Compression and data of the chunk.
-        """
+        """Write a whole chunk unchanged, if all its messages are the batch's; return whether that was done."""
         if 0 < self._draft.size < self._chunk_bytes // 8:
             return False  # else what waits would become a small chunk
         compression, data = ready

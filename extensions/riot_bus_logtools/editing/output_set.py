@@ -43,11 +43,8 @@ class _Part(NamedTuple):
 class OutputSet:
     """The files that an edit writes; none has its final name before `commit`.
 
-    Attributes:
-        unwritable: Messages, by topic, whose time does not fit into a log.
-
-    Raises:
-        ConfigError: The output is an input, exists, or cannot be created.
+    In `unwritable` are the messages, by topic, whose time does not fit into a log. Raises ConfigError if the output is
+    an input, exists, or cannot be created.
     """
 
     def __init__(self, options: EditOptions, paths: Sequence[Path]) -> None:
@@ -93,13 +90,7 @@ class OutputSet:
         targets: Sequence[OutputChannel | None],
         ready: Callable[[], tuple[str, bytes] | None] | None,
     ) -> None:
-        """Write messages to the files that they belong to.
-
-        Args:
-            batch: Messages to write.
-            targets: Channels of the output, by number of the channel edit.
-            ready: Function that returns compression and data of the chunk that holds exactly these messages, if any.
-        """
+        """Write messages to the files they belong to; `ready` returns the chunk that holds exactly these, if any."""
         if self._options.dry_run:
             return
         whole = len(batch)
@@ -128,12 +119,7 @@ class OutputSet:
         self.unwritable[topic] += 1
 
     def commit(self, inputs: Sequence[InputLog], table: ChannelTable) -> list[WrittenFile]:
-        """Finish all files, give them their names, and return them.
-
-        Raises:
-            ConfigError: Such a file has been created in the meantime.
-            EnvironmentFaultError: The disk is full or broken.
-        """
+        """Finish all files, give them their names, and return them; raises ConfigError or EnvironmentFaultError."""
         if self._options.dry_run:
             return []
         summary = self._summary(inputs, table)

@@ -21,11 +21,7 @@ METADATA = "metadata.yaml"
 
 
 class Outputs:
-    """Gives files their names.
-
-    Raises:
-        ConfigError: The output is one of the inputs, exists already, or cannot be created.
-    """
+    """Gives files their names; raises ConfigError if the output is an input, exists already, or cannot be created."""
 
     def __init__(
         self,
@@ -53,13 +49,9 @@ class Outputs:
         self._place = self._make_place()
 
     def path(self, label: str | None) -> tuple[Path, str]:
-        """Return where to write a file, and its final path.
+        """Return where to write a file, and its final path; raises ConfigError if that exists.
 
-        Args:
-            label: Label that distinguishes it from the others; None if there are no others.
-
-        Raises:
-            ConfigError: Such a file exists.
+        The label distinguishes the file from others; None if there are none.
         """
         assert self._place is not None
         stem = self._output.name if self._folder else self._output.stem
@@ -84,12 +76,7 @@ class Outputs:
         self._names[METADATA] = self._output / METADATA
 
     def commit(self) -> None:
-        """Give all files their names.
-
-        Raises:
-            EnvironmentFaultError: The files cannot be written there.
-            ConfigError: Such a file has been created in the meantime.
-        """
+        """Give all files their names; raises EnvironmentFaultError, or ConfigError for one that has come to exist."""
         if self._place is None:
             return
         try:

@@ -50,12 +50,7 @@ class Piping:
         return self._merged(gathered([]), np.zeros(0, np.int64), TIMES)
 
     def run(self, batch: Batch, bound: int | None) -> Batch:
-        """Return the messages to write, sorted by time.
-
-        Args:
-            batch: Messages, sorted by time.
-            bound: Earliest time of the messages that follow; None if none follow.
-        """
+        """Return the messages to write, by time, given messages by time; later calls bring those from `bound` on."""
         base = self._order
         self._order += 2 * len(batch) + 2
         piped = np.array([edit.piped for edit in self._edits], np.bool_)

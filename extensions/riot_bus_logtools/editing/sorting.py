@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 class Sorter:
     """Holds messages until no earlier ones can follow; the order is stable.
 
-    If too many have to be held, the earliest of them are released anyway: a reader sorts by time in any case.
-
-    Args:
-        most: Most bytes to hold.
+    If more than `most` bytes have to be held, the earliest are released anyway: a reader sorts by time in any case.
     """
 
     def __init__(self, most: int = DEFAULT_LIMITS.held) -> None:
@@ -29,22 +26,13 @@ class Sorter:
         self._held = 0
 
     def add(self, rank: tuple[int, int], batch: Batch) -> None:
-        """Add messages.
-
-        Args:
-            rank: Rank of the batch; of messages of equal time, those of lower rank come first.
-            batch: Messages, in any order.
-        """
+        """Add messages; of those of equal time, the ones of lower rank come first."""
         if len(batch):
             self._pending.append((rank, batch.by_time()))
             self._held += _weight(batch)
 
     def ready(self, bound: int | None) -> Batch | None:
-        """Return the messages that can be released, sorted by time; None if there are none.
-
-        Args:
-            bound: Earliest time of the messages that follow; None if none follow.
-        """
+        """Return the messages before a time (None: all), since others may follow there, by time; None if none."""
         limit = TIMES if bound is None else bound
         if self._held > self._most:
             limit = max(limit, self._median())

@@ -55,13 +55,8 @@ def record_bytes(record: McapRecord) -> bytes:
 class McapFile:
     """Appends records to a file; after an error it ends with the last whole record, and the next one is tried again.
 
-    It is an error if the disk is full or fails (OSError).
-
-    Attributes:
-        statistics: MCAP statistics of what was written so far: counts by channel, earliest and latest time.
-
-    Raises:
-        ConfigError: The file cannot be written.
+    It is an error if the disk is full or fails (OSError), or, at the beginning, if the file cannot be created
+    (ConfigError). The statistics are those of MCAP, of what was written so far.
     """
 
     def __init__(self, path: Path | str, *, profile: str, library: str, compression: str) -> None:

@@ -69,13 +69,7 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """A chunk as it is stored in a file.
-
-    Attributes:
-        data: Its records, compressed, in pieces.
-        size: Size of the records before compression, in bytes.
-        checksum: CRC of the uncompressed records.
-    """
+    """A chunk as it is stored in a file: compressed, in pieces; size and CRC are those before compression."""
 
     compression: str
     data: tuple[bytes, ...]

@@ -114,11 +114,7 @@ class Scan:
 
 
 def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
-    """Walk over a file.
-
-    Raises:
-        ConfigError: It is not an MCAP file.
-    """
+    """Walk over a file; raises ConfigError if it is not an MCAP file."""
     size = os.fstat(file).st_size
     try:
         if os.pread(file, len(MAGIC), 0) != MAGIC:
@@ -307,11 +303,7 @@ def read_metadata(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> 
 
 
 def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> bytes:
-    """Return the data of an attachment.
-
-    Raises:
-        ValueError: It is damaged or, as BeyondLimitError, too large.
-    """
+    """Return the data of an attachment; raises ValueError if it is damaged or, as BeyondLimitError, too large."""
     limits.check_size(span.length, span.length)
     body = os.pread(file, span.length, span.offset)
     if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
@@ -324,8 +316,7 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
 def load_block(data: bytes, block: Block, scan: Scan, extras: Mapping[int, dict[str, Any]]) -> list[MessageEntry]:
     """Return a block's messages in file order, and add its schemas and channels to the scan.
 
-    Raises:
-        ValueError: The block is damaged; for a block that was cut off, what is left is returned instead.
+    Raises ValueError if the block is damaged; for one that was cut off, what is left is returned instead.
     """
     entries: list[MessageEntry] = []
     order, place, others, most = block.number << 32, 0, 0, scan.limits.messages

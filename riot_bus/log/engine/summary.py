@@ -37,7 +37,6 @@ class ChunkIndexes:
 
     Attributes:
         most: Most indexes that are accepted.
-        count: Number of chunks.
         spans: Earliest and latest time of the chunks that have messages of a channel, by channel.
         ends: Offset and length of the first and the last chunk.
         end: Offset at which the last one ends, with its message index.
@@ -69,11 +68,7 @@ class ChunkIndexes:
 
 @dataclass(slots=True)
 class Summary:
-    """The header of a log, and what its summary section says.
-
-    Attributes:
-        metadata: Name of each metadata record, with the place of its body in the file.
-    """
+    """The header of a log, and what its summary section says; metadata records by name and place of their body."""
 
     size: int
     header: Header

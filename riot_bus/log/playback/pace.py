@@ -20,11 +20,9 @@ class Pace(Protocol):
         ...
 
     def wait(self, bell: threading.Condition, until: int | None) -> None:
-        """Wait until `now()` is `until` or the bell is notified; may return a little earlier.
+        """Wait until `now()` is `until` (nanoseconds), or the bell is notified; may return a little earlier.
 
-        Args:
-            bell: Condition held by the caller.
-            until: Time in nanoseconds; None to wait only for the bell.
+        The caller holds the bell; without a time, only the bell ends the wait.
         """
         ...
 

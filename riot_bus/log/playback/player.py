@@ -42,12 +42,9 @@ def play(
     Args:
         messages: Messages of a log.
         publish: Function called for each message.
-        rate: Speed relative to the log's own; 0 is as fast as possible.
+        rate: Speed relative to the log's own; 0 is as fast as possible. An invalid one raises ConfigError.
         clock: Clock that paces the replay.
         stop: Function that tells whether to stop, called before each message and while waiting.
-
-    Raises:
-        ConfigError: The rate is not valid.
     """
     check_rate(rate)
     begun = clock.now()
@@ -72,11 +69,7 @@ def check_rate(rate: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PlayStatus:
-    """The state of a player.
-
-    Attributes:
-        passes: Number of the present pass, from 1.
-    """
+    """The state of a player; passes count from 1."""
 
     state: PlayState
     position: int
@@ -97,19 +90,13 @@ class Player:
         source: Messages in the order of their times.
         publish: Function called for each message; an exception from it ends the play.
         pace: Source of the time.
-        rate: Speed relative to the log's own; 0 is as fast as possible.
+        rate: Speed relative to the log's own; 0 is as fast as possible. An invalid one raises ConfigError.
         loop: Whether to begin again at the end, until stopped.
         delay: Seconds before each pass.
         paused: Whether to begin paused.
         hold: Whether to wait for commands at the end instead of ending.
         settle: Function called after each message; time stands still until it returns. Its argument is a function that
             tells when to give up.
-
-    Attributes:
-        lateness: Delays of messages, if a pace was asked for.
-
-    Raises:
-        ConfigError: The rate is not valid.
     """
 
     def __init__(

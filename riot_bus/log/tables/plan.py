@@ -51,14 +51,7 @@ class Wish:
 
 @dataclass(slots=True)
 class Feed:
-    """A channel that fields are read from.
-
-    Attributes:
-        number: The channel's number in the file.
-        source: Topic, key, schema and encoding of its messages.
-        wishes: Indices of the wishes that read from it.
-        kind: Type of its messages, None while it is unknown.
-    """
+    """A channel, by its number in the file, and the wishes that read from it; its type is None while unknown."""
 
     number: int
     source: ChannelSource
@@ -78,10 +71,9 @@ class Feed:
 def log_registry(
     *readers: LogReader, declared: dict[str, str] | None = None, definitions: Sequence[Path] = ()
 ) -> TypeRegistry:
-    """Return a registry of the types of a log's messages.
+    """Return a registry of the types of logs' messages.
 
-    Raises:
-        ConfigError: A declared type is unknown, or a file does not define one.
+    Raises ConfigError for a declared type that is unknown, or a file that does not define one.
     """
     registry = TypeRegistry(load_adapters(), declared=declared, definitions=definitions)
     for source in (source for reader in readers for source in reader.sources().values()):
@@ -128,11 +120,7 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
 def delivered_sources(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> dict[int, ChannelSource]:
-    """Return the channels of delivered messages by number.
-
-    Raises:
-        ConfigError: The log has no such topic.
-    """
+    """Return the channels of delivered messages by number; raises ConfigError for a topic that is not there."""
     found = {number: source for number, source in reader.sources().items() if source.role == "delivered"}
     for topic in topics or ():
         if not any(is_chosen(source, [topic], registry) for source in found.values()):
@@ -155,8 +143,7 @@ def topic_types(
 ) -> list[tuple[str, TypeListing]]:
     """Return each topic of a log and its type; without a definition, the fields are those of the first messages.
 
-    Raises:
-        ConfigError: The log has no such topic.
+    Raises ConfigError for a topic that the log does not have.
     """
     sources = delivered_sources(reader, registry, topics).values()
     kinds = {source.key: registry.type_of(source.key, encoding=source.payload_encoding) for source in sources}

@@ -44,9 +44,7 @@ class FieldRange:
         path: Path, such as `pose.position.x`; `ranges[*]` for all elements of an array.
         type: Type as in `riot_bus.types.model.Leaf`; several, joined by `|`, if payloads differ.
         count: Number of values, including NaN.
-        nan: Number of NaN values.
-        low: Least value except NaN; None if there is none, and for text and bytes.
-        high: Greatest value except NaN; None as for `low`.
+        low: Least value except NaN; None if there is none, and for text and bytes; `high` likewise.
         examples: The first few distinct texts, shortened.
         partial: Whether only the first elements of its arrays were looked at.
     """
@@ -97,13 +95,7 @@ class FieldRange:
 
 @dataclass(slots=True)
 class TopicFields:
-    """The fields of a topic.
-
-    Attributes:
-        type: Name of the type; empty if it is not known.
-        unreadable: Number of messages that cannot be decoded.
-        omitted: Number of fields that were left out, as too many or too deeply nested.
-    """
+    """The fields of a topic; `omitted` counts those left out as too many or too deeply nested."""
 
     topic: str
     key: str
@@ -123,14 +115,8 @@ def field_ranges(
 ) -> list[TopicFields]:
     """Read a log from end to end and return the fields of its delivered messages.
 
-    Args:
-        reader: The log.
-        topics: Topic names or key expressions; None for all.
-        registry: Types that the log does not define.
-        progress: Function called after each block with the bytes read so far and the size of the file.
-
-    Raises:
-        ConfigError: The log has no such topic, or its topics have too many fields.
+    Raises ConfigError for a topic that the log does not have, or for too many fields. Progress is called after each
+    block with the bytes read so far and the size of the file.
     """
     registry = log_registry(reader) if registry is None else registry
     sources = delivered_sources(reader, registry, topics)
