@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,32 +43,22 @@ class Account:
         return sum(number for name, topics in self.lost.items() if reason in (None, name) for number in topics.values())
 
     @classmethod
-    def total_of(cls, accounts: Sequence[Account]) -> Account:
-        """Return the sum of several accounts."""
+    def total_of(cls, accounts: Sequence[Account], names: Mapping[str, str] | None = None) -> Account:
+        """Return the sum of several accounts, with other names of topics; those without one are then left out."""
         total = LossCounts()
+
+        def add(numbers: Numbers, found: BoundedCounts) -> None:
+            for topic, number in numbers.items():
+                name = topic if names is None else names.get(topic)
+                if name is not None:
+                    found.add(name, number)
+
         for account in accounts:
-            for topic, number in account.recorded.items():
-                total.recorded.add(topic, number)
+            add(account.recorded, total.recorded)
             for part, found in ((account.lost, total.lost), (account.left_out, total.left_out)):
                 for reason, topics in part.items():
-                    for topic, number in topics.items():
-                        found[reason].add(topic, number)
+                    add(topics, found[reason])
         return total.account()
-
-    def renamed(self, names: Mapping[str, str]) -> Account:
-        """Return the numbers of some topics under other names; those without a new name are left out."""
-
-        def kept(numbers: Numbers) -> Counter[str]:
-            total: Counter[str] = Counter()
-            for topic, number in numbers.items():
-                total.update({names[topic]: number} if topic in names else {})
-            return total
-
-        return Account(
-            kept(self.recorded),
-            {reason: kept(topics) for reason, topics in self.lost.items()},
-            {reason: kept(topics) for reason, topics in self.left_out.items()},
-        )
 
     def record(self) -> dict[str, str]:
         """Return it as the mapping of a metadata record."""

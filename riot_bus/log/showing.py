@@ -33,6 +33,11 @@ class ShownField:
     before: Scalar | None = None
     changed: bool = False
 
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON values; bytes are hex text."""
+        before = {"before": _json(self.before)} if self.changed else {}
+        return {"path": self.path, "value": _json(self.value), **before}
+
 
 @dataclass(frozen=True, slots=True)
 class ShownMessage:
@@ -90,24 +95,13 @@ class ShownLog:
 
     def to_json(self) -> dict[str, Any]:
         """Return the view as JSON values; bytes are hex text."""
+        names = ("number", "seconds", "topic", "type", "note", "more")
         return {
             "total": self.total,
             "modified": self.modified,
             "left_out": self.left_out,
             "messages": [
-                {
-                    "number": each.number,
-                    "seconds": each.seconds,
-                    "topic": each.topic,
-                    "type": each.type,
-                    "note": each.note,
-                    "more": each.more,
-                    "fields": [
-                        {"path": one.path, "value": _json(one.value)}
-                        | ({"before": _json(one.before)} if one.changed else {})
-                        for one in each.fields
-                    ],
-                }
+                {name: getattr(each, name) for name in names} | {"fields": [one.to_json() for one in each.fields]}
                 for each in self.messages
             ],
         }

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _GONE = "the file was removed"
-_LOOK_EVERY = 31  # a mask: one message in 32 asks the clock for the chunk's age
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,7 +163,7 @@ class LogWriter:
             builder = self._builder
             self._looks += 1
             if builder.size >= self._chunk_bytes or (
-                self._looks & _LOOK_EVERY == 0 and self._now() - self._opened_at >= self._chunk_ns
+                self._looks & 31 == 0 and self._now() - self._opened_at >= self._chunk_ns  # one in 32 asks for the age
             ):
                 self._end_chunk()
             try:

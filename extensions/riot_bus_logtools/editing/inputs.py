@@ -113,7 +113,7 @@ class InputLog(LogReader):
         if block.number in self._spans:
             batch.notes = self._notes(block, batch, heads)
         known = edit >= 0
-        self.count_unknown(block, int((~known).sum()))
+        self.lost.unknown[block.number] = int((~known).sum())
         batch = batch.where(known)
         if self.shift:
             batch, fits = shifted(batch, np.full(len(batch), self.shift, np.int64))
@@ -147,7 +147,7 @@ class InputLog(LogReader):
             if span.length <= self.limits.chunk:
                 found = parse(Attachment, os.pread(self._file, span.length, span.offset))
             if found is None:
-                self._lost.note_detail(span)
+                self.lost.note_detail(span)
             else:
                 yield found
 

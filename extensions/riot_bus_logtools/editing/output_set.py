@@ -162,7 +162,7 @@ class OutputSet:
             accounts += [account] if account is not None else []
         if accounts:
             names = {each.topic: each.written_as for each in table.counts() if each.written_as}
-            self._records.append((LOST, Account.total_of(accounts).renamed(names).record()))
+            self._records.append((LOST, Account.total_of(accounts, names).record()))
         if not self._details.present and self._options.folder:
             self._details = self._details_beside()
 

@@ -130,9 +130,6 @@ class Ring:
     def sync(self) -> None:
         """Do nothing: memory does not outlive the process."""
 
-    def define(self, records: bytes) -> None:
-        """Do nothing: definitions are written when the content is."""
-
     def chunk(self, chunk: Chunk, companions: Companions) -> None:
         """Keep a chunk with what belongs to it."""
         self._keep(_Entry(PackedChunk.of(chunk, self._compression), companions))

@@ -18,17 +18,7 @@ _DATA_END = HEAD.size + 4
 _INDEX = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
 _DEFINING = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS})
-_OPCODES = frozenset(
-    {
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.STATISTICS,
-        Opcode.CHUNK_INDEX,
-        Opcode.ATTACHMENT_INDEX,
-        Opcode.METADATA_INDEX,
-        Opcode.SUMMARY_OFFSET,
-    }
-)
+_INDEXES = frozenset({Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET})
 
 
 @dataclass(slots=True)
@@ -126,7 +116,7 @@ def _parse(data: bytes, size: int, header: Header, limits: LogLimits) -> Summary
     for opcode, begin, position in walk(data):
         body = data[begin:position]
         defined += len(body) if opcode in _DEFINING else 0
-        if opcode not in _OPCODES or defined > limits.definitions or len(metadata) > most:
+        if opcode not in _DEFINING | _INDEXES or defined > limits.definitions or len(metadata) > most:
             return None
         if opcode == Opcode.CHUNK_INDEX and not chunks.add(body):
             return None

@@ -17,14 +17,12 @@ class Pace(Protocol):
 
     def now(self) -> int:
         """Return nanoseconds since the Unix epoch."""
-        ...
 
     def wait(self, bell: threading.Condition, until: int | None) -> None:
         """Wait until `now()` is `until` (nanoseconds), or the bell is notified; may return a little earlier.
 
         The caller holds the bell; without a time, only the bell ends the wait.
         """
-        ...
 
 
 class SteadyPace:

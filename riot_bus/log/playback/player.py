@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-_STOP_S = 0.2  # only a source that hangs keeps the lock longer; then the flag must do
-_SLOWEST, _FASTEST = 1e-6, 1e6  # far beyond any use; a rate near 0 would make waits infinite (OverflowError)
-
 PlayState = Literal["ready", "playing", "paused", "ended"]
 
 
@@ -61,7 +58,7 @@ def play(
 
 def check_rate(rate: float) -> float:
     """Return the rate; raises ConfigError if it is neither 0 nor between a millionth and a million."""
-    if rate and not _SLOWEST <= rate <= _FASTEST:
+    if rate and not 1e-6 <= rate <= 1e6:  # far beyond any use; a rate near 0 would make waits infinite
         hint = "give a number from 0.000001 to 1000000, or 0 for as fast as possible"
         raise ConfigError(f"rate {rate} is not a speed", hint=hint)
     return rate
@@ -180,7 +177,7 @@ class Player:
     def stop(self) -> None:
         """End as soon as possible; safe to call at any time, even if the source hangs."""
         self._stopped = True
-        if self._bell.acquire(timeout=_STOP_S):
+        if self._bell.acquire(timeout=0.2):  # only a source that hangs keeps it longer; then the flag must do
             self._bell.notify_all()
             self._bell.release()
 
@@ -188,14 +185,9 @@ class Player:
         """Return the present state."""
         with self._bell:
             state: PlayState = "paused" if self._paused else "playing"
-            if not self._running:
-                state = "ready"
-            if self._ended:
-                state = "ended"
-            source = self._source
-            return PlayStatus(
-                state, self._position(), source.start, source.end, self._rate, self._passes, self._published
-            )
+            state = "ended" if self._ended else state if self._running else "ready"
+            span = self._source.start, self._source.end
+            return PlayStatus(state, self._position(), *span, self._rate, self._passes, self._published)
 
     # -- playing ------------------------------------------------------------------------------------------------------
 

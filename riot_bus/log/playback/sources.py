@@ -30,7 +30,6 @@ class Source(Protocol):
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
         """Yield the messages from a time (nanoseconds) on, by time; those of equal time always in the same order."""
-        ...
 
 
 class LogSource:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
-_MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read
 _MOST_LISTED = 10 * MOST_FIELDS  # of all topics, which may be 60,000 with so many fields each
 _INDEX = re.compile(r"\[\d+\]")
 _LEFT_OUT = f"not listed after {_MOST_LISTED} fields of other topics: name this topic with --topics"
@@ -171,7 +170,8 @@ def _samples(reader: LogReader, keys: set[str]) -> dict[str, list[bytes]]:
     """Return the first payloads of each key, none for a key that first appears late in a long log."""
     found: dict[str, list[bytes]] = {key: [] for key in keys}
     missing = len(keys)
-    for message in islice(reader.messages(topics=sorted(keys)), _MOST_SAMPLED) if keys else ():
+    # A limit: else a topic with fewer than 16 messages would have the whole log read.
+    for message in islice(reader.messages(topics=sorted(keys)), 100_000) if keys else ():
         some = found.get(message.key)
         if some is not None and len(some) < _SAMPLES:
             some.append(message.payload)
