@@ -11,7 +11,6 @@ import json
 import math
 import re
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgpack  # type: ignore[import-untyped]
@@ -73,7 +72,7 @@ class Constants:
 
     def to_metadata(self) -> dict[str, str]:
         """Return channel metadata."""
-        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: _qos_text(self.qos)}
+        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: json.dumps(_qos_list(self.qos))}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Constants:
@@ -274,11 +273,6 @@ def _from_json(value: Any) -> Scalar | None:
             return base64.b64decode(value["text"]).decode("utf-8", "surrogatepass")
         return float(value["float"])
     return value  # type: ignore[no-any-return]
-
-
-@cache
-def _qos_text(qos: Qos) -> str:
-    return json.dumps(_qos_list(qos))
 
 
 def _qos_list(qos: Qos) -> list[Any]:

@@ -331,18 +331,15 @@ class LogReader:
         try:
             data = read_block(self._file, block, self.limits)
             self._loaded_bytes = len(data)
-            extras = self.extras_of(block, len(data) // MESSAGE_HEAD)
-            entries = load_block(data, block, self._scan, extras)
+            entries = load_block(data, block, self._scan, self.extras_of(block, len(data) // MESSAGE_HEAD))
         except ValueError as error:
-            found = self.salvage(block, error)
-            entries = [] if found is None else self._salvaged_entries(block, found)
+            entries = []
+            if (found := self.salvage(block, error)) is not None:
+                self._loaded_bytes = len(found.data)
+                extras = found.renumbered(self.extras_of(block, found.most_written))
+                entries = load_block(found.data, block, self._scan, extras)
         self.lost.unknown[block.number] = sum(entry.channel not in self._scan.channels for entry in entries)
         return entries
-
-    def _salvaged_entries(self, block: Block, found: Records) -> list[MessageEntry]:
-        self._loaded_bytes = len(found.data)
-        extras = found.renumbered(self.extras_of(block, found.most_written))
-        return load_block(found.data, block, self._scan, extras)
 
     def _source(self, number: int, channel: Channel) -> ChannelSource:
         source = self._sources.get(number)

@@ -150,7 +150,9 @@ def _shown(
         else ShownField(path, fields[path])
         for path in dict.fromkeys([*fields, *(before if fields else ())])
     ]
-    listed = [each for each in listed if each.changed or not _far(each.path)]
+    listed = [
+        each for each in listed if each.changed or max(map(int, _INDEX.findall(each.path)), default=0) < _ELEMENTS
+    ]
     hidden = len(fields) - len(listed)
     listed.sort(key=lambda each: not each.changed)
     return ShownMessage(
@@ -174,10 +176,6 @@ def _values(message: Message, registry: TypeRegistry, elements: int) -> tuple[di
         return {leaf.path: leaf.value for leaf in kind.leaves(message.payload, elements=elements)}, ""
     except PayloadError as error:
         return {}, f"{len(message.payload)} bytes: {error.message}"
-
-
-def _far(path: str) -> bool:
-    return any(int(index) >= _ELEMENTS for index in _INDEX.findall(path))
 
 
 def _same(left: Scalar | None, right: Scalar | None) -> bool:

@@ -196,10 +196,9 @@ def indexes_of(
     borders = [*places.tolist(), len(channels)]
     spans = [(number, *span) for number, span in zip(numbers.tolist(), pairwise(borders), strict=True)]
     return (
-        {number: _index_record(number, entries[first:end].tobytes()) for number, first, end in spans},
+        {
+            number: _INDEX.pack(7, 6 + 16 * (end - first), number, 16 * (end - first)) + entries[first:end].tobytes()
+            for number, first, end in spans
+        },
         {number: end - first for number, first, end in spans},
     )
-
-
-def _index_record(channel: int, data: bytes) -> bytes:
-    return _INDEX.pack(7, 6 + len(data), channel, len(data)) + data

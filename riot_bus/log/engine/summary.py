@@ -144,9 +144,11 @@ def _is_sound(file: int, summary: Summary, end: int) -> bool:
         and summary.channels.keys() >= counts.keys()
         and all(each.schema_id == 0 or each.schema_id in summary.schemas for each in summary.channels.values())
     )
-    return agree and summary.chunks.end <= end and all(_is_there(file, chunk) for chunk in summary.chunks.ends or ())
-
-
-def _is_there(file: int, chunk: Span) -> bool:
-    head = os.pread(file, HEAD.size, chunk.offset)
-    return len(head) == HEAD.size and HEAD.unpack(head) == (Opcode.CHUNK, chunk.length - HEAD.size)
+    return (
+        agree
+        and summary.chunks.end <= end
+        and all(
+            os.pread(file, HEAD.size, chunk.offset) == HEAD.pack(Opcode.CHUNK, max(0, chunk.length - HEAD.size))
+            for chunk in summary.chunks.ends or ()
+        )
+    )
