@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.types.model import parse_path
-from riot_bus.types.values import fit_value, set_elements
+from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_logtools.editing.selection import Selection, parse_clauses
 
@@ -55,9 +55,7 @@ class Assignment:
 
     def applied(self, kind: MessageType, payload: bytes) -> bytes:
         """Return the payload with the field changed; raises PayloadError if it is missing or the value does not fit."""
-        if "[*]" not in self.field:
-            return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
-        return set_elements(kind, payload, self.field, self._changed)
+        return set_field(kind, payload, self.field, self._changed)
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return a function that does to payloads what `applied` does, faster; None if there is none.

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.editing.result import EditCounts
     from riot_bus_logtools.editing.selection import Condition, Selection
 
-_HOPELESS = 1000  # failures without a success: a misspelt field ends an edit early; a guess
-
 
 class Trouble:
     """How often an action on messages succeeded, and how often it failed."""
@@ -37,7 +35,7 @@ class Trouble:
         self.failed += 1
         if self.problem is None:
             self.problem = error
-        if self.failed >= _HOPELESS:
+        if self.failed >= 1000:  # a misspelt field ends an edit early; a guess
             self.check()
 
     def check(self) -> None:

@@ -65,13 +65,15 @@ class _Editor:
             stack.callback(log.close)
         self._output = OutputSet(options, paths)
         stack.callback(self._output.discard)
-        if options.align:
-            self._align()
+        for log, first in [(each, each.first()) for each in self._inputs] if options.align else ():
+            log.shift = 0 if first is None else self._origin - first
         self._low, self._high = self._window()
         self._table = ChannelTable(options, design, self._inputs, lambda: self._origin)
         self._piping = self._pipe(interceptors, stack)
         one_shift = len({edit.shift for edit in self._table.edits if edit.target is not None}) <= 1
-        self._latched = self._keep_latched()
+        self._latched: LatchedMessages | None = None
+        if options.latched and self._low > 0:
+            self._latched = LatchedMessages(self._low, self._table.edits, self._table.adapters)
         steps = (self._piping, self._latched)
         self._by_time = options.sort or len(self._inputs) > 1 or steps != (None, None) or not one_shift
         self._reorder = Sorter() if not one_shift else None
@@ -92,7 +94,10 @@ class _Editor:
                 rank += 1
             done += block.body.length
             progress(done, total)
-        self._emit_rest(rank)
+        if self._piping is not None:
+            self._emit(self._piping.rest(), None, rank)
+        if self._reorder is not None:
+            self._write(self._reorder.ready(None))
         self._count_unread()
         warnings = self._warnings()
         files = self._output.commit(self._inputs, self._table)
@@ -109,11 +114,6 @@ class _Editor:
     @cached_property
     def _origin(self) -> int:
         return min((first for log in self._inputs if (first := log.first()) is not None), default=0)
-
-    def _align(self) -> None:
-        firsts = [log.first() for log in self._inputs]
-        for log, first in zip(self._inputs, firsts, strict=True):
-            log.shift = 0 if first is None else self._origin - first
 
     def _window(self) -> tuple[int, int]:
         options = self._options
@@ -137,11 +137,6 @@ class _Editor:
         self._table.pipe(lambda key: bool(pipeline.route(key).stages))
         self._pipeline = pipeline
         return Piping(pipeline, self._table, self._output.refuse)
-
-    def _keep_latched(self) -> LatchedMessages | None:
-        if not self._options.latched or self._low <= 0:
-            return None
-        return LatchedMessages(self._low, self._table.edits, self._table.adapters)
 
     def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
@@ -169,14 +164,10 @@ class _Editor:
             return False
         return self._latched is not None or block.end + log.shift >= self._low
 
-    def _is_told(self, log: InputLog) -> bool:
-        """Return whether messages are counted from the summary, because not all are read."""
-        return self._sliced and log.counts is not None
-
     def _in_window(self, log: InputLog, batch: Batch | None) -> Batch | None:
         if batch is None:
             return None
-        if not self._is_told(log):
+        if not self._sliced or log.counts is None:  # else they are counted from the summary, as not all are read
             self._count(batch, "read")
         if self._sliced:
             mask = batch.time >= np.uint64(max(self._low, 0)) if self._latched is None else self._latched.wanted(batch)
@@ -238,12 +229,6 @@ class _Editor:
             least = min(edit.shift for edit in self._table.edits if edit.target is not None)
             self._write(self._reorder.ready(bound + least))
 
-    def _emit_rest(self, rank: int) -> None:
-        if self._piping is not None:
-            self._emit(self._piping.rest(), None, rank)
-        if self._reorder is not None:
-            self._write(self._reorder.ready(None))
-
     def _addressed(self, batch: Batch) -> Batch:
         """Give records the times and channels of the output."""
         edits = self._table.edits
@@ -290,7 +275,7 @@ class _Editor:
     def _count_unread(self) -> None:
         """Count what was skipped because of its time, and what was read but not kept."""
         for log in self._inputs:
-            for number, count in (log.counts or {}).items() if self._is_told(log) else ():
+            for number, count in (log.counts or {}).items() if self._sliced else ():
                 if number in log.channel_records:
                     edit = self._table.edits[self._table.edit_of(log, number)]
                     edit.counts.read += 0 if edit.original else count

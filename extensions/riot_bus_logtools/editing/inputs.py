@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus_logtools.editing.targets import OutputChannel
 
-_MOST_LOOKED_AT = 1000  # uncompressed chunks before a compressed one; looking at each reads 64 bytes
-
 
 class InputLog(LogReader):
     """Reads a log as batches of records, `shift` nanoseconds later; raises ConfigError as its base does."""
@@ -75,7 +73,7 @@ class InputLog(LogReader):
     def compression(self) -> str | None:
         """Compression of its chunks, `none` if none is compressed; None if it is unknown or there are no chunks."""
         found: str | None = None
-        for block in islice((block for block in self._scan.blocks if block.chunked), _MOST_LOOKED_AT):
+        for block in islice((block for block in self._scan.blocks if block.chunked), 1000):
             head = read_packed(self._file, block, 64)  # it begins with 40 bytes and the name
             found = None if head is None else head[0]
             if found != "none":

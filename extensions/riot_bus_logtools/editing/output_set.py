@@ -198,7 +198,8 @@ class OutputSet:
         if not self._options.split_topics:
             yield "", batch
             return
-        labels = {number: _known(targets[number]).name for number in np.unique(batch.edit).tolist()}
+        written = [(number, targets[number]) for number in np.unique(batch.edit).tolist()]
+        labels = {number: target.name for number, target in written if target is not None}
         for label in dict.fromkeys(labels.values()):
             numbers = [number for number, each in labels.items() if each == label]
             yield label, batch.where(np.isin(batch.edit, numbers))
@@ -246,11 +247,6 @@ class OutputSet:
         for name, mapping in self._records:
             file.metadata(name, mapping)
         return file
-
-
-def _known(target: OutputChannel | None) -> OutputChannel:
-    assert target is not None, "messages of channels without a target are not written"
-    return target
 
 
 def _bag_file(file: OutputFile, final: str) -> BagFile:

@@ -14,13 +14,13 @@ from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
-from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.new_file import new_file
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
 from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, require_package
+from riot_bus_logtools.export.rows import Kind, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.export.parquet_file import ParquetTableWriter
 
     TableWriter = CsvWriter | ParquetTableWriter
-
-_BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +185,7 @@ def _batches(parts: Iterable[Columns], topics: dict[str, str]) -> Iterable[Rows]
     for part in parts:
         pending.append(_merged(part, topics))
         count += len(pending[-1].times)
-        if count >= _BATCH:
+        if count >= 1 << 16:  # rows of a row group in Parquet, which would compress badly if small
             yield _joined(pending)
             pending, count = [], 0
     if pending:
