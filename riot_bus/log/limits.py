@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_size
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from riot_bus.log.engine.limits import BeyondLimitError
 
 VARIABLE = "RIOT_LOG_LIMITS"
 _TIGHT = LogLimits(
@@ -35,8 +31,3 @@ def tight_limits(files: int = 1) -> LogLimits:
     """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too."""
     share, hour = max(1, files), 3600  # at a chunk a second, for each file, however many share the limit
     return lifted(replace(_TIGHT, chunks=max(hour, _TIGHT.chunks // share), held=_TIGHT.held // share))
-
-
-def refusal(error: BeyondLimitError) -> str:
-    """Return a sentence that tells what is beyond which limit, and how to lift it."""
-    return f"{error}; {VARIABLE}={error.lift} lifts that"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.engine.blocks import Span
 from riot_bus.log.engine.limits import BeyondLimitError
-from riot_bus.log.limits import refusal
+from riot_bus.log.limits import VARIABLE
 
 if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block
@@ -112,7 +112,7 @@ class LossNotes:
             unsorted=sum(self.unsorted.values()),
             salvaged=sum(self.salvaged.values()),
             beyond=len(self._beyond) + skipped,
-            limit="" if refused is None else refusal(refused),
+            limit="" if refused is None else f"{refused}; {VARIABLE}={refused.lift} lifts that",
         )
 
     def _is_limit(self, error: Exception | None) -> bool:

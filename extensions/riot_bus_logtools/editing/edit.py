@@ -85,13 +85,11 @@ class _Editor:
         total, done = sum(log.size for log in self._inputs), 0
         rank = 0
         for block, bound, batch in self._batches():
-            if self._latched is not None and batch is not None:
+            if self._latched is not None:
                 batch = self._latched.run(batch)
-            if self._latched is not None and bound is None:
-                batch = gathered([self._latched.rest(), *([batch] if batch is not None else [])])
-            if batch is not None or self._piping is not None:
-                self._emit(self._processed(gathered([]) if batch is None else batch, bound), bound, rank)
-                rank += 1
+                batch = gathered([self._latched.rest(), batch]) if bound is None else batch
+            self._emit(self._processed(batch, bound), bound, rank)
+            rank += 1
             done += block.body.length
             progress(done, total)
         if self._piping is not None:
@@ -138,7 +136,7 @@ class _Editor:
         self._pipeline = pipeline
         return Piping(pipeline, self._table, self._output.refuse)
 
-    def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
+    def _batches(self) -> Iterator[tuple[Block, int | None, Batch]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
         if not self._by_time:
             (log,) = self._inputs
@@ -150,9 +148,7 @@ class _Editor:
         blocks.sort(key=lambda each: (each[1].start + each[0].shift, each[0].number, each[1].number))
         sorter = Sorter()
         for place, (log, block) in enumerate(blocks):
-            batch = self._in_window(log, log.batch(block, self._table.edit_of))
-            if batch is not None:
-                sorter.add((log.number, block.number), batch)
+            sorter.add((log.number, block.number), self._in_window(log, log.batch(block, self._table.edit_of)))
             following = blocks[place + 1] if place + 1 < len(blocks) else None
             bound = None if following is None else following[1].start + following[0].shift
             yield block, bound, sorter.ready(bound)
@@ -164,9 +160,7 @@ class _Editor:
             return False
         return self._latched is not None or block.end + log.shift >= self._low
 
-    def _in_window(self, log: InputLog, batch: Batch | None) -> Batch | None:
-        if batch is None:
-            return None
+    def _in_window(self, log: InputLog, batch: Batch) -> Batch:
         if not self._sliced or log.counts is None:  # else they are counted from the summary, as not all are read
             self._count(batch, "read")
         if self._sliced:
@@ -246,8 +240,8 @@ class _Editor:
         renumbered(batch, rows, new[batch.edit[rows]].astype(np.uint16))
         return batch
 
-    def _write(self, batch: Batch | None) -> None:
-        if batch is None or not len(batch):
+    def _write(self, batch: Batch) -> None:
+        if not len(batch):
             return
         self._count_written(batch)
         ready = None

@@ -15,7 +15,7 @@ from riot_bus.log import layout
 from riot_bus.log.engine.blocks import HEAD, NUMBERS, Records, heads_of, read_packed
 from riot_bus.log.engine.scan import parse
 from riot_bus.log.reader import LogReader
-from riot_bus_logtools.editing.batch import Batch, shifted
+from riot_bus_logtools.editing.batch import Batch, gathered, shifted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -85,17 +85,17 @@ class InputLog(LogReader):
         found = next(self.messages(), None) or next(self.originals(), None)
         return None if found is None else found.time + self.shift
 
-    def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch | None:
-        """Return the messages of a block in the order of the file; None if there are none."""
+    def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch:
+        """Return the messages of a block in the order of the file."""
         records = self._load_or_salvage(block)
         if records is None:
-            return None
+            return gathered([])
         definitions = list(records.definitions())
         self._definitions = block.number, definitions if len(definitions) == len(records.others) else None
         self.define(records)
         data, start = records.data, records.messages
         if not len(start):
-            return None
+            return gathered([])
         heads = heads_of(data, start)
         edit = self._edit_numbers(heads["channel"], edit_of)
         is_whole = block.chunked and not block.cut and records.numbers is None and not self.shift

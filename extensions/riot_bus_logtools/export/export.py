@@ -65,17 +65,8 @@ def export_table(
     Each message with a selected field becomes one row, ordered by time; columns of other topics are empty in it. The
     file gets its name when it is complete.
 
-    Args:
-        log: Path of the log.
-        selectors: Field selectors, such as `/odom:pose.pose.position.x`, as for `riot_bus.log.columns`.
-        out: File to write: `.csv` or `.parquet`.
-        start: Earliest time, nanoseconds.
-        end: Latest time (exclusive), nanoseconds.
-        force: Whether an existing file is replaced.
-        registry: Types that the log does not define.
-        memory: Memory limit in bytes, as for `riot_bus.log.iter_columns`.
-        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
-        raw: Whether texts are written to CSV unchanged, even those that a spreadsheet or a terminal would obey.
+    Arguments are as for `riot_bus.log.iter_columns`; `raw` texts are written to CSV unchanged, even those that a
+    spreadsheet or a terminal would obey.
 
     Raises:
         ConfigError: The file exists or is of another kind, or a selector does not fit the log.

@@ -130,8 +130,6 @@ class Player:
         """Whether each message waits until the one before has had its effect."""
         return self._settle is not None
 
-    # -- commands -----------------------------------------------------------------------------------------------------
-
     def pause(self) -> None:
         """Stop time; the next message waits."""
         with self._bell:
@@ -188,8 +186,6 @@ class Player:
             state = "ended" if self._ended else state if self._running else "ready"
             span = self._source.start, self._source.end
             return PlayStatus(state, self._position(), *span, self._rate, self._passes, self._published)
-
-    # -- playing ------------------------------------------------------------------------------------------------------
 
     def run(self) -> None:
         """Play until the end or `stop`; to be called only once."""

@@ -138,11 +138,7 @@ def columns(
                     where=reader.path,
                     hint="use iter_columns, give start and end, or more memory",
                 )
-        found = {}
-        for place, wish in enumerate(work.wishes):
-            found[wish.text] = work.column(place, _sorted(pending[place]))
-            pending[place] = []
-        return Columns(found, reader.loss)
+        return work.columns(_split(pending, None)[0])
 
 
 def iter_columns(
@@ -233,17 +229,17 @@ class _Work:
             if len(rows):
                 yield from self._of_feed(block, feed, rows)
 
-    def column(self, place: int, rows: _Rows) -> Column:
-        """Return the column of sorted rows for the wish at an index."""
-        wish, keys, found = self.wishes[place], tuple(self._keys[place]), rows.found
-        return Column(
-            wish.text, wish.path, keys, rows.times, rows.published, found.values, found.valid, rows.key, rows.order
-        )
-
     def columns(self, part: Sequence[_Rows]) -> Columns:
         """Return columns of sorted rows, one for each wish."""
-        found = {wish.text: self.column(place, part[place]) for place, wish in enumerate(self.wishes)}
-        return Columns(found, self._reader.loss)
+        return Columns(
+            {
+                wish.text: Column(
+                    wish.text, wish.path, tuple(keys), times, published, found.values, found.valid, key, order
+                )
+                for wish, keys, (times, order, published, found, key) in zip(self.wishes, self._keys, part, strict=True)
+            },
+            self._reader.loss,
+        )
 
     def _of_feed(self, block: LoadedBlock, feed: Feed, rows: NDArray[np.int64]) -> Iterator[tuple[int, _Rows]]:
         times, order, published = block.times[rows], block.order(rows), block.published(rows)
