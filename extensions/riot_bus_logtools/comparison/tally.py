@@ -48,7 +48,10 @@ class _Field:
             distance = abs(both[0] - both[1]) if len(finite) == 2 else math.inf
             self.whole = self.whole and all(isinstance(value, int) for value in both)
             self.low, self.high = min([self.low, *finite]), max([self.high, *finite])
-            self._note(distance)
+            if self.messages % self.every == 0:  # of `every` messages, the distance of one is kept
+                self.distances.append(distance)
+                if len(self.distances) >= _SAMPLE:
+                    self.distances, self.every = self.distances[::2], self.every * 2
             rises = both[1] > both[0]
             self.pairs, self.turns = self.pairs + 1, self.turns + (self.rises is not None and rises != self.rises)
             self.rises = rises
@@ -57,13 +60,6 @@ class _Field:
         if distance > self.largest:
             self.largest = distance
             self.example = FieldExample(change.path, a, b, seconds, _short(change.before), _short(change.after))
-
-    def _note(self, distance: float) -> None:
-        """Keep the distance of one in `every` messages."""
-        if self.messages % self.every == 0:
-            self.distances.append(distance)
-            if len(self.distances) >= _SAMPLE:
-                self.distances, self.every = self.distances[::2], self.every * 2
 
     def result(self, name: str) -> FieldDifference:
         """Return what was counted."""

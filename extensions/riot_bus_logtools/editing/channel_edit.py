@@ -132,19 +132,17 @@ class ChannelEdit:
             if condition is not None and not _holds(self, step, condition, time, number, payload):
                 continue
             try:
-                action = self._actions.get(place) or self._action(place, assignment, payload)
+                action = self._actions.get(place)
+                if action is None:
+                    kind = self.kind(payload)
+                    action = assignment.shortcut(kind, payload) or partial(assignment.applied, kind)
+                    self._actions[place] = action
                 payload = action(payload)
             except PayloadError as error:
                 step.setting.fail(error)
             else:
                 step.setting.succeeded += 1
         return payload
-
-    def _action(self, place: int, assignment: Assignment, payload: bytes) -> Callable[[bytes], bytes]:
-        kind = self.kind(payload)
-        found = assignment.shortcut(kind, payload) or partial(assignment.applied, kind)
-        self._actions[place] = found
-        return found
 
 
 def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep]:

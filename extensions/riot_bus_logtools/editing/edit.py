@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, TIMES
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_records
+from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_payloads
 from riot_bus_logtools.editing.channel_table import ChannelTable
 from riot_bus_logtools.editing.inputs import InputLog
 from riot_bus_logtools.editing.latched import LatchedMessages
@@ -211,7 +211,7 @@ class _Editor:
         if changed:
             batch.changed = np.full(len(batch), -1, np.int32)
             batch.changed[changed] = batch.edit[changed]
-        return _with_payloads(batch, longer).where(kept)
+        return with_payloads(batch, longer).where(kept)
 
     def _emit(self, batch: Batch, bound: int | None, rank: int) -> None:
         batch = self._addressed(batch)
@@ -289,14 +289,3 @@ class _Editor:
             if not any(counts.seen for counts in self._pipeline.counts.values()):
                 found.append("no interceptor saw a message")
         return found
-
-
-def _with_payloads(batch: Batch, payloads: dict[int, bytes]) -> Batch:
-    """Return a batch with payloads of other lengths in some rows."""
-    records = []
-    for row, payload in payloads.items():
-        begin = int(batch.start[row])
-        head = bytearray(batch.buffer[begin : begin + MESSAGE_HEAD])
-        head[: HEAD.size] = HEAD.pack(head[0], len(payload) + SHORTEST_MESSAGE)
-        records.append(bytes(head) + payload)
-    return with_records(batch, list(payloads), records) if payloads else batch

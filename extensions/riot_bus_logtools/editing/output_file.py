@@ -21,7 +21,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_logtools.editing.batch import runs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
@@ -91,15 +91,10 @@ class OutputFile:
         known = self._file.statistics
         return known.message_start_time, known.message_end_time
 
-    def targets(self) -> list[tuple[OutputChannel, int]]:
-        """Return its channels and how many messages each has; known after `finish`."""
-        counts = self._file.statistics.channel_message_counts
-        return [(each, counts.get(number, 0)) for number, each in sorted(self._targets.items())]
-
-    def open(self, targets: Sequence[OutputChannel]) -> None:
-        """Define channels, even if they get no messages."""
-        for target in targets:
-            self._define(target)
+    def targets(self) -> tuple[list[OutputChannel], Mapping[int, int]]:
+        """Return its channels by number, and how many messages each has, known after `drain`."""
+        targets = [each for _, each in sorted(self._targets.items())]
+        return targets, self._file.statistics.channel_message_counts
 
     def write(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
         """Write messages whose records have the channel numbers of the output; raises EnvironmentFaultError.
@@ -107,7 +102,7 @@ class OutputFile:
         The targets are the channels of the output, by number of the channel edit.
         """
         for number in np.unique(batch.edit).tolist():
-            self._define(targets[number])
+            self.define(targets[number])
         sizes = np.cumsum(batch.end - batch.start)
         position, count = 0, len(batch)
         while position < count:
@@ -130,7 +125,7 @@ class OutputFile:
                 return False
         self._end_chunk()
         for number in np.unique(batch.edit).tolist():
-            self._define(targets[number])
+            self.define(targets[number])
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
             compression,
@@ -163,7 +158,7 @@ class OutputFile:
     def finish(self) -> None:
         """Write the summary and make sure that all is on the disk; raises EnvironmentFaultError."""
         self.drain()
-        targets = [each for _, each in sorted(self._targets.items())]
+        targets, _ = self.targets()
         schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
         ordered = [schemas[number] for number in sorted(schemas)]
         if self._draft.definitions:  # those of channels without messages
@@ -177,7 +172,8 @@ class OutputFile:
         self._thread.shutdown(cancel_futures=True)
         self._file.close()
 
-    def _define(self, target: OutputChannel | None) -> None:
+    def define(self, target: OutputChannel | None) -> None:
+        """Define a channel, even if it gets no messages."""
         assert target is not None
         number = target.channel.id
         if number not in self._targets:

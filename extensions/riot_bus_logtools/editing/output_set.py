@@ -50,14 +50,7 @@ class OutputSet:
     def __init__(self, options: EditOptions, paths: Sequence[Path]) -> None:
         self.unwritable: Counter[str] = Counter()
         self._options = options
-        self._outputs = Outputs(
-            options.output,
-            folder=options.folder,
-            splits=options.splits,
-            inputs=paths,
-            force=options.force,
-            dry=options.dry_run,
-        )
+        self._outputs = Outputs(options, paths)
         self._profile = self._compression = ""
         self._records: list[tuple[str, dict[str, str]]] = []
         self._details = BagDetails()
@@ -78,7 +71,7 @@ class OutputSet:
         self._compression = compression or "zstd"
         for target in table.targets():
             label = target.name if options.split_topics else ""
-            (self._current.get(label) or self._open_file(label)).open([target])
+            (self._current.get(label) or self._open_file(label)).define(target)
         first = self._parts[0].file if self._parts else self._open_file("")
         for log in inputs:
             for attachment in log.attachments():
@@ -250,8 +243,7 @@ class OutputSet:
 
 
 def _bag_file(file: OutputFile, final: str) -> BagFile:
-    targets = file.targets()
-    schemas = {each.schema.id: each.schema for each, _ in targets if each.schema is not None}
-    counts = {each.channel.id: count for each, count in targets}
-    shown = [each.channel for each, _ in targets if not each.channel.topic.startswith(layout.ORIGINAL_PREFIX)]
+    targets, counts = file.targets()
+    schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
+    shown = [each.channel for each in targets if not each.channel.topic.startswith(layout.ORIGINAL_PREFIX)]
     return bag_of(os.path.basename(final), shown, list(schemas.values()), counts, *file.span)
