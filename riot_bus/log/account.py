@@ -62,12 +62,10 @@ class Account:
 
     def record(self) -> dict[str, str]:
         """Return it as the mapping of a metadata record."""
-        return {
-            "version": str(_VERSION),
-            "recorded": json.dumps(_few(self.recorded)),
-            "lost": _by_reason(self.lost),
-            "left_out": _by_reason(self.left_out),
-        }
+        found = {"version": str(_VERSION), "recorded": json.dumps(_few(self.recorded))}
+        for name, table in (("lost", self.lost), ("left_out", self.left_out)):
+            found[name] = json.dumps({reason: _few(each) for reason, each in table.items() if any(each.values())})
+        return found
 
 
 class LossCounts:
@@ -108,10 +106,6 @@ def account_of(record: Mapping[str, str]) -> Account | None:
         )
     except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
         return None
-
-
-def _by_reason(table: Mapping[str, Numbers]) -> str:
-    return json.dumps({reason: _few(topics) for reason, topics in table.items() if any(topics.values())})
 
 
 def _numbers(document: Any) -> dict[str, int]:

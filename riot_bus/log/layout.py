@@ -108,12 +108,7 @@ def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
 
 
 def channel_name(topic: str, role: Role) -> str:
-    """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools.
-
-    Example:
-        >>> channel_name("/add_two_ints/@request", "delivered")
-        'riot/request/add_two_ints'
-    """
+    """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools."""
     call = part_of(topic)
     if call is not None:
         topic = f"{_CALL_PREFIX}{call[1][1:]}/{call[0].lstrip('/')}"

@@ -26,10 +26,7 @@ class Pace(Protocol):
 
 
 class SteadyPace:
-    """The machine's time, without jumps when its clock is set; exact to some 10 microseconds.
-
-    The system wakes a thread 50 to 100 microseconds late, so the last part of a wait is a busy loop.
-    """
+    """The machine's time, without jumps when its clock is set; exact to some 10 us, as waits end in a busy loop."""
 
     def __init__(self) -> None:
         self._offset = time.time_ns() - time.monotonic_ns()

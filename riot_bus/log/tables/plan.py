@@ -227,11 +227,11 @@ def chosen_rows(kind: MessageType, payloads: Payloads, where: Predicate) -> NDAr
     """Return which payloads meet a predicate; those that lack its fields do not."""
     gathered = {path: gather(kind, payloads, path) for path in where.fields}
     columns = {path: (found.values.tolist(), found.valid.tolist()) for path, found in gathered.items()}
-    return np.array([where.holds(partial(_read, columns, row)) for row in range(len(payloads))], np.bool_)
 
+    def read(row: int, path: str) -> Scalar:
+        values, valid = columns[path]
+        if not valid[row]:
+            raise PayloadError("no such field", where=path)
+        return values[row]  # type: ignore[no-any-return]
 
-def _read(columns: dict[str, tuple[list[Scalar], list[bool]]], row: int, path: str) -> Scalar:
-    values, valid = columns[path]
-    if not valid[row]:
-        raise PayloadError("no such field", where=path)
-    return values[row]
+    return np.array([where.holds(partial(read, row)) for row in range(len(payloads))], np.bool_)
