@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.base.testcases import CaseTemplate
     from riot_bus.chain.base.workspace import Workspace
     from riot_bus.vocabulary.message import Message
     from riot_bus_fleet.logs.entry import LogEntry
+    from riot_bus_fleet.testcases import CaseTemplate
 
 _LOG = logging.getLogger(__name__)
 _LARGEST = 1 << 29  # 512 MiB: each of the --jobs logs tried at once is held in memory

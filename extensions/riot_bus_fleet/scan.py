@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus.chain.unit.prediction import column_of, moments_of
-from riot_bus.chain.unit.rule_on_logs import ScanRule
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
@@ -21,6 +20,7 @@ from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.order import order_of
 from riot_bus_fleet.logs.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus_fleet.logs.stores import copied
+from riot_bus_fleet.scan_rule import ScanRule
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,12 +6,12 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.unit.prediction import column_of
-from riot_bus.chain.unit.rule_on_logs import ScanRule
 from riot_bus.control.signals import ended_by_signals
 from riot_bus.types.latest import LatestFields
 from riot_bus.vocabulary.counting import counted
 from riot_bus.zenoh.client import open_client
 from riot_bus_fleet.logs.near_misses import NearMiss
+from riot_bus_fleet.scan_rule import ScanRule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

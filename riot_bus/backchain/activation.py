@@ -60,7 +60,6 @@ class Activation:
 
     Attributes:
         found: External values at which the failure happened; None when it did not.
-        runs: System runs spent.
         best_distance: Smallest distance seen; None when the internal fields were never seen.
         history: Every point with its evaluation, in order.
     """
@@ -126,14 +125,11 @@ def activate(
     Args:
         fields: Fields that may be set; best only those that permeability has left.
         evaluate: Function that runs the system once per point, in order.
-        seed: Seed of every choice.
-        budget: Largest number of system runs.
         parallelism: Points per call of `evaluate`.
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
         promising: Points that failed in other runs; a few are tried first, if within the fields' ranges, with other
             fields at their usual values.
-        progress: Called after each batch.
         shared: History that receives all runs and gives those of other searches: they only guide this search, and
             points that failed there are tried first.
 
@@ -196,12 +192,6 @@ class _Turns:
     """Turns of the searches for constant and for varying fields: every other one goes to the nearest search so far.
 
     Before that, each search has a few turns.
-
-    Args:
-        constant: The search among constant fields.
-        families: The ways to vary.
-        seed: Seed of every choice.
-        methods: Search methods of each.
     """
 
     def __init__(
@@ -266,14 +256,10 @@ class _Search:
     """A search among points of one family.
 
     Args:
-        family: The numbers that make up a point.
-        seeds: Seeds of every choice.
-        portfolio: Search methods.
         tried: Vectors of constant fields that were tried, the best first, from which the first points are made; None
             if the family consists of constant fields, which are first changed alone.
 
     Attributes:
-        encoding: Points as vectors.
         nearest: The least distance so far.
     """
 

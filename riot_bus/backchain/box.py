@@ -63,10 +63,6 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
     """Return the box near a given one that contradicts the fewest samples.
 
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
-
-    Args:
-        samples: The points that were tried, and whether each failed.
-        box: Box to begin with.
     """
     for _ in range(_SWEEPS):
         before = box

@@ -55,9 +55,6 @@ class CoordinateSearch:
 
     Distances are often linear in a field's own value, at least over some range; then two answers predict where the rule
     is met. If inputs are refused or come no nearer, half of the way is tried.
-
-    Args:
-        encoding: Points as vectors.
     """
 
     def __init__(self, encoding: Encoding) -> None:

@@ -25,8 +25,6 @@ class SearchField:
         name: `topic:field`.
         nominal: Usual value, in the field's unit.
         spread: Spread of the nominal log, in the field's unit; positive. The scale is linear within it.
-        low: Smallest value to try.
-        high: Largest value to try.
         integer: Whether values are whole numbers.
         choice: Whether values are positions in a list, so that nothing lies between two of them.
 

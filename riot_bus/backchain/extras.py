@@ -13,10 +13,6 @@ if TYPE_CHECKING:
 def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int]:
     """Return the number of the strongly connected component of each node.
 
-    Args:
-        count: Number of nodes.
-        arrows: Edges from node to node.
-
     Raises:
         MissingExtraError: scipy is not installed.
     """
@@ -34,7 +30,6 @@ def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
 
     Args:
         freedom: Degrees of freedom, at least 1.
-        confidence: Confidence level of the interval.
 
     Raises:
         MissingExtraError: scipy is not installed.

@@ -74,10 +74,8 @@ class RunColumns:
     """One external field in one run, seen at the output's samples.
 
     Attributes:
-        rows: Rows of this run in the stacked outputs.
         index: Input message per sample and lag (n x lags).
         values: Delivered values, in units of the signal's amplitude around its centre.
-        signal: Signal that was to be sent.
         first: The topic's index of the first message in `values`.
     """
 

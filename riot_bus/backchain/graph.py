@@ -19,8 +19,6 @@ class ComponentTopics:
     """The topics that one component reads and writes.
 
     Attributes:
-        inputs: Topics that it reads.
-        outputs: Topics that it writes.
         told: Source of this, such as `riot.toml` or `recorded graph`; `inferred` if there is none.
         open: Whether it may read more than is known.
     """
@@ -36,7 +34,6 @@ class Hop:
     """A topic in a tree, and the topics one component further on.
 
     Attributes:
-        topic: The topic.
         component: Component that connects it to its parent in the tree; None at the root.
         external: Whether the outside world controls it.
         loop: Whether it is already on the path from the root; it is not followed again.
@@ -99,8 +96,6 @@ class TopicGraph:
         Branches that reach no external topic are left out, and paths end at the first external topic.
 
         Args:
-            topic: The internal topic.
-            externals: Topics that the outside world controls.
             most: Largest number of hops; what lies beyond is marked `cut`.
             once: Whether each topic is followed only once, at its place nearest to the root, and marked `again`
                 elsewhere.

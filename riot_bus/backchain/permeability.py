@@ -66,8 +66,6 @@ class PermeabilityEdge:
     """Test result for the path from one external to one internal field.
 
     Attributes:
-        external: External field.
-        internal: Internal field.
         strength: Share of the variance within a run that the external field explains, 0 to 1.
         low: Lower end of the jackknife interval (95 %) of the strength, over runs; 0 if the effect is not significant.
         high: Upper end of that interval.
@@ -121,10 +119,6 @@ class PermeabilityResult:
         """Return the result of all runs, in which an edge whose interval contains 0 needs confirmation by other runs.
 
         An edge that they do not confirm is not permeable and gets their p-value.
-
-        Args:
-            fresh: Result of the other runs.
-            together: Result of these and the other runs together.
         """
         clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
         asked = {_pair(edge): edge for edge in fresh.edges}
@@ -171,8 +165,6 @@ def analyse(
         lags: Number of lags, in samples of the internal field (and in messages of the external one, if rates differ).
         draws: Number of redraws of the signals for the null distribution; the smallest p-value is 1 / (draws + 1).
         alpha: Accepted share of false discoveries, per internal field.
-        seed: Seed of the redraws.
-        progress: Called after each internal field.
 
     Raises:
         ValueError: `lags` or `draws` is not positive.
@@ -203,11 +195,6 @@ def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
     """Return whether the first value of a field in each run seems to decide the mean of an internal field.
 
     This costs no further runs, but proves nothing: so few runs only show which fields are worth testing.
-
-    Args:
-        runs: The multiplexed runs.
-        external: The external field.
-        internal: The internal field.
     """
     series = [
         (run.inputs[external].series.values, np.asarray(run.outputs[internal].values, dtype=np.float64))

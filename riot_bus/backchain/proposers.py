@@ -251,10 +251,8 @@ def proposers(
     """Return the search methods of a portfolio, each with its own random numbers.
 
     Args:
-        methods: Methods in the order of their turns.
         history: History that they share.
         nominal: The nominal vector, shape (n,).
-        seeds: Seeds of all random numbers.
 
     Raises:
         ConfigError: All of them need more dimensions.

@@ -30,8 +30,6 @@ class Region:
     """A box in which the failure happens.
 
     Attributes:
-        names: The fields.
-        box: Their ranges.
         samples: The start and all tested points, in order.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
         ends: Sides of the box with a failure at the end of the field's range, beyond which nothing was tried.
@@ -61,12 +59,8 @@ def map_region(
 
     Args:
         start: A failing point; fields other than the axes keep its values.
-        axes: Fields of the box.
         ask: Function that returns whether each of some points fails.
-        seed: Seed of the choice of samples.
-        budget: Largest number of points tested.
         tolerance: Width to which an edge is bracketed, in the fields' units (one number, or one per axis).
-        progress: Called after each batch.
 
     Raises:
         ValueError: `tolerance` or `budget` is not positive, there are no axes, or two are one field.

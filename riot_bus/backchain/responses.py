@@ -28,7 +28,6 @@ def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
     """Return level, innovation and spread of a series, centred per run (samples x 3).
 
     Args:
-        pieces: The standardised series of each run.
         level: Residual of the level whose size is the spread; the series itself when None.
     """
     memory = memory_of(pieces, low=-_MEMORY, high=_MEMORY)

@@ -22,7 +22,6 @@ class Share:
     """Share of a response's variance that one field explains.
 
     Attributes:
-        name: The field.
         strength: The share, 0 to 1, corrected for the number of terms.
         low: Lower end of the 95 % jackknife interval.
         high: Upper end of that interval.
@@ -43,7 +42,6 @@ def estimate(
 
     Args:
         response: The internal series, centred per run (samples).
-        designs: Columns of each field (samples x columns).
         selected: Fields with an effect: what they explain is not credited to others.
         asked: Fields whose share is wanted.
         groups: Run of each sample; with fewer than four runs each is cut into blocks for the jackknife.

@@ -50,8 +50,6 @@ class Study:
 
         Args:
             points: Values of external fields by name, one mapping per run.
-            evaluations: Evaluation of each point.
-            fields: Fields that points name.
 
         Raises:
             ConfigError: The storage cannot be used any more.

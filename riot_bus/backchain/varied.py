@@ -27,7 +27,6 @@ class Dimension(NamedTuple):
     """One number of an input that varies in time.
 
     Attributes:
-        search: Name and range of the number.
         field: Index of the field whose value it is; None for a time.
     """
 
@@ -40,7 +39,6 @@ class Drive:
     """Values of one field during a part of a run.
 
     Attributes:
-        field: Name of the field.
         value: Value that it is set to; None if there are `points`.
         start: Start of that time, in seconds since the first message.
         end: End of that time, in seconds; None for never.
@@ -64,12 +62,9 @@ class VariedInputs:
     A field that would get its nominal value is left alone.
 
     Args:
-        fields: Fields that may be set.
-        seconds: Duration of a run.
         counts: Number of messages of each field's topic in a run; 0 for a field with one value per run.
 
     Attributes:
-        families: For each way, the numbers that define the inputs.
         field_of: Field of each number that is a value; numbers that are times have none.
     """
 
@@ -164,9 +159,7 @@ class Recombination:
     This leads off a plateau on which a field matters only while, or after, another one has a certain value.
 
     Args:
-        family: The numbers that are proposed.
         constants: Vectors that were tried, in [0, 1]^n, one number for each field, the best first.
-        rng: Random numbers.
     """
 
     def __init__(self, family: Sequence[Dimension], constants: Sequence[Floats], rng: np.random.Generator) -> None:

@@ -74,18 +74,14 @@ def init(
         found = init_ros2(options)
         print_result(form, found, _lines(found))
     else:
+        from riot_bus.draft.scaffold import draft_lines
+
         found = init_plain(options) if log is None else init_plain_log(options, log)
-        print_result(form, found, _plain_lines(found))
+        print_result(form, found, [*draft_lines(found), f"written: {found['file']}"])
 
 
 def _written(file: str) -> str:
     return f"written: {file}; next, fill in what it marks with FILL IN, above all the commands"
-
-
-def _plain_lines(found: dict[str, Any]) -> list[str]:
-    from riot_bus.draft.scaffold import draft_lines
-
-    return [*draft_lines(found), f"written: {found['file']}"]
 
 
 def _lines(found: dict[str, Any]) -> list[str]:

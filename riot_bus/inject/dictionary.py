@@ -68,8 +68,6 @@ class Dictionary:
         """Add the text of a dictionary file.
 
         Args:
-            text: Text of the file, as TOML.
-            where: Name of the file in errors.
             own: Whether the file is the user's own.
 
         Raises:
@@ -112,7 +110,6 @@ class Dictionary:
         """Return the values worth trying in a field, those bound to its path first.
 
         Args:
-            type: Primitive type of the field.
             path: Field path (or `topic:path`) to look bindings up by.
             told: Values from the field's definition (`riot_bus.types.capabilities`); unused if a binding says `only`.
 

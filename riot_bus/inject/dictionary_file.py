@@ -79,10 +79,6 @@ class DictionaryFile(BaseModel):
 def read_file(text: str, *, where: str) -> DictionaryFile:
     """Read the text of a dictionary file.
 
-    Args:
-        text: Text of the file, as TOML.
-        where: Name of the file in errors.
-
     Raises:
         ConfigError: Not TOML, an unknown key, or a value of the wrong kind.
     """

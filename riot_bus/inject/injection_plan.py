@@ -32,8 +32,6 @@ class InjectionPlan:
         """Read a plan.
 
         Args:
-            text: Text of the plan, as TOML.
-            name: Name shown to users.
             seed: Seed of the run, added to the plan's own.
 
         Raises:

@@ -117,8 +117,6 @@ def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutati
     """Yield the mutations of a `[[message]]`, one for each of its types.
 
     Args:
-        raw: Table as the file has it.
-        where: File and place in it, for errors.
         own: Whether the file is the user's own.
 
     Raises:

@@ -123,10 +123,6 @@ def plan_text(path: Path) -> str:
 def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
     """Read an injection plan from a text.
 
-    Args:
-        text: Text of the plan, as TOML.
-        name: Name of the plan in errors.
-
     Raises:
         ConfigError: It is not TOML, or a key or value in it is wrong.
     """

@@ -203,9 +203,7 @@ def check_rules(rules: Sequence[MinedRule], judged: Iterable[Iterable[Violation]
     """Return the rules that none of the other nominal trials breaks; the rest is listed as dropped.
 
     Args:
-        rules: Mined rules.
         judged: Violations in each of the other trials; only those that `Mined` with these rules finds count.
-        trials: Number of trials that the rules were learnt from.
     """
     fired = [{one.signature.removeprefix("mined ") for one in each if one.monitor == "mined"} for each in judged]
     wrong = set().union(*fired)

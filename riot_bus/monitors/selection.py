@@ -96,8 +96,6 @@ def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str 
     """Return why no output has what is selected: a message, a number in the field; None if one has.
 
     Args:
-        view: View of a trial.
-        selector: Selector of messages or of a field.
         met: Whether its condition must be met; otherwise, its fields only have to exist.
 
     Raises:

@@ -77,9 +77,6 @@ def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
 
     Args:
         signature: Text that ends with the place of the crash; the component recovered from errors at other places.
-        errors: Its stderr.
-        printed: Its stdout.
-        root: Folder of its code.
     """
     known = (each for text in (errors, printed) for each in reversed(tracebacks(_LAUNCHED.sub("", text))))
     return next((each for each in known if signature.endswith(_place(each, root))), "")
@@ -111,8 +108,6 @@ def crashes_in(
 
     Args:
         status: Exit status, negative for a signal, None if the process still lives.
-        errors: Its stderr.
-        root: Folder of its code.
         printed: Its stdout, where some programs write their tracebacks.
         stack: File and function of each native frame at the signal that ended it, innermost first; a function without
             a name is written as `+` and its offset in the file.

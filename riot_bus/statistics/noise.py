@@ -45,9 +45,7 @@ class Noise:
 
         Args:
             failed: Number of failed trials of inputs that trigger the failure.
-            total: Number of trials of these inputs.
             nominal_failed: Number of failed trials of inputs that do not trigger it.
-            nominal_total: Number of trials of those inputs.
         """
         chances = [_RELIABLE] + [(1 - _RELIABLE) / (len(_RATES) - 1)] * (len(_RATES) - 1)
         rates = zip(_RATES, chances, strict=True)
@@ -108,7 +106,6 @@ class FlipSearch:
 
     Args:
         masses: Prior weights of the hypotheses; shape (n + 2,).
-        noise: Prior of p and eps.
         rises: Whether inputs trigger the failure from the flip on, rather than before it.
     """
 

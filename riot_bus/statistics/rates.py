@@ -43,9 +43,6 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
 
     Args:
         hits: Number of hits of the rate that is expected to be higher.
-        total: Number of trials of this rate.
-        other_hits: Number of hits of the other rate.
-        other_total: Number of trials of the other rate.
 
     Example:
         >>> round(chance_of_difference(4, 4, 0, 10), 4)

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
 from riot_bus.generalize.forms.python_form import python_file, python_predicate
+from riot_bus.generalize.forms.tree import Terms
 from riot_bus.generalize.rule import Rule
 from riot_bus.plugins import RULE_FORMS
 from riot_bus.report.formats import write_file
 from riot_bus.report.regression import file_stem
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
-    from riot_bus.generalize.forms.tree import Terms
 
 PYTHON = "sanitize.py"
 
@@ -45,13 +42,7 @@ class WrittenRule:
 
 
 def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> RuleRecord:
-    """Write the rule in all forms into the finding's folder, and return its record with what they add to it.
-
-    Args:
-        record: Record of the rule.
-        finding: Record of its finding.
-        folder: The finding's folder.
-    """
+    """Write the rule in all forms into the finding's folder, and return its record with what they add to it."""
     terms, types = Rule.from_json(record.rule).terms, dict(record.types)
     lines = [
         f"{finding.component} fails: {finding.signature}",

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.steps.analyze import analyze
+from riot_bus.chain.steps.analyze import analyze, budget_within
 from riot_bus.chain.steps.robustness import test_unit as run_campaign
-from riot_bus.chain.steps.step_budgets import budget_within
 from riot_bus.findings.records import CampaignRecord, RuleRecord
 from riot_bus.findings.steps import STEPS
 from tests.unit.chain.machine import Bench, bench
@@ -58,7 +57,6 @@ def test_steps_that_end_by_themselves_and_those_of_others_are_not_limited(tested
     assert budget_within(one.workspace, folder, (other, *REST), 1.0) == {}
 
 
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_a_rule_learnt_in_little_time_has_fewer_trials(tmp_path: Path) -> None:
     trials = []

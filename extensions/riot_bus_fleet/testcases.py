@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import re
 from collections import Counter
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+from riot_bus.chain.base.injections import injection_of
 from riot_bus.chain.base.workspace import open_finding
 from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.inject.plan import read_plan
+from riot_bus.log.layout import Role
 from riot_bus.log.reader import LogReader
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from riot_bus.log.layout import Role
-    from riot_bus.pipeline.event import Change
+from riot_bus.pipeline.event import Change
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Injection
 
 _ROLES: tuple[Role, ...] = ("original", "delivered")
 _ELEMENT = re.compile(r"\[\d+\]$")
@@ -30,14 +25,7 @@ _ELEMENT = re.compile(r"\[\d+\]$")
 
 @dataclass(frozen=True, slots=True)
 class CaseTemplate:
-    """A test case without its log.
-
-    Attributes:
-        injections: Injections to apply to a log.
-        signature: Signature of the failure to look for; None for any.
-        unit: The unit that it made fail; None if not stated.
-        system: Path of the system file; None if not stated.
-    """
+    """A test case without its log."""
 
     __test__ = False  # not a pytest class
 
@@ -95,42 +83,6 @@ def _of_finding(folder: Path) -> CaseTemplate:
     where = str(folder / FindingRecord.FILE)
     injections = tuple(injection_of(each, where) for each in finding.injections)
     return CaseTemplate(injections, finding.signature, finding.unit, finding.system_file)
-
-
-_KINDS: dict[str, type[Formula | Curve]] = {"text": Formula, "times": Curve}
-"""Types that give a value per message, by an attribute that no other type has."""
-
-
-def injection_of(row: Mapping[str, Any], where: str) -> Injection:
-    """Return an injection that was written as JSON.
-
-    Raises:
-        ConfigError: It is not an injection.
-    """
-    known = {each.name for each in fields(Injection)}
-    for name in row.keys() - known:
-        raise ConfigError(f"unknown key {name!r} in an injection", where=where, hint=did_you_mean(name, known))
-    values = dict(row)
-    value = values.get("value")
-    try:
-        if isinstance(value, dict):
-            kind = next((kind for key, kind in _KINDS.items() if key in value), Signal)
-            several = {name: tuple(map(_scalar, one)) for name, one in value.items() if isinstance(one, list | tuple)}
-            values["value"] = kind(**{**value, **several})
-        else:
-            values["value"] = _scalar(value)
-        values["options"] = tuple((str(name), _scalar(value)) for name, value in values.get("options", ()))
-        return Injection(**values)
-    except (TypeError, ValueError, SyntaxError, RecursionError) as error:
-        raise ConfigError(f"this injection cannot be used: {error}", where=where) from None
-
-
-def _scalar(value: Any) -> Any:
-    if isinstance(value, dict | list):
-        raise TypeError(f"{value!r} is not a single value")
-    if isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
-        return ast.literal_eval(value)
-    return value
 
 
 def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:

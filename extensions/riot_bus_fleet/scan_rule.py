@@ -1,29 +1,24 @@
-"""A finding's rule with all that is needed to judge the messages of other logs by it, and its prediction for a log."""
+"""A finding's rule with all that is needed to judge the messages of other logs by it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.chain.base.systems import described
-from riot_bus.chain.unit.prediction import Prediction, alike, predict, rule_text
+from riot_bus.chain.unit.prediction import alike, rule_text
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
-from riot_bus.log.foreign import bus_messages, learn_types
+from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry
 from riot_bus.types.latest import in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 
 class ScanRule:
@@ -33,13 +28,8 @@ class ScanRule:
         source: Folder of a finding, `region` in it, or a rule file such as its `rule.json`.
 
     Attributes:
-        record: The rule's record.
-        rule: The rule.
         topics: Topic of each message of the log in which the rule's fields are named.
         keeps: Whether a message that lacks a field leaves its earlier value in force.
-        names: Names of the rule's fields.
-        read: Topics that the rule reads.
-        text: The rule as text.
 
     Raises:
         ConfigError: There is no rule.
@@ -79,28 +69,3 @@ class ScanRule:
         for rows in alike(columns, count):
             found[rows] = self.rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
         return found
-
-
-def predict_log(path: Path, folder: Path) -> Prediction:
-    """Return the prediction of a finding's rule for a log.
-
-    Args:
-        path: Path of the log, which may be larger than memory.
-        folder: Folder of the finding.
-
-    Raises:
-        ConfigError: There is no such log, or the finding has no rule.
-        InconclusiveError: The rule can be judged at no message of the log.
-    """
-    rule = ScanRule(folder)
-    with LogReader(path) as reader:
-        registry = rule.registry(reader)
-        found = predict(rule.rule, rule.topics, bus_messages(reader, registry), registry=registry, keeps=rule.keeps)
-    if not found.judged:
-        raise InconclusiveError(
-            f"the known fields never decide whether the rule {rule.record.text} holds",
-            where=str(path),
-            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
-        )
-    found.missed = rule.record.missed
-    return found

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from riot_bus.chain.base.testcases import load_case_template
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
@@ -16,6 +15,7 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message
+from riot_bus_fleet.testcases import load_case_template
 
 INJECTIONS = (
     Injection("a", "v", math.inf, first=2, last=4, seed=7),
