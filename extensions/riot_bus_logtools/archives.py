@@ -56,15 +56,7 @@ def export_archive(
 ) -> ArchiveDone:
     """Write a log's delivered messages in the format that the ending of a file names; the file appears when complete.
 
-    Args:
-        log: Log to read.
-        out: File to write.
-        adapters: Adapters, one of which knows the format.
-        topics: Topic names or key expressions; None for all.
-        start: Earliest time, nanoseconds.
-        end: Latest time (exclusive), nanoseconds.
-        force: Whether an existing file is replaced.
-        salvage: Whether to take messages of damaged chunks that an index confirms.
+    Times are nanoseconds, the end is exclusive; topics are names or key expressions.
 
     Raises:
         ConfigError: The file exists, no adapter knows its format, or no message is of that kind.

@@ -17,7 +17,7 @@ from riot_bus.pipeline.event import Change
 from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
 from riot_bus.types.capabilities import OmitsFields
-from riot_bus.types.values import fit_value, set_elements
+from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
@@ -72,7 +72,7 @@ class SetFault:
         if kind is None:
             event.read(path)  # raises the right error
             return
-        payload = set_elements(kind, event.payload, path, partial(fit_value, value))
+        payload = set_field(kind, event.payload, path, partial(fit_value, value))
         event.patched(payload, Change(event.interceptor, "set", path, None, value))
 
 

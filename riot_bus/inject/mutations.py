@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
-from riot_bus.types.values import fit_value, set_elements
+from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import located
 from riot_bus.vocabulary.injection import Formula
 from riot_bus.vocabulary.selector import parse_selector
@@ -68,10 +68,7 @@ def mutate(kind: MessageType, payload: bytes, changes: Iterable[tuple[str, Scala
     original = payload
     for path, wanted in changes:
         value = evaluate(wanted, lambda each: kind.read(original, each)) if isinstance(wanted, Formula) else wanted
-        if "[*]" in path:
-            payload = set_elements(kind, payload, path, partial(fit_value, value))
-        else:
-            payload = kind.rebuild(payload, {path: fit_value(value, kind.read(payload, path))})
+        payload = set_field(kind, payload, path, partial(fit_value, value))
     return payload
 
 

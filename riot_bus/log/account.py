@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,51 +43,33 @@ class Account:
         return sum(number for name, topics in self.lost.items() if reason in (None, name) for number in topics.values())
 
     @classmethod
-    def total_of(cls, accounts: Sequence[Account]) -> Account:
-        """Return the sum of several accounts."""
+    def total_of(cls, accounts: Sequence[Account], names: Mapping[str, str] | None = None) -> Account:
+        """Return the sum of several accounts, with other names of topics; those without one are then left out."""
         total = LossCounts()
+
+        def add(numbers: Numbers, found: BoundedCounts) -> None:
+            for topic, number in numbers.items():
+                name = topic if names is None else names.get(topic)
+                if name is not None:
+                    found.add(name, number)
+
         for account in accounts:
-            for topic, number in account.recorded.items():
-                total.recorded.add(topic, number)
+            add(account.recorded, total.recorded)
             for part, found in ((account.lost, total.lost), (account.left_out, total.left_out)):
                 for reason, topics in part.items():
-                    for topic, number in topics.items():
-                        found[reason].add(topic, number)
+                    add(topics, found[reason])
         return total.account()
-
-    def renamed(self, names: Mapping[str, str]) -> Account:
-        """Return the numbers of some topics under other names; those without a new name are left out."""
-
-        def kept(numbers: Numbers) -> Counter[str]:
-            total: Counter[str] = Counter()
-            for topic, number in numbers.items():
-                total.update({names[topic]: number} if topic in names else {})
-            return total
-
-        return Account(
-            kept(self.recorded),
-            {reason: kept(topics) for reason, topics in self.lost.items()},
-            {reason: kept(topics) for reason, topics in self.left_out.items()},
-        )
 
     def record(self) -> dict[str, str]:
         """Return it as the mapping of a metadata record."""
-        return {
-            "version": str(_VERSION),
-            "recorded": json.dumps(_few(self.recorded)),
-            "lost": _by_reason(self.lost),
-            "left_out": _by_reason(self.left_out),
-        }
+        found = {"version": str(_VERSION), "recorded": json.dumps(_few(self.recorded))}
+        for name, table in (("lost", self.lost), ("left_out", self.left_out)):
+            found[name] = json.dumps({reason: _few(each) for reason, each in table.items() if any(each.values())})
+        return found
 
 
 class LossCounts:
-    """The counts of one file in bounded memory; not thread-safe.
-
-    Attributes:
-        recorded: Messages by topic that are in the file, or on their way to it.
-        lost: Messages by reason and topic that are not in the file.
-        left_out: Messages by reason and topic that were not wanted.
-    """
+    """The counts of one file in bounded memory: recorded are also messages on their way to it; not thread-safe."""
 
     def __init__(self) -> None:
         self.recorded = BoundedCounts()
@@ -112,11 +94,7 @@ class LossCounts:
 
 
 def account_of(record: Mapping[str, str]) -> Account | None:
-    """Read a metadata record; None if it is damaged or of another version.
-
-    Args:
-        record: Record that `LogReader.notes(LOST)` yields; the last one of a log counts.
-    """
+    """Read a metadata record `riot_bus.lost`, of which a log's last one counts; None if damaged or of another kind."""
     try:
         if record["version"] != str(_VERSION):
             return None
@@ -128,10 +106,6 @@ def account_of(record: Mapping[str, str]) -> Account | None:
         )
     except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
         return None
-
-
-def _by_reason(table: Mapping[str, Numbers]) -> str:
-    return json.dumps({reason: _few(topics) for reason, topics in table.items() if any(topics.values())})
 
 
 def _numbers(document: Any) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import Identity, Offer
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-_NOBODY = "0"  # a session's id
-
 
 def bus_messages(
     reader: LogReader, registry: TypeRegistry, *, start: int | None = None, end: int | None = None
@@ -22,37 +21,35 @@ def bus_messages(
     """Yield the delivered messages; those of a file without keys under the keys that they would have on the bus.
 
     Each of the latter gets a number, and the attachment that its middleware needs, from an otherwise unknown publisher.
-
-    Raises:
-        ConfigError: A topic cannot be published.
+    Raises ConfigError for a topic that cannot be published.
     """
-    foreign: dict[str, _Topic] = {}
+    foreign: dict[str, Callable[[Message, int], Message]] = {}
     for number, topic in enumerate(reader.recorded_topics(), 1):
         if not topic.keyed:
             found = (each.offer(topic, name=None, domain=None) for each in registry.publishing_adapters())
             offer = next((each for each in found if each is not None), Offer(topic.key.strip("/")))
-            identity = offer.identify(_NOBODY, number) if offer.identify is not None else Identity()
-            foreign[topic.key] = _Topic(offer.key, identity.attachment)
+            session = "0"  # of nobody
+            identity = offer.identify(session, number) if offer.identify is not None else Identity()
+            foreign[topic.key] = _publisher(offer.key, identity)
     if not foreign:
         yield from reader.messages(start=start, end=end)
         return
     for number, message in enumerate(reader.messages(start=start, end=end)):
         known = foreign.get(message.key)
-        yield message if known is None else known.on_bus(message, number)
+        yield message if known is None else known(message, number)
 
 
-class _Topic:
-    def __init__(self, key: str, attachment: Callable[[bytes | None, int, int], bytes | None] | None) -> None:
-        self._key, self._attachment = key, attachment
-        self._count = 0
+def _publisher(key: str, identity: Identity) -> Callable[[Message, int], Message]:
+    counter = count(1)
 
-    def on_bus(self, message: Message, number: int) -> Message:
-        self._count += 1
+    def on_bus(message: Message, number: int) -> Message:
         attachment = message.attachment
-        if self._attachment is not None:
+        if identity.attachment is not None:
             published = message.time if message.publish_time is None else message.publish_time
-            attachment = self._attachment(attachment, self._count, published)
-        return message.with_(key=self._key, attachment=attachment, sequence=number)
+            attachment = identity.attachment(attachment, next(counter), published)
+        return message.with_(key=key, attachment=attachment, sequence=number)
+
+    return on_bus
 
 
 def learn_types(reader: LogReader, registry: TypeRegistry) -> None:

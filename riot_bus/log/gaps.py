@@ -30,9 +30,7 @@ class Gaps:
     def see(self, publisher: Hashable, number: int) -> int:
         """Register a message, and return how many more are missing than before (less than 0 if it came late).
 
-        Args:
-            publisher: Publisher that has numbered it.
-            number: Its number; the first one starts the sequence, and a much smaller one restarts it.
+        The first number of a publisher starts its sequence, and a much smaller one restarts it.
         """
         run = self._runs.get(publisher)
         if run is None:

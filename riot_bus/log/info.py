@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.reader import ChannelSource
     from riot_bus.log.tables.blocks import LoadedBlock
-    from riot_bus.types.capabilities import ReadsMetadata, Stamp
+    from riot_bus.types.capabilities import ReadsMetadata
 
 
 @dataclass(slots=True)
@@ -95,7 +96,7 @@ def log_info(
     progress: Callable[[int, int], None] | None = None,
     limits: LogLimits | None = None,
 ) -> LogInfo:
-    """Return an overview of a log.
+    """Return an overview of a log; raises ConfigError if the file is none.
 
     Args:
         path: Path of the log.
@@ -103,9 +104,6 @@ def log_info(
             it is small (64 MiB), or if its summary is not sound.
         progress: Function that is called repeatedly with the number of bytes read and of the whole file.
         limits: Limits of what is read; None for the default ones, with the changes in `RIOT_LOG_LIMITS`.
-
-    Raises:
-        ConfigError: The file is not a log.
     """
     limits = lifted() if limits is None else limits
     if not scan:
@@ -162,11 +160,11 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
     topics: dict[str, TopicInfo] = {}
     for source in sources.values():
         _topic(topics, source)
-    numbers = _Numbers()
+    gaps = Gaps()
     read = 0
     for block in load_ahead(reader, reader.blocks(), memory=reader.limits.held, threads=2, largest=reader.limits.chunk):
         _count(block, sources, topics)
-        numbers.add(block, sources, topics, reader.extras_of(block.block, block.records.most_written))
+        _find_gaps(block, sources, topics, reader.extras_of(block.block, block.records.most_written), gaps)
         read += block.block.body.length
         if progress is not None:
             progress(read, reader.size)
@@ -219,35 +217,23 @@ def _count(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo]) -> No
         topic.bytes = (topic.bytes or 0) + int(lengths[rows].sum())
 
 
-class _Numbers:
-    """Finds gaps in the numbers that publishers give their messages; originals and copies have the same number."""
+def _find_gaps(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any, gaps: Gaps) -> None:
+    """Find gaps in the numbers of messages with an attachment; originals and copies have the same number."""
+    channels, adapters = block.channels, _stamping_adapters() if extras else ()
+    for place, extra in extras.items():
+        attachment = extra.get("a")
+        if not isinstance(attachment, bytes) or not 0 <= place < len(channels):
+            continue
+        source = sources.get(int(channels[place]))
+        stamps = (found for each in adapters if (found := each.stamp(attachment)) is not None)
+        if source is not None and (stamp := next(stamps, None)) is not None:
+            topic = topics[source.key]
+            topic.missing = (topic.missing or 0) + gaps.see((topic.key, stamp.publisher), stamp.sequence)
 
-    def __init__(self) -> None:
-        self._adapters: Sequence[ReadsMetadata] | None = None
-        self._gaps = Gaps()
 
-    def add(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
-        """Process the messages of a block that have an attachment."""
-        channels = block.channels
-        for place, extra in extras.items():
-            attachment = extra.get("a")
-            if not isinstance(attachment, bytes) or not 0 <= place < len(channels):
-                continue
-            source = sources.get(int(channels[place]))
-            stamp = self._stamp(attachment) if source is not None else None
-            if stamp is not None:
-                topic = topics[source.key]
-                missed = self._gaps.see((topic.key, stamp.publisher), stamp.sequence)
-                topic.missing = (topic.missing or 0) + missed
+@cache
+def _stamping_adapters() -> Sequence[ReadsMetadata]:
+    from riot_bus.types.capabilities import ReadsMetadata
+    from riot_bus.types.registry import load_adapters
 
-    def _stamp(self, attachment: bytes) -> Stamp | None:
-        if self._adapters is None:
-            from riot_bus.types.capabilities import ReadsMetadata
-            from riot_bus.types.registry import load_adapters
-
-            self._adapters = [each for each in load_adapters() if isinstance(each, ReadsMetadata)]
-        for adapter in self._adapters:
-            found = adapter.stamp(attachment)
-            if found is not None:
-                return found
-        return None
+    return [each for each in load_adapters() if isinstance(each, ReadsMetadata)]

@@ -11,7 +11,6 @@ import json
 import math
 import re
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgpack  # type: ignore[import-untyped]
@@ -73,7 +72,7 @@ class Constants:
 
     def to_metadata(self) -> dict[str, str]:
         """Return channel metadata."""
-        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: _qos_text(self.qos)}
+        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: json.dumps(_qos_list(self.qos))}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Constants:
@@ -109,12 +108,7 @@ def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
 
 
 def channel_name(topic: str, role: Role) -> str:
-    """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools.
-
-    Example:
-        >>> channel_name("/add_two_ints/@request", "delivered")
-        'riot/request/add_two_ints'
-    """
+    """Return the name of a channel in MCAP; requests and replies get names that are valid for ROS 2 tools."""
     call = part_of(topic)
     if call is not None:
         topic = f"{_CALL_PREFIX}{call[1][1:]}/{call[0].lstrip('/')}"
@@ -146,15 +140,12 @@ def companions(extras: Sequence[tuple[int, dict[str, Any]]], provenance: Sequenc
 
 
 def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
-    """Decode the extras of one chunk: properties of its messages that MCAP has no place for.
+    """Return the extras of one chunk by the message's place in it (0, 1, ...), from data that may be damaged.
 
     Args:
-        data: Result of `pack_extras`, from a file that may be damaged.
+        data: Result of `pack_extras`.
         most: Largest number of messages that the chunk can have, and so of extras.
         limits: Limits of what is read.
-
-    Returns:
-        Extras by the message's place in the chunk (0, 1, ...), as `apply_extras` takes them.
 
     Raises:
         ValueError: The data are damaged or, as BeyondLimitError, too large.
@@ -277,11 +268,6 @@ def _from_json(value: Any) -> Scalar | None:
             return base64.b64decode(value["text"]).decode("utf-8", "surrogatepass")
         return float(value["float"])
     return value  # type: ignore[no-any-return]
-
-
-@cache
-def _qos_text(qos: Qos) -> str:
-    return json.dumps(_qos_list(qos))
 
 
 def _qos_list(qos: Qos) -> list[Any]:

@@ -49,16 +49,12 @@ class ChannelWriter(NamedTuple):
 
 
 class LogChannels:
-    """Opens channels, and knows those that are open.
+    """Opens channels, and knows those that are open, by role and key; their records are in the order of their numbers.
 
     Args:
         registry: Names and types of topics; without one, topics are keys and types unknown.
         details: Function called once per key for more channel metadata, such as `offered_qos_profiles`.
         define: Function called with each new record of a schema or channel.
-
-    Attributes:
-        known: Channels by role and key.
-        channels: Records of all channels, in the order of their numbers.
     """
 
     def __init__(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.engine.blocks import Span
 from riot_bus.log.engine.limits import BeyondLimitError
-from riot_bus.log.limits import refusal
+from riot_bus.log.limits import VARIABLE
 
 if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block
@@ -78,14 +78,7 @@ class Loss:
 
 @dataclass(slots=True)
 class LossNotes:
-    """What a reader has found missing so far, by block number, so that nothing is counted twice.
-
-    Attributes:
-        damaged: Blocks that cannot be read.
-        salvaged: Messages that were read all the same, by damaged block.
-        unknown: Messages with an unknown channel or an impossible time, by block.
-        unsorted: Messages that come after messages with later times, by block.
-    """
+    """What a reader has found missing so far, by block number, so that nothing is counted twice."""
 
     damaged: set[int] = field(default_factory=set)
     salvaged: dict[int, int] = field(default_factory=dict)
@@ -119,7 +112,7 @@ class LossNotes:
             unsorted=sum(self.unsorted.values()),
             salvaged=sum(self.salvaged.values()),
             beyond=len(self._beyond) + skipped,
-            limit="" if refused is None else refusal(refused),
+            limit="" if refused is None else f"{refused}; {VARIABLE}={refused.lift} lifts that",
         )
 
     def _is_limit(self, error: Exception | None) -> bool:

@@ -30,10 +30,7 @@ def means(text: str, topic: RecordedTopic) -> bool:
 def in_full(text: str, topics: Sequence[RecordedTopic], adapters: Callable[[], Sequence[Adapter]]) -> str:
     """Return the key expression that a short name such as MAVLink's `HEARTBEAT` stands for; other names unchanged.
 
-    Args:
-        text: Name or key expression, as a user wrote it.
-        topics: Recorded topics; adapters are only asked about a text that matches none of them.
-        adapters: Function that returns the adapters, which know short names.
+    The adapters, which know short names, are only asked about a text that matches none of the recorded topics.
     """
     if any(means(text, topic) for topic in topics):
         return text
@@ -45,11 +42,7 @@ def in_full(text: str, topics: Sequence[RecordedTopic], adapters: Callable[[], S
 
 
 def parse_remaps(texts: Sequence[str]) -> dict[str, str]:
-    """Parse `OLD:=NEW`; both may end in `/**`.
-
-    Raises:
-        ConfigError: A text is not of this form.
-    """
+    """Parse `OLD:=NEW`, both of which may end in `/**`; raises ConfigError if a text is not of this form."""
     found = {}
     for text in texts:
         old, assigned, new = text.partition(":=")
@@ -75,16 +68,13 @@ def renamed(topic: RecordedTopic, remaps: Mapping[str, str]) -> str | None:
 
 
 def parse_time(text: str, start: int, *, where: str) -> int:
-    """Return a time of the logs in nanoseconds.
+    """Return a time of the logs in nanoseconds; raises ConfigError if the text is none.
 
     Args:
         text: Seconds from the beginning, seconds since the Unix epoch (from 100 million on), or a date and time in
             ISO 8601; UTC if it has no time zone.
         start: Beginning of the logs, nanoseconds.
         where: Name of the option, for errors.
-
-    Raises:
-        ConfigError: It is none of these.
     """
     try:
         seconds = Decimal(text.strip())

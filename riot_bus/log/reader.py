@@ -40,14 +40,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ChannelSource:
-    """The common properties of the messages of a channel.
-
-    Attributes:
-        topic: Name of the topic shown to users.
-        role: Whether they were delivered, or are originals.
-        own: Whether riot_bus has written them.
-        constants: Further properties that they have in common.
-    """
+    """The common properties of the messages of a channel; `own` tells whether riot_bus has written them."""
 
     key: str
     topic: str
@@ -113,7 +106,7 @@ class LogReader:
             self.close()
             raise
         self._sources: dict[int, ChannelSource] = {}
-        self._lost = LossNotes()
+        self.lost = LossNotes()
         self._loaded_bytes = 0
 
     def __enter__(self) -> Self:
@@ -140,7 +133,7 @@ class LogReader:
     @property
     def loss(self) -> Loss:
         """What could not be read so far."""
-        return self._lost.total(self._scan)
+        return self.lost.total(self._scan)
 
     @cached_property
     def metadata(self) -> Mapping[str, str]:
@@ -229,7 +222,7 @@ class LogReader:
             if mapping is not None:
                 yield name, mapping
             elif name != layout.PROVENANCE:
-                self._lost.note_detail(span)
+                self.lost.note_detail(span)
 
     def blocks(self, low: int = 0, high: int = 1 << 64) -> list[Block]:
         """Return the blocks that may have messages in [low, high), sorted by time, then by order in the file."""
@@ -239,10 +232,10 @@ class LogReader:
         )
 
     def load(self, block: Block, *, memory: int | None = None) -> Records:
-        """Return the records of a block; counts nothing, so threads may load blocks ahead.
+        """Return the records of one of the `blocks`; counts nothing, so threads may load blocks ahead.
 
         Args:
-            block: One of the `blocks`.
+            block: The block.
             memory: Most bytes, before and after decompression, if the limits allow more.
 
         Raises:
@@ -253,10 +246,10 @@ class LogReader:
 
     def salvage(self, block: Block, problem: ValueError, *, memory: int | None = None) -> Records | None:
         """Count a block as damaged, and return what an index confirms of it; None if nothing, or if not to be used."""
-        self._lost.note_damage(block, problem)
+        self.lost.note_damage(block, problem)
         found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
         if found is not None:
-            self._lost.salvaged[block.number] = len(found.messages)
+            self.lost.salvaged[block.number] = len(found.messages)
         return found
 
     def claimed_size(self, block: Block) -> int:
@@ -271,31 +264,19 @@ class LogReader:
     def extras_of(self, block: Block, most: int) -> dict[int, dict[str, Any]]:
         """Return a block's extras by the message's position in the block; damaged ones are counted and left out.
 
-        Args:
-            block: The block of the messages.
-            most: Largest number of messages that the block can have (`Records.most_written`).
+        At most so many messages, `Records.most_written`, can be in the block.
         """
         try:
             if block.extras is None:
                 return {}
             return layout.unpack_extras(read_attachment(self._file, block.extras, self.limits), most, self.limits)
         except (ValueError, OSError) as error:
-            self._lost.note_detail(block, error)
+            self.lost.note_detail(block, error)
             return {}
-
-    def count_unknown(self, block: Block, count: int) -> None:
-        """Note how many messages of a block are left out because of unknown channels or impossible times."""
-        if count:
-            self._lost.unknown[block.number] = count
-
-    def count_unsorted(self, block: Block, count: int) -> None:
-        """Note how many messages of a block come later than their time."""
-        if count:
-            self._lost.unsorted[block.number] = count
 
     def salvageable(self) -> int:
         """Return how many messages an index confirms in the chunks that were found to be damaged."""
-        blocks = [block for block in self._scan.blocks if block.number in self._lost.damaged]
+        blocks = [block for block in self._scan.blocks if block.number in self.lost.damaged]
         found = (salvage(self._file, block, self.limits) for block in blocks)
         return sum(len(each.messages) for each in found if each is not None)
 
@@ -307,7 +288,7 @@ class LogReader:
         try:
             return layout.unpack_provenance((self._read_metadata(span) or {}).get("changes", ""))
         except ValueError:
-            self._lost.note_detail(span)
+            self.lost.note_detail(span)
             return []
 
     @cached_property
@@ -334,7 +315,7 @@ class LogReader:
             loaded = self._load(block)
             sorter.add(loaded, self._loaded_bytes)
             if loaded and loaded[0].time < bound:
-                self.count_unsorted(block, bisect_left(loaded, bound, key=attrgetter("time")))
+                self.lost.unsorted[block.number] = bisect_left(loaded, bound, key=attrgetter("time"))
             del loaded
             if place + 1 < len(blocks):
                 ready = sorter.release(blocks[place + 1].start)
@@ -350,18 +331,15 @@ class LogReader:
         try:
             data = read_block(self._file, block, self.limits)
             self._loaded_bytes = len(data)
-            extras = self.extras_of(block, len(data) // MESSAGE_HEAD)
-            entries = load_block(data, block, self._scan, extras)
+            entries = load_block(data, block, self._scan, self.extras_of(block, len(data) // MESSAGE_HEAD))
         except ValueError as error:
-            found = self.salvage(block, error)
-            entries = [] if found is None else self._salvaged_entries(block, found)
-        self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
+            entries = []
+            if (found := self.salvage(block, error)) is not None:
+                self._loaded_bytes = len(found.data)
+                extras = found.renumbered(self.extras_of(block, found.most_written))
+                entries = load_block(found.data, block, self._scan, extras)
+        self.lost.unknown[block.number] = sum(entry.channel not in self._scan.channels for entry in entries)
         return entries
-
-    def _salvaged_entries(self, block: Block, found: Records) -> list[MessageEntry]:
-        self._loaded_bytes = len(found.data)
-        extras = found.renumbered(self.extras_of(block, found.most_written))
-        return load_block(found.data, block, self._scan, extras)
 
     def _source(self, number: int, channel: Channel) -> ChannelSource:
         source = self._sources.get(number)

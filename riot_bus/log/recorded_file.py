@@ -26,36 +26,28 @@ class Writer(Protocol):
     @property
     def problem(self) -> str:
         """Why nothing can be written at present; empty if all is well."""
-        ...
 
     @property
     def refused(self) -> int:
         """Number of messages that the log cannot hold."""
-        ...
 
     def write(self, message: Message, *, role: Role = ..., changes: Sequence[Change] = ...) -> None:
         """Write one message."""
-        ...
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write a record that is not a message, such as metadata."""
-        ...
 
     def renew(self, key: str) -> None:
         """Write further messages of a key with what is now known of the key."""
-        ...
 
     def tick(self) -> None:
         """Make what was written readable, if it is time."""
-        ...
 
     def flush(self) -> None:
         """Wait until all that was written is in the file, or known to be lost."""
-        ...
 
     def close(self) -> None:
         """Finish the file."""
-        ...
 
 
 WriterT = TypeVar("WriterT", bound=Writer)

@@ -208,8 +208,7 @@ def _quoted(text: str) -> str:
 def files_of(path: Path) -> list[Path]:
     """Return the MCAP files of a bag's folder, in the order of their numbers; for anything else, the path itself.
 
-    Raises:
-        ConfigError: The folder has no such files, or one that is a pipe, a device or a link out of the folder.
+    Raises ConfigError for a folder without such files, or with one that is a pipe, a device or a link out of it.
     """
     if not path.is_dir():
         return [path]

@@ -33,6 +33,11 @@ class ShownField:
     before: Scalar | None = None
     changed: bool = False
 
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON values; bytes are hex text."""
+        before = {"before": _json(self.before)} if self.changed else {}
+        return {"path": self.path, "value": _json(self.value), **before}
+
 
 @dataclass(frozen=True, slots=True)
 class ShownMessage:
@@ -90,24 +95,13 @@ class ShownLog:
 
     def to_json(self) -> dict[str, Any]:
         """Return the view as JSON values; bytes are hex text."""
+        names = ("number", "seconds", "topic", "type", "note", "more")
         return {
             "total": self.total,
             "modified": self.modified,
             "left_out": self.left_out,
             "messages": [
-                {
-                    "number": each.number,
-                    "seconds": each.seconds,
-                    "topic": each.topic,
-                    "type": each.type,
-                    "note": each.note,
-                    "more": each.more,
-                    "fields": [
-                        {"path": one.path, "value": _json(one.value)}
-                        | ({"before": _json(one.before)} if one.changed else {})
-                        for one in each.fields
-                    ],
-                }
+                {name: getattr(each, name) for name in names} | {"fields": [one.to_json() for one in each.fields]}
                 for each in self.messages
             ],
         }
@@ -156,7 +150,9 @@ def _shown(
         else ShownField(path, fields[path])
         for path in dict.fromkeys([*fields, *(before if fields else ())])
     ]
-    listed = [each for each in listed if each.changed or not _far(each.path)]
+    listed = [
+        each for each in listed if each.changed or max(map(int, _INDEX.findall(each.path)), default=0) < _ELEMENTS
+    ]
     hidden = len(fields) - len(listed)
     listed.sort(key=lambda each: not each.changed)
     return ShownMessage(
@@ -180,10 +176,6 @@ def _values(message: Message, registry: TypeRegistry, elements: int) -> tuple[di
         return {leaf.path: leaf.value for leaf in kind.leaves(message.payload, elements=elements)}, ""
     except PayloadError as error:
         return {}, f"{len(message.payload)} bytes: {error.message}"
-
-
-def _far(path: str) -> bool:
-    return any(int(index) >= _ELEMENTS for index in _INDEX.findall(path))
 
 
 def _same(left: Scalar | None, right: Scalar | None) -> bool:

@@ -19,7 +19,6 @@ from riot_bus.vocabulary.clock import SystemClock
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-    from types import TracebackType
 
     from mcap.records import Channel, Schema
 
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _GONE = "the file was removed"
-_LOOK_EVERY = 31  # a mask: one message in 32 asks the clock for the chunk's age
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,7 +162,7 @@ class LogWriter:
             builder = self._builder
             self._looks += 1
             if builder.size >= self._chunk_bytes or (
-                self._looks & _LOOK_EVERY == 0 and self._now() - self._opened_at >= self._chunk_ns
+                self._looks & 31 == 0 and self._now() - self._opened_at >= self._chunk_ns  # one in 32 asks for the age
             ):
                 self._end_chunk()
             try:
@@ -304,9 +302,7 @@ class LogWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _flush(self, attempt: Attempts) -> None:

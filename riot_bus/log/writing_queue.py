@@ -87,11 +87,6 @@ class WritingQueue:
         most_bytes: Bytes that may wait for that thread; None for any number.
         patience: Seconds to wait for room. After a wait in vain, no call waits until the queue is at most half full, so
             that many chunks in a row cannot stall the caller together.
-
-    Attributes:
-        waiting: Bytes that wait to be written.
-        problem: Reason why nothing can be written at present; empty as long as all is well.
-        errno: Number of that error, None if the operating system has none.
     """
 
     def __init__(self, where: str, *, threaded: bool, most_bytes: int | None, patience: float) -> None:

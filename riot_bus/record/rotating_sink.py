@@ -71,6 +71,7 @@ class RotatingSink(RecordingSink):
         self._bag: dict[str, BagFile] = {}
         self._files: list[_LogFile] = []
         self._finishing: list[threading.Thread] = []
+        self._splitting = threading.Lock()  # a command may come while `tick` splits
         self._problem = ""
         self._said = self._tried = -_REPEAT_S
         self._slow = self._alarmed = self._closed = False
@@ -107,27 +108,31 @@ class RotatingSink(RecordingSink):
         Raises:
             ConfigError: It is refused, or cannot be written.
         """
-        path = self._naming.next(text)
-        try:
-            file = self._open(path)
-        except ConfigError:
-            with suppress(OSError):
-                path.unlink()
-            raise
-        with self.lock:
-            former = self._file
-            self._use(file)
-            self.generation += 1
-        thread = threading.Thread(target=self._finish, args=(former,), name="riot-finish", daemon=True)
-        self._finishing.append(thread)
-        thread.start()
+        with self._splitting:
+            if self._closed:
+                raise ConfigError("nothing is being recorded", where="record")
+            path = self._naming.next(text)
+            try:
+                file = self._open(path)
+            except ConfigError:
+                with suppress(OSError):
+                    path.unlink()
+                raise
+            with self.lock:
+                former = self._file
+                self._use(file)
+                self.generation += 1
+            thread = threading.Thread(target=self._finish, args=(former,), name="riot-finish", daemon=True)
+            self._finishing.append(thread)
+            thread.start()
         self._began()
         return former.path, path
 
     def close(self) -> None:
         """Finish all files; safe to call twice."""
-        if not self._closed:
-            self._closed = True
+        with self._splitting:
+            closed, self._closed = self._closed, True
+        if not closed:
             self._finish(self._file)
         for thread in self._finishing:
             thread.join()

@@ -226,7 +226,7 @@ def check_size(size: int, path: str = "") -> None:
 
 def check_leaves(count: int, elements: int) -> None:
     """Raise PayloadError if too many fields have been listed; `elements` are wanted of each array."""
-    most = max(MOST_LEAVES, 4 * elements)  # such as x, y, z and intensity of all points that `set_elements` may set
+    most = max(MOST_LEAVES, 4 * elements)  # such as x, y, z and intensity of all points that `set_field` may set
     if count > most:
         raise PayloadError(f"opaque: more than {most} fields", hint="name the fields: they can be read one by one")
 

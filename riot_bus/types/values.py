@@ -14,12 +14,14 @@ _ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 M
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 
 
-def set_elements(kind: MessageType, payload: bytes, path: str, change: Callable[[Scalar], Scalar]) -> bytes:
-    """Return a payload in which all fields that a path with `[*]` stands for are set.
+def set_field(kind: MessageType, payload: bytes, path: str, change: Callable[[Scalar], Scalar]) -> bytes:
+    """Return a payload in which a field is set, or all fields that a path with `[*]` stands for.
 
     Raises:
-        PayloadError: There are no such fields (other than for an empty array) or too many, or the value does not fit.
+        PayloadError: There is no such field (other than for an empty array) or too many, or the value does not fit.
     """
+    if "[*]" not in path:
+        return kind.rebuild(payload, {path: change(kind.read(payload, path))})
     fields, lengths = _patterns(path)
     changes = {}
     for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS):

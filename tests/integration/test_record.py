@@ -167,9 +167,10 @@ def test_splits_leave_each_message_in_one_file(router: str, tmp_path: Path) -> N
         service.split()
         source.answer()
         assert has(service, count)
+        assert wait_until(lambda: service.status()["bytes"] < 200_000, 60)  # so the recorder has split, too
         service.split("by-hand.mcap")
     files = [Path(each.path) for each in service.result().files]
-    assert len(files) > 3
+    assert len(files) >= 3
     assert files[0] == path
     assert files[1].name == "a-2.mcap"
     assert "by-hand.mcap" in {each.name for each in files}

@@ -16,8 +16,6 @@ from typing import NamedTuple
 Keys = Sequence[Hashable] | Mapping[int, Hashable]
 """The key of each message, by position; None for a message without a key, which equals no other one."""
 
-_SHARE = 0.5  # of the shorter sequence: if fewer keys are equal, this may be by chance
-
 
 class Twins(NamedTuple):
     """Messages that match: `a + n` and `b + n` for each n below `size`."""
@@ -45,7 +43,7 @@ def anchored(a: Keys, b: Keys, gap: Gap) -> tuple[list[Twins], list[Gap]]:
     """
     head, middle, tail = _trimmed(a, b, gap)
     places = _common(a, b, middle)
-    if not places or len(places) < _SHARE * min(len(middle.a), len(middle.b)):
+    if not places or 2 * len(places) < min(len(middle.a), len(middle.b)):
         return head + tail, [middle] if middle else []
     blocks, gaps = head, []
     borders = [(middle.a.start - 1, middle.b.start - 1), *places, (middle.a.stop, middle.b.stop)]

@@ -22,7 +22,6 @@ MOST_CELLS = 1 << 24
 _WIDTHS = (2, 32)  # 2 suffices if fewer than 6 messages differ; 32 takes up to 13 times as long
 _AT_ONCE = 1 << 15  # pairs: with likeness.MOST_FIELDS (32) fields, an array of them takes 8 MiB
 _PAIR, _LOST, _ADDED = range(3)  # the ways into a cell
-_CLEAR = 1e-9  # above rounding errors: one of a sum of 100,000 costs is 1.5e-11
 
 
 def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] | None:
@@ -67,7 +66,7 @@ def _row(best: NDArray[Any], costs: NDArray[Any], ways: NDArray[np.uint8], steps
     either = np.minimum(paired, lost)
     least: NDArray[Any] = np.minimum.accumulate(either - steps) + steps
     ways[:] = np.where(lost < paired, _LOST, _PAIR)
-    ways[either > least + _CLEAR] = _ADDED
+    ways[either > least + 1e-9] = _ADDED  # above rounding errors: one of a sum of 100,000 costs is 1.5e-11
     return least
 
 

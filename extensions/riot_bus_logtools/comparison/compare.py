@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,18 +20,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus_logtools.comparison.recording import Recording
-    from riot_bus_logtools.comparison.tolerances import TolerancesOfTopic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wishes:
-    """What counts as a difference.
-
-    Attributes:
-        tolerances: Distances that values may have, and numbers of messages that may be missing.
-        timing: Seconds by which messages may be earlier or later; None for any.
-        order: Whether the order across topics has to be the same.
-    """
+    """What counts as a difference: values, messages off by more than `timing` seconds (None: never), another order."""
 
     tolerances: TopicTolerances = field(default_factory=TopicTolerances)
     timing: float | None = None
@@ -43,7 +37,8 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
     work: list[TopicComparison] = []
     ignored: list[str] = []
     for tracks in _matched(a, b):
-        rules = _rules(wishes.tolerances, a, b, tracks)
+        sides = [*zip((a, b), tracks, strict=True)]
+        rules = wishes.tolerances.of_topic(partial(_include, sides))
         if rules.messages.leave:
             ignored.append(tracks[0].topic)
         else:
@@ -55,16 +50,15 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
     order, starts = _across(work)
     topics = [each.result(starts=starts, timing=wishes.timing) for each in work]
     topics.sort(key=lambda each: (each.same, each.topic))
-    unused = wishes.tolerances.unused(
-        lambda text: any(_includes(text, one, track) for one in (a, b) for track in one.tracks.values())
-    )
+    every = [(one, track) for one in (a, b) for track in one.tracks.values()]
+    unused = wishes.tolerances.unused(partial(_include, every))
     notes = tuple(f"the tolerance {text!r} names no topic of these logs" for text in unused)
-    sides = [
+    logs = [
         ComparedLog(one.name, sum(len(each.tracks[side]) for each in work), tuple(one.missing))
         for side, one in enumerate((a, b))
     ]
     return LogDifference(
-        sides[0], sides[1], tuple(topics), OrderDifference(*order, counts=wishes.order), tuple(ignored), notes
+        logs[0], logs[1], tuple(topics), OrderDifference(*order, counts=wishes.order), tuple(ignored), notes
     )
 
 
@@ -87,14 +81,13 @@ def _none(track: Track) -> Track:
     return Track(track.key, track.topic, "", track.attachments)
 
 
-def _includes(text: str, recording: Recording, track: Track) -> bool:
-    named = track.topic.strip("/") == text.strip("/") or text in (track.topic, track.key)
-    return named or recording.registry.matches(text, track.key)
-
-
-def _rules(tolerances: TopicTolerances, a: Recording, b: Recording, tracks: tuple[Track, Track]) -> TolerancesOfTopic:
-    return tolerances.of_topic(
-        lambda text: any(_includes(text, one, track) for one, track in zip((a, b), tracks, strict=True))
+def _include(tracks: Iterable[tuple[Recording, Track]], text: str) -> bool:
+    """Return whether a name or key expression includes one of these tracks."""
+    return any(
+        track.topic.strip("/") == text.strip("/")
+        or text in (track.topic, track.key)
+        or recording.registry.matches(text, track.key)
+        for recording, track in tracks
     )
 
 

@@ -28,19 +28,14 @@ if TYPE_CHECKING:
     from riot_bus.play.options import Expectation, PlayOptions
     from riot_bus_logtools.comparison.result import LogDifference
 
-_TICK_S = 0.05
-_MORE_S, _QUIET_S = 0.25, 2.0
-"""Seconds without new messages that end the wait, if all answers have come, and if some have not."""
-_MOST_KEYS = 100  # each is a subscription, of which a recording accepts 200; `**` takes the place of more
+_QUIET_S = 2.0
+"""Seconds without new messages that end the wait if some answers have not come; if all have, an eighth suffices."""
 
 
 def play_expecting(
     options: PlayOptions, expectation: Expectation, foreground: Foreground, *, wishes: Wishes
 ) -> LogDifference | None:
-    """Play logs, record the answers, and compare them with the expected ones.
-
-    Returns:
-        How the answers differ from the expected ones; None if the playback was interrupted.
+    """Play logs, record the answers, and compare them with the expected ones; return None if it was interrupted.
 
     Raises:
         ConfigError: An option or a log is not usable, or no answer is expected.
@@ -73,7 +68,7 @@ def play_expecting(
         capture = CaptureOptions(
             endpoint=options.endpoint,
             config=options.config,
-            keys=names if len(names) <= _MOST_KEYS else ["**"],
+            keys=names if len(names) <= 100 else ["**"],  # each is a subscription, of which a recording accepts 200
             output=path,
             overwrite=expectation.answers is None,
             durable=False,
@@ -117,5 +112,5 @@ def _await(service: CaptureService, counts: Mapping[str, int], most: float) -> N
         if total != seen:
             seen, last = total, now
         complete = all(recorded.get(topic, 0) >= count for topic, count in counts.items())
-        if now - last >= (_MORE_S if complete else _QUIET_S) or service.wait(_TICK_S):
+        if now - last >= (_QUIET_S / 8 if complete else _QUIET_S) or service.wait(0.05):
             return

@@ -40,23 +40,9 @@ def difference_from(
 ) -> LogDifference:
     """Wait until as many messages have been delivered as a log contains, then compare them with it.
 
-    Topics are matched as in `riot diff`: by key, otherwise by name. Calls of services are left out.
-
-    Args:
-        expected: Path of the expected log.
-        capture: The delivered messages.
-        registry: Registry of message types.
-        topics: Names or key expressions of the topics to compare; empty for all topics of the log.
-        exclude: Names or key expressions of topics to leave out.
-        tolerances: Tolerances as in `riot diff`: files, or texts such as `/odom:pose.position.x=0.01`.
-        timing: Seconds by which messages may be early or late; None for any time.
-        order: Whether the order across topics has to be the same.
-        timeout: Seconds to wait for all messages; those that have not been delivered by then are differences.
-        types: Types of topics in the log, as `TOPIC=TYPE`.
-        definitions: Files that define its message types.
-
-    Raises:
-        ConfigError: The log or a tolerance cannot be used, or nothing can be compared.
+    The options are those of `riot diff`, tolerances files or texts; messages that have not been delivered after
+    `timeout` seconds are differences. Calls of services are left out. Raises ConfigError if the log or a tolerance
+    cannot be used, or nothing can be compared.
     """
     files = [Path(each) for each in tolerances if "=" not in str(each)]
     texts = [str(each) for each in tolerances if "=" in str(each)]

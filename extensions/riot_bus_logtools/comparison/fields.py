@@ -51,14 +51,11 @@ Value = Any
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """The fields of those messages of a topic that have the same ones.
+    """The fields of those messages of a topic that have the same ones, by their indices.
 
     Attributes:
         number: Number that stands for the shape.
-        paths: Paths of all fields.
-        rules: Tolerance of each field.
         names: Path of each field, in which `[*]` stands for any element.
-        place: Index of each path.
         compared: Indices of the fields that are compared.
         identity: Indices of the fields that tell the messages of a publisher apart: stamps, or else sequence numbers.
         cut: Arrays that have more elements than are listed.
@@ -97,15 +94,9 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """A field that is not the same in two messages.
+    """A field that is not the same in two messages; None stands for the value of a message that has no such field.
 
-    Attributes:
-        path: Path of the field.
-        name: Path in which `[*]` stands for any element.
-        before: Value in the first message; None if that has no such field.
-        after: Value in the second message; None if that has no such field.
-        rule: Tolerance of the field.
-        allowed: Whether the change is tolerated.
+    In the name, unlike in the path, `[*]` stands for any element; `allowed` tells whether the change is tolerated.
     """
 
     path: str

@@ -32,21 +32,13 @@ if TYPE_CHECKING:
 
 
 def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Extract | None = None) -> LogDifference:
-    """Compare two logs.
-
-    Raises:
-        ConfigError: A log cannot be read, or an option names a topic that none of them has.
-    """
+    """Compare two logs; raises ConfigError as `opened` does."""
     with opened([a, b], extract) as (first, second):
         return compare(first, second, wishes)
 
 
 def propose_tolerances(paths: Sequence[Path], *, extract: Extract | None = None) -> Proposal:
-    """Propose tolerances with which nominal runs are the same, from all pairs of their logs.
-
-    Raises:
-        ConfigError: A log cannot be read, or an option names a topic that none of them has.
-    """
+    """Propose tolerances with which nominal runs are the same, from all pairs of their logs; raises ConfigError."""
     if len(paths) < 2:
         raise ConfigError("tolerances are learnt from two runs or more", hint="riot diff --propose RUN1 RUN2 RUN3")
     with opened(paths, extract) as recordings:
@@ -60,14 +52,9 @@ def propose_tolerances(paths: Sequence[Path], *, extract: Extract | None = None)
 
 @contextmanager
 def opened(paths: Sequence[Path], extract: Extract | None = None) -> Iterator[list[Recording]]:
-    """Open logs that are compared with each other.
+    """Open logs, or folders of a recording's files, that are compared with each other; without an extract, all of them.
 
-    Args:
-        paths: MCAP files, or folders of a recording's files.
-        extract: Part of the logs that is compared; None for all.
-
-    Raises:
-        ConfigError: A log cannot be read, or an option names a topic that none of them has.
+    Raises ConfigError if a log cannot be read, or an option names a topic that none of them has.
     """
     extract = extract or Extract()
     with ExitStack() as stack:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.comparison.result import LogDifference
 
 _WIDTH, _HEIGHT = 480.0, 24.0  # pixels: four for each of 120 parts of a log; a line of text
-_MOST_TOPICS, _MOST_FIELDS = 200, 100  # bounds the page at 20,000 rows of fields; it counts the rest
 
 
 def write_diff_page(found: LogDifference, path: Path) -> Path:
@@ -37,8 +36,8 @@ def write_diff_page(found: LogDifference, path: Path) -> Path:
         bars=_bars,
         width=_WIDTH,
         height=_HEIGHT,
-        most_topics=_MOST_TOPICS,
-        most_fields=_MOST_FIELDS,
+        most_topics=200,  # together with fields, this bounds the page at 20,000 rows of fields; it counts the rest
+        most_fields=100,
     )
     return write_file(page, path)
 

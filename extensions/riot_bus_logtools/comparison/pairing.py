@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from riot_bus_logtools.comparison.fields import Reading
 
-_NAMED = 0.9
-"""Least share of messages with a stamp or number of their own for which messages are paired by these."""
 _MOST_TRIES = 1 << 14
 """Most pairs that are tried to find messages in another order that are only equal within tolerances."""
 
@@ -40,15 +38,9 @@ class Half:
 
 @dataclass(slots=True)
 class Pairing:
-    """Messages by their positions in both logs.
+    """Messages by their positions in both logs; `pairs` and `blocks`, of equal bytes, increase in both.
 
-    Attributes:
-        blocks: Sequences of messages with equal bytes.
-        pairs: Other messages that match, increasing in both logs.
-        lost: Messages of the first log only.
-        added: Messages of the second log only.
-        moved: Messages that are the same in both, in another order.
-        unaligned: Ranges of messages that could not be paired.
+    Those that are in another order are `moved`; `unaligned` ones could not be paired.
     """
 
     blocks: list[Twins]
@@ -226,9 +218,9 @@ def _find_near_moves(found: Pairing, same: Callable[[int, int], bool]) -> None:
 
 
 def _tell(names: Mapping[int, Hashable], places: range) -> bool:
-    """Return whether the names of messages tell them apart."""
+    """Return whether all messages have names, and at least nine in ten a name of their own."""
     known = [names[place] for place in places]
-    return len(set(known)) >= _NAMED * len(known) and None not in known
+    return len(set(known)) >= 0.9 * len(known) and None not in known
 
 
 def _pairs(blocks: Iterable[Twins]) -> Iterator[tuple[int, int]]:

@@ -12,15 +12,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FieldExample:
-    """One place where a field differs.
+    """One place where a field differs: numbers of the messages among those of their topic in each log, from 0.
 
-    Attributes:
-        path: Path of the field in the message.
-        a: Number of the message among those of its topic in the first log, from 0.
-        b: Number of the message in the second log, counted in the same way.
-        seconds: Seconds since the first message of the first log.
-        before: Value in the first log; None if the message has no such field.
-        after: Value in the second log; None if the message has no such field.
+    Seconds count from the first message of the first log; None stands for the value of a message without the field.
     """
 
     path: str
@@ -33,16 +27,14 @@ class FieldExample:
 
 @dataclass(frozen=True, slots=True)
 class FieldDifference:
-    """A field that differs in some messages.
+    """A field that differs in some messages; numbers are None where values are none.
 
     Attributes:
         name: Path of the field, in which `[*]` stands for any element.
         messages: Number of messages in which it differs.
         example: Place where it differs most; for texts, where it differs first.
-        largest: Largest difference; None if that is not a number.
-        typical: Median difference of the messages in which it differs; None if that is not a number.
-        low: Smallest value in either log; None if there is no number.
-        high: Largest value in either log; None if there is no number.
+        typical: Median difference of the messages in which it differs; `largest` is the largest one.
+        low: Smallest value in either log, `high` the largest one.
         whole: Whether all of these are whole numbers.
         unlike: Messages in which only one log has the field, or in which it is not a number in one log.
         turns: Share of differences that have another sign than the one before: half of them in noise, few in a drift.
@@ -62,13 +54,9 @@ class FieldDifference:
 
 @dataclass(frozen=True, slots=True)
 class TopicTiming:
-    """Seconds by which messages of a topic were earlier or later, counted from the first message in common.
+    """Seconds, without sign, by which messages of a topic were earlier or later than the first message in common.
 
-    Attributes:
-        median: Median of all, without sign.
-        largest: Largest of all, without sign.
-        number: Number of the message with the largest one, in the first log.
-        late: Number of messages for which it is more than allowed.
+    The number is that of the message with the largest one, in the first log; `late` counts those with too much.
     """
 
     median: float
@@ -82,26 +70,18 @@ class TopicDifference:
     """One topic in two logs.
 
     Attributes:
-        topic: Name of the topic shown to users.
         type: Name of its type in the first log, or in the second one if the first has none.
-        count_a: Messages in the first log.
-        count_b: Messages in the second log.
         equal: Messages that are the same in both, in the same order.
         near: Number of those that differ within the tolerances.
-        changed: Messages in which a field differs.
-        lost: Messages of the first log only.
-        added: Messages of the second log only.
+        lost: Messages of the first log only, `added` those of the second one.
         moved: Messages that both have, in another order.
         unaligned: Messages of both logs that could not be paired.
         fields: Fields that differ, those in most messages first.
         left: Number of messages by name of each field that differs and is not compared.
         same_fields: Messages that have other bytes, but the same fields.
         opaque: Messages that were compared as bytes in both logs, by reason.
-        lost_at: Numbers of the first lost messages.
-        added_at: Numbers of the first added messages.
-        moved_at: Numbers of the first moved messages in both logs.
+        lost_at: Numbers of the first lost messages; of moved ones, there are those in both logs.
         allowed: Number of messages that may be lost, added or moved.
-        timing: Differences in time; None without any messages in common.
         labels: Other properties that differ between the logs, such as `encoding`.
         profile: Share of the first log's messages that are changed, lost or moved, along the log; empty if none is.
     """

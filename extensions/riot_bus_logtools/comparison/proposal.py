@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log.showing import value_text
@@ -53,13 +53,7 @@ _OFFSET = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """A tolerance proposed for a field, or for the number of messages of a topic.
-
-    Attributes:
-        name: `TOPIC:PATH`, or `TOPIC`.
-        value: A number, or `ignore`.
-        reason: Reason for the value.
-    """
+    """A tolerance proposed for a field (`TOPIC:PATH`), or for the number of messages of a topic; it may be `ignore`."""
 
     name: str
     value: float | str
@@ -68,12 +62,9 @@ class Proposed:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Tolerances with which nominal runs are the same.
+    """Tolerances with which nominal runs are the same, from so many pairs of runs and of messages.
 
-    Attributes:
-        pairs: Number of pairs of runs that were compared.
-        messages: Number of pairs of messages that were compared.
-        unsettled: Topics in which pairs of runs still differ.
+    In unsettled topics, pairs of runs still differ.
     """
 
     logs: tuple[str, ...]
@@ -104,7 +95,11 @@ class Proposal:
 
     def toml(self) -> str:
         """Return the text of a file for `riot diff --tolerances`."""
-        return "\n".join([*self._head(), f"[{TABLE}]", *self._rows()]) + "\n"
+        rows = [
+            f"# {_comment(each.reason)}\n{toml_string(each.name)} = {toml_value(each.value)}"
+            for each in self.tolerances
+        ]
+        return "\n".join([*self._head(), f"[{TABLE}]", *rows]) + "\n"
 
     def lines(self) -> Iterator[str]:
         """Yield the tolerances as lines of text."""
@@ -117,15 +112,8 @@ class Proposal:
 
     def to_json(self) -> dict[str, Any]:
         """Return the tolerances as JSON values."""
-        rows = [{"name": each.name, "value": each.value, "reason": each.reason} for each in self.tolerances]
-        return {
-            "version": 1,
-            "logs": list(self.logs),
-            "pairs": self.pairs,
-            "messages": self.messages,
-            "tolerances": rows,
-            "unsettled": list(self.unsettled),
-        }
+        facts = asdict(self).items()
+        return {"version": 1} | {name: list(value) if isinstance(value, tuple) else value for name, value in facts}
 
     def _head(self) -> Iterator[str]:
         yield f"# Proposed by riot diff --propose from {counted(self.pairs, 'pair')} of nominal runs:"
@@ -134,11 +122,6 @@ class Proposal:
         yield f"# about 1 of {self.pairs + 1} cases a further pair of runs exceeds that difference itself."
         yield from (f"# NOT SETTLED: {_comment(name)}" for name in self.unsettled)
         yield ""
-
-    def _rows(self) -> Iterator[str]:
-        for each in self.tolerances:
-            yield f"# {_comment(each.reason)}"
-            yield f"{toml_string(each.name)} = {toml_value(each.value)}"
 
 
 def margin_of(runs: int, fields: Sequence[FieldDifference] = (), *, pairs: int = 0) -> float:
@@ -241,12 +224,7 @@ def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: fl
 
 
 def _rounded_up(number: float) -> float:
-    """Return a number rounded up to two digits.
-
-    Example:
-        >>> _rounded_up(0.12345), _rounded_up(1234.5), _rounded_up(0.3)
-        (0.13, 1300.0, 0.3)
-    """
+    """Return a number rounded up to two digits."""
     if number <= 0.0:
         return 0.0
     digits = 1 - math.floor(math.log10(number))

@@ -28,14 +28,11 @@ class Track:
     """The messages of one topic, in order.
 
     Attributes:
-        key: Zenoh key of the topic.
-        topic: Name of the topic shown to users.
         type: Name of the messages' type; empty if it is unknown.
         attachments: Whether attachments are content, not metadata of a middleware.
         hashes: Hashes of the messages' bytes.
         times: Reception times, nanoseconds.
         places: Positions among all messages of the recording.
-        encodings: Encodings of the messages.
     """
 
     key: str
@@ -74,7 +71,6 @@ class Recording:
 
     Attributes:
         tracks: Tracks by key, in the order in which the keys first occur.
-        start: Time of the first message, nanoseconds.
         missing: Parts of the log that could not be read, or were lost during recording; a line each.
     """
 
@@ -104,11 +100,7 @@ class Recording:
             self.count += 1
 
     def keep(self, wanted: Mapping[str, Sequence[range]]) -> None:
-        """Read the log once more, so that `message` can return these messages.
-
-        Args:
-            wanted: Positions of messages, increasing, by key.
-        """
+        """Read the log once more, so that `message` can return those at these positions, which increase, by key."""
         self._file.seek(0, 2)
         left = {key: iter(ranges) for key, ranges in wanted.items() if ranges}
         ends = {key: next(ranges) for key, ranges in left.items()}

@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class OrderDifference:
-    """The order of messages of different topics.
-
-    Attributes:
-        total: Messages that both logs have, of all topics.
-        moved: Smallest number of them that have to be moved for all to be in the same order.
-        counts: Whether another order counts as a difference.
-    """
+    """The order of messages of different topics: how many both logs have, and how many have to be moved at least."""
 
     total: int
     moved: int
@@ -32,13 +26,7 @@ class OrderDifference:
 
 @dataclass(frozen=True, slots=True)
 class ComparedLog:
-    """One of the logs.
-
-    Attributes:
-        name: Name of the log shown to users.
-        messages: Number of messages that were compared.
-        missing: Parts that could not be read, or were lost during recording; a line each.
-    """
+    """One of the logs, the messages compared, and the parts that could not be read or recorded, a line each."""
 
     name: str
     messages: int
@@ -47,15 +35,7 @@ class ComparedLog:
 
 @dataclass(frozen=True, slots=True)
 class LogDifference:
-    """The differences between two logs.
-
-    Attributes:
-        a: The expected log.
-        b: The log that is compared with it.
-        topics: All topics that were compared, those that differ first.
-        ignored: Topics that were not compared, as requested.
-        notes: Further remarks, a line each.
-    """
+    """The differences between two logs: topics that differ come first, those ignored were not to be compared."""
 
     a: ComparedLog
     b: ComparedLog

@@ -48,7 +48,10 @@ class _Field:
             distance = abs(both[0] - both[1]) if len(finite) == 2 else math.inf
             self.whole = self.whole and all(isinstance(value, int) for value in both)
             self.low, self.high = min([self.low, *finite]), max([self.high, *finite])
-            self._note(distance)
+            if self.messages % self.every == 0:  # of `every` messages, the distance of one is kept
+                self.distances.append(distance)
+                if len(self.distances) >= _SAMPLE:
+                    self.distances, self.every = self.distances[::2], self.every * 2
             rises = both[1] > both[0]
             self.pairs, self.turns = self.pairs + 1, self.turns + (self.rises is not None and rises != self.rises)
             self.rises = rises
@@ -57,13 +60,6 @@ class _Field:
         if distance > self.largest:
             self.largest = distance
             self.example = FieldExample(change.path, a, b, seconds, _short(change.before), _short(change.after))
-
-    def _note(self, distance: float) -> None:
-        """Keep the distance of one in `every` messages."""
-        if self.messages % self.every == 0:
-            self.distances.append(distance)
-            if len(self.distances) >= _SAMPLE:
-                self.distances, self.every = self.distances[::2], self.every * 2
 
     def result(self, name: str) -> FieldDifference:
         """Return what was counted."""
@@ -86,14 +82,9 @@ class _Field:
 
 
 class Tally:
-    """Counts of the differences in the pairs of messages of a topic.
+    """Counts of the differences in the pairs of messages of a topic; `near` ones are within the tolerances.
 
-    Attributes:
-        near: Messages that differ within the tolerances.
-        changed: Messages that differ by more.
-        same_fields: Messages that have other bytes, but the same fields.
-        left: Messages in which a field that is not compared differs, by name of the field.
-        changed_at: Numbers of changed messages in the first log.
+    In `left` are the fields that are not compared, in `same_fields` messages of other bytes, but the same fields.
     """
 
     def __init__(self) -> None:
@@ -103,14 +94,7 @@ class Tally:
         self._fields: dict[str, _Field] = {}
 
     def take(self, changes: Sequence[FieldChange], a: int, b: int, seconds: float) -> None:
-        """Add a pair of messages whose bytes differ.
-
-        Args:
-            changes: Result of `riot_bus_logtools.comparison.fields.differing`.
-            a: Number of the message in the first log.
-            b: Number of the message in the second log.
-            seconds: Time in the first log, in seconds since its start.
-        """
+        """Add a pair of messages whose bytes differ: changes, numbers in both logs, seconds in the first one."""
         if not changes:
             self.same_fields += 1
             return

@@ -10,7 +10,7 @@ from riot_bus.vocabulary.counting import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus_logtools.comparison.parts import FieldDifference, FieldExample, TopicDifference
+    from riot_bus_logtools.comparison.parts import FieldDifference, TopicDifference
 
 MOST_FIELDS = 10
 """Most fields of a topic that are shown."""
@@ -64,22 +64,15 @@ def _field(one: FieldDifference) -> str:
     by = ""
     if one.largest is not None and one.typical is not None:
         by = f", by {one.largest:.6g} at most" + (f" (median {one.typical:.6g})" if one.messages > 1 else "")
-    return f"{one.name}  in {counted(one.messages, 'message')}{by}: {_where(one.example, one.name)}"
-
-
-def _where(example: FieldExample, name: str) -> str:
-    number = f"#{example.a}" if example.a == example.b else f"#{example.a} and #{example.b}"
-    path = f" {example.path}" if example.path != name else ""
-    return f"{number} ({example.seconds:.3f} s){path} {value_text(example.before)} -> {value_text(example.after)}"
+    place = one.example
+    number = f"#{place.a}" if place.a == place.b else f"#{place.a} and #{place.b}"
+    path = f" {place.path}" if place.path != one.name else ""
+    values = f"{value_text(place.before)} -> {value_text(place.after)}"
+    return f"{one.name}  in {counted(one.messages, 'message')}{by}: {number} ({place.seconds:.3f} s){path} {values}"
 
 
 def spans(places: Sequence[int], number: int) -> str:
-    """Return numbers of messages as text, consecutive ones together: `#3, #7-9`.
-
-    Args:
-        places: First of the numbers, increasing.
-        number: Number of all messages.
-    """
+    """Return numbers of messages, increasing, the first of so many, as text, consecutive ones together: `#3, #7-9`."""
     found: list[list[int]] = []
     for place in places:
         if found and place == found[-1][1] + 1:

@@ -70,11 +70,7 @@ class _Entry:
 
 
 class TolerancesOfTopic:
-    """Tolerances of the fields of one topic, and of its number of messages.
-
-    Args:
-        entries: Entries of this topic, in order of precedence.
-    """
+    """Tolerances of the fields of one topic, in order of precedence, and of its number of messages."""
 
     def __init__(self, entries: Sequence[_Entry] = ()) -> None:
         self._entries = entries
@@ -94,14 +90,9 @@ class TolerancesOfTopic:
 
 
 class TopicTolerances:
-    """Tolerances of the topics of two logs.
+    """Tolerances of the topics of two logs, from their left sides and values: numbers, `1%`, `ignore`.
 
-    Args:
-        given: Left sides and values: numbers, `1%`, `ignore`; the last one that names a field counts.
-        where: Option or file, for errors.
-
-    Raises:
-        ConfigError: An entry is not a tolerance.
+    The last one that names a field counts. Raises ConfigError for an entry that is no tolerance.
     """
 
     def __init__(self, given: Sequence[tuple[str, object]] = (), *, where: str = TABLE) -> None:
@@ -124,11 +115,7 @@ class TopicTolerances:
         return both
 
     def of_topic(self, named: Callable[[str], bool]) -> TolerancesOfTopic:
-        """Return the tolerances of a topic.
-
-        Args:
-            named: Function that tells whether a name or key expression includes the topic.
-        """
+        """Return the tolerances of a topic; `named` tells whether a name or key expression includes it."""
         return TolerancesOfTopic([each for each in reversed(self._entries) if named(each.topic)])
 
     def unused(self, named: Callable[[str], bool]) -> list[str]:
@@ -137,11 +124,7 @@ class TopicTolerances:
 
 
 def tolerances_of(texts: Sequence[str], files: Sequence[Path]) -> TopicTolerances:
-    """Return the tolerances of files and of options, which take precedence.
-
-    Raises:
-        ConfigError: An entry is not a tolerance.
-    """
+    """Return the tolerances of files and of options, which take precedence; raises ConfigError."""
     found = TopicTolerances()
     for file in files:
         found += read_tolerances(file)
@@ -149,11 +132,7 @@ def tolerances_of(texts: Sequence[str], files: Sequence[Path]) -> TopicTolerance
 
 
 def read_tolerances(path: Path) -> TopicTolerances:
-    """Read a file of tolerances.
-
-    Raises:
-        ConfigError: It cannot be read, or contains something else.
-    """
+    """Read a file of tolerances; raises ConfigError if it cannot be read, or contains something else."""
     try:
         document = parse_toml(given_text(path, most=MOST_TOML), where=str(path))
     except OSError as error:

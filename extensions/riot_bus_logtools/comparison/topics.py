@@ -79,12 +79,7 @@ class TopicComparison:
         return rows[np.argsort(rows[:, 0])]
 
     def result(self, *, starts: tuple[int, int], timing: float | None) -> TopicDifference:
-        """Return the differences.
-
-        Args:
-            starts: Times of the first message that both logs have.
-            timing: Seconds by which messages may be earlier or later; None for any.
-        """
+        """Return the differences, given the times of the first message in common, and the seconds allowed, if any."""
         (a, b), found, tally, pairs = self.tracks, self._pairing, self._tally, self.pairs
         longest = max(len(a), len(b))
         return TopicDifference(

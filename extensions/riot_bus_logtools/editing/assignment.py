@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.types.model import parse_path
-from riot_bus.types.values import fit_value, set_elements
+from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_logtools.editing.selection import Selection, parse_clauses
 
@@ -44,12 +44,7 @@ _HINT = "write TOPIC:FIELD=VALUE, such as '/odom:twist.twist.linear.x = nan wher
 class Assignment:
     """A change of one field in some messages of a log, such as `/odom:pose.pose.position.x += 0.5 index 3..7`.
 
-    Attributes:
-        text: The assignment as the user wrote it.
-        selection: Messages in which the field is changed.
-        field: Path of the field; `[*]` stands for all elements.
-        operator: `=`, or the operation that combines the field's value with `value`.
-        value: A scalar, a number for other operators than `=`.
+    `[*]` in the path stands for all elements; other operators than `=` take a number.
     """
 
     text: str
@@ -60,18 +55,12 @@ class Assignment:
 
     def applied(self, kind: MessageType, payload: bytes) -> bytes:
         """Return the payload with the field changed; raises PayloadError if it is missing or the value does not fit."""
-        if "[*]" not in self.field:
-            return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
-        return set_elements(kind, payload, self.field, self._changed)
+        return set_field(kind, payload, self.field, self._changed)
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return a function that does to payloads what `applied` does, faster; None if there is none.
 
-        There is one only if every message gets the same value at the same bytes of its payload.
-
-        Args:
-            kind: Type of the messages.
-            payload: Payload of one of them, which shows the present type of the value.
+        There is one only if every message gets the same value at the same bytes; the payload shows its present type.
         """
         patcher = getattr(kind, "patcher", None)
         if patcher is None or self.operator != "=" or "[*]" in self.field:
@@ -103,11 +92,7 @@ class Assignment:
 
 
 def parse_assignment(text: str, option: str) -> Assignment:
-    """Parse `TOPIC:FIELD OPERATOR VALUE [conditions]`.
-
-    Raises:
-        ConfigError: It is not of this form.
-    """
+    """Parse `TOPIC:FIELD OPERATOR VALUE [conditions]`; raises ConfigError if it is not of this form."""
     match = _TEXT.fullmatch(text)
     parts = _VALUE.fullmatch(match["rest"]) if match else None
     if match is None or parts is None or not parts["value"]:

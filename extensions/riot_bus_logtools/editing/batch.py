@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import heads_of
+from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, heads_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -76,8 +77,15 @@ class Batch:
         return self.buffer
 
 
-def with_records(batch: Batch, rows: Sequence[int], records: Sequence[bytes]) -> Batch:
-    """Return a batch with other records in some rows; these lie behind all others in the buffer."""
+def with_payloads(batch: Batch, payloads: Mapping[int, bytes]) -> Batch:
+    """Return a batch with payloads of other lengths in some rows; these lie behind all others in the buffer."""
+    if not payloads:
+        return batch
+    rows, records = list(payloads), []
+    for row, payload in payloads.items():
+        begin = int(batch.start[row])
+        head = HEAD.pack(batch.buffer[begin], len(payload) + SHORTEST_MESSAGE)
+        records.append(head + batch.buffer[begin + HEAD.size : begin + MESSAGE_HEAD] + payload)
     lengths = np.array([len(record) for record in records], np.int64)
     start, end = batch.start.copy(), batch.end.copy()
     end[rows] = len(batch.buffer) + np.cumsum(lengths)
@@ -121,12 +129,7 @@ def runs_of(batch: Batch) -> list[tuple[int, int]]:
 
 
 def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.bool_]]:
-    """Shift times; the batch is changed in place, and returned with a mask of the messages whose time is still valid.
-
-    Args:
-        batch: Messages whose times are shifted.
-        delta: Nanoseconds to add to both times of each, shape (n,).
-    """
+    """Add nanoseconds, shape (n,), to both times; return the batch, changed in place, and whose time is still valid."""
     if not delta.any():
         return batch, np.ones(len(batch), np.bool_)
     buffer = batch.writable()
@@ -140,7 +143,9 @@ def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.b
     batch.time = time
     if batch.extras is not None:
         for row in np.flatnonzero([extras is not None and "p" in extras for extras in batch.extras]).tolist():
-            _shift_extras(batch.extras, row, int(delta[row]))
+            with suppress(TypeError, ValueError):  # it may hold anything
+                moved = int(batch.extras[row]["p"]) + int(delta[row])
+                batch.extras[row] = {**batch.extras[row], "p": str(moved)}
     return batch, fits
 
 
@@ -154,14 +159,6 @@ def _write(buffer: bytearray, places: NDArray[np.int64], values: NDArray[Any], s
     raw = np.frombuffer(buffer, np.uint8)
     data = np.ascontiguousarray(values.astype(f"<u{size}")).view(np.uint8).reshape(-1, size)
     raw[places[:, None] + np.arange(size)] = data
-
-
-def _shift_extras(extras: NDArray[Any], row: int, delta: int) -> None:
-    try:
-        published = int(extras[row]["p"])
-    except (TypeError, ValueError):
-        return
-    extras[row] = {**extras[row], "p": str(published + delta)}
 
 
 def _joined(parts: Sequence[tuple[int, NDArray[Any] | None]], nothing: Any, kind: Any) -> NDArray[Any] | None:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.editing.result import EditCounts
     from riot_bus_logtools.editing.selection import Condition, Selection
 
-_HOPELESS = 1000  # failures without a success: a misspelt field ends an edit early; a guess
-
 
 class Trouble:
     """How often an action on messages succeeded, and how often it failed."""
@@ -37,7 +35,7 @@ class Trouble:
         self.failed += 1
         if self.problem is None:
             self.problem = error
-        if self.failed >= _HOPELESS:
+        if self.failed >= 1000:  # a misspelt field ends an edit early; a guess
             self.check()
 
     def check(self) -> None:
@@ -48,13 +46,7 @@ class Trouble:
 
 
 class EditStep:
-    """One `--keep`, `--drop` or `--set`, and its success.
-
-    Attributes:
-        matched: Whether there is such a topic.
-        reading: Success of reading the fields of its predicate.
-        setting: Success of setting its field.
-    """
+    """One `--keep`, `--drop` or `--set`, and its success in reading the fields of its predicate and setting its own."""
 
     def __init__(self, selection: Selection, assignment: Assignment | None = None) -> None:
         self.selection = selection
@@ -79,11 +71,9 @@ class ChannelEdit:
     """What happens to the messages of one channel.
 
     Attributes:
-        topic: Topic as it was recorded.
-        source: Common properties of the messages as they were recorded.
+        topic: Topic as it was recorded; `source` has the messages' common properties.
         target: Channel that they are written to; None if all are dropped.
         channel: Number of the channel in its input, -1 if it has none.
-        counts: Counts of the topic.
         find_type: Function that returns the type of a topic, given the encoding and payload of a message.
         shift: Nanoseconds that are added to their times.
         keep: Conditions of which one must be met; None if all are kept.
@@ -142,19 +132,17 @@ class ChannelEdit:
             if condition is not None and not _holds(self, step, condition, time, number, payload):
                 continue
             try:
-                action = self._actions.get(place) or self._action(place, assignment, payload)
+                action = self._actions.get(place)
+                if action is None:
+                    kind = self.kind(payload)
+                    action = assignment.shortcut(kind, payload) or partial(assignment.applied, kind)
+                    self._actions[place] = action
                 payload = action(payload)
             except PayloadError as error:
                 step.setting.fail(error)
             else:
                 step.setting.succeeded += 1
         return payload
-
-    def _action(self, place: int, assignment: Assignment, payload: bytes) -> Callable[[bytes], bytes]:
-        kind = self.kind(payload)
-        found = assignment.shortcut(kind, payload) or partial(assignment.applied, kind)
-        self._actions[place] = found
-        return found
 
 
 def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep]:

@@ -31,14 +31,9 @@ if TYPE_CHECKING:
 
 
 class ChannelTable:
-    """Finds out what happens to each channel of the inputs.
+    """Finds out what happens to each channel of the inputs: `edits`, by numbers of their own.
 
-    Attributes:
-        edits: Edit of each channel, by its number among these.
-        steps: All selections and assignments.
-
-    Raises:
-        ConfigError: An option names a topic that the logs do not have, or a new name is not valid.
+    Raises ConfigError if an option names a topic that the logs do not have, or a new name is not valid.
     """
 
     def __init__(

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, TIMES
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_records
+from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_payloads
 from riot_bus_logtools.editing.channel_table import ChannelTable
 from riot_bus_logtools.editing.inputs import InputLog
 from riot_bus_logtools.editing.latched import LatchedMessages
@@ -65,13 +65,15 @@ class _Editor:
             stack.callback(log.close)
         self._output = OutputSet(options, paths)
         stack.callback(self._output.discard)
-        if options.align:
-            self._align()
+        for log, first in [(each, each.first()) for each in self._inputs] if options.align else ():
+            log.shift = 0 if first is None else self._origin - first
         self._low, self._high = self._window()
         self._table = ChannelTable(options, design, self._inputs, lambda: self._origin)
         self._piping = self._pipe(interceptors, stack)
         one_shift = len({edit.shift for edit in self._table.edits if edit.target is not None}) <= 1
-        self._latched = self._keep_latched()
+        self._latched: LatchedMessages | None = None
+        if options.latched and self._low > 0:
+            self._latched = LatchedMessages(self._low, self._table.edits, self._table.adapters)
         steps = (self._piping, self._latched)
         self._by_time = options.sort or len(self._inputs) > 1 or steps != (None, None) or not one_shift
         self._reorder = Sorter() if not one_shift else None
@@ -83,16 +85,17 @@ class _Editor:
         total, done = sum(log.size for log in self._inputs), 0
         rank = 0
         for block, bound, batch in self._batches():
-            if self._latched is not None and batch is not None:
+            if self._latched is not None:
                 batch = self._latched.run(batch)
-            if self._latched is not None and bound is None:
-                batch = gathered([self._latched.rest(), *([batch] if batch is not None else [])])
-            if batch is not None or self._piping is not None:
-                self._emit(self._processed(gathered([]) if batch is None else batch, bound), bound, rank)
-                rank += 1
+                batch = gathered([self._latched.rest(), batch]) if bound is None else batch
+            self._emit(self._processed(batch, bound), bound, rank)
+            rank += 1
             done += block.body.length
             progress(done, total)
-        self._emit_rest(rank)
+        if self._piping is not None:
+            self._emit(self._piping.rest(), None, rank)
+        if self._reorder is not None:
+            self._write(self._reorder.ready(None))
         self._count_unread()
         warnings = self._warnings()
         files = self._output.commit(self._inputs, self._table)
@@ -109,11 +112,6 @@ class _Editor:
     @cached_property
     def _origin(self) -> int:
         return min((first for log in self._inputs if (first := log.first()) is not None), default=0)
-
-    def _align(self) -> None:
-        firsts = [log.first() for log in self._inputs]
-        for log, first in zip(self._inputs, firsts, strict=True):
-            log.shift = 0 if first is None else self._origin - first
 
     def _window(self) -> tuple[int, int]:
         options = self._options
@@ -138,12 +136,7 @@ class _Editor:
         self._pipeline = pipeline
         return Piping(pipeline, self._table, self._output.refuse)
 
-    def _keep_latched(self) -> LatchedMessages | None:
-        if not self._options.latched or self._low <= 0:
-            return None
-        return LatchedMessages(self._low, self._table.edits, self._table.adapters)
-
-    def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
+    def _batches(self) -> Iterator[tuple[Block, int | None, Batch]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
         if not self._by_time:
             (log,) = self._inputs
@@ -155,9 +148,7 @@ class _Editor:
         blocks.sort(key=lambda each: (each[1].start + each[0].shift, each[0].number, each[1].number))
         sorter = Sorter()
         for place, (log, block) in enumerate(blocks):
-            batch = self._in_window(log, log.batch(block, self._table.edit_of))
-            if batch is not None:
-                sorter.add((log.number, block.number), batch)
+            sorter.add((log.number, block.number), self._in_window(log, log.batch(block, self._table.edit_of)))
             following = blocks[place + 1] if place + 1 < len(blocks) else None
             bound = None if following is None else following[1].start + following[0].shift
             yield block, bound, sorter.ready(bound)
@@ -169,14 +160,8 @@ class _Editor:
             return False
         return self._latched is not None or block.end + log.shift >= self._low
 
-    def _is_told(self, log: InputLog) -> bool:
-        """Return whether messages are counted from the summary, because not all are read."""
-        return self._sliced and log.counts is not None
-
-    def _in_window(self, log: InputLog, batch: Batch | None) -> Batch | None:
-        if batch is None:
-            return None
-        if not self._is_told(log):
+    def _in_window(self, log: InputLog, batch: Batch) -> Batch:
+        if not self._sliced or log.counts is None:  # else they are counted from the summary, as not all are read
             self._count(batch, "read")
         if self._sliced:
             mask = batch.time >= np.uint64(max(self._low, 0)) if self._latched is None else self._latched.wanted(batch)
@@ -226,7 +211,7 @@ class _Editor:
         if changed:
             batch.changed = np.full(len(batch), -1, np.int32)
             batch.changed[changed] = batch.edit[changed]
-        return _with_payloads(batch, longer).where(kept)
+        return with_payloads(batch, longer).where(kept)
 
     def _emit(self, batch: Batch, bound: int | None, rank: int) -> None:
         batch = self._addressed(batch)
@@ -237,12 +222,6 @@ class _Editor:
         if bound is not None:
             least = min(edit.shift for edit in self._table.edits if edit.target is not None)
             self._write(self._reorder.ready(bound + least))
-
-    def _emit_rest(self, rank: int) -> None:
-        if self._piping is not None:
-            self._emit(self._piping.rest(), None, rank)
-        if self._reorder is not None:
-            self._write(self._reorder.ready(None))
 
     def _addressed(self, batch: Batch) -> Batch:
         """Give records the times and channels of the output."""
@@ -261,8 +240,8 @@ class _Editor:
         renumbered(batch, rows, new[batch.edit[rows]].astype(np.uint16))
         return batch
 
-    def _write(self, batch: Batch | None) -> None:
-        if batch is None or not len(batch):
+    def _write(self, batch: Batch) -> None:
+        if not len(batch):
             return
         self._count_written(batch)
         ready = None
@@ -290,7 +269,7 @@ class _Editor:
     def _count_unread(self) -> None:
         """Count what was skipped because of its time, and what was read but not kept."""
         for log in self._inputs:
-            for number, count in (log.counts or {}).items() if self._is_told(log) else ():
+            for number, count in (log.counts or {}).items() if self._sliced else ():
                 if number in log.channel_records:
                     edit = self._table.edits[self._table.edit_of(log, number)]
                     edit.counts.read += 0 if edit.original else count
@@ -310,14 +289,3 @@ class _Editor:
             if not any(counts.seen for counts in self._pipeline.counts.values()):
                 found.append("no interceptor saw a message")
         return found
-
-
-def _with_payloads(batch: Batch, payloads: dict[int, bytes]) -> Batch:
-    """Return a batch with payloads of other lengths in some rows."""
-    records = []
-    for row, payload in payloads.items():
-        begin = int(batch.start[row])
-        head = bytearray(batch.buffer[begin : begin + MESSAGE_HEAD])
-        head[: HEAD.size] = HEAD.pack(head[0], len(payload) + SHORTEST_MESSAGE)
-        records.append(bytes(head) + payload)
-    return with_records(batch, list(payloads), records) if payloads else batch

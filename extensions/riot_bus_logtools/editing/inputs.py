@@ -15,7 +15,7 @@ from riot_bus.log import layout
 from riot_bus.log.engine.blocks import HEAD, NUMBERS, Records, heads_of, read_packed
 from riot_bus.log.engine.scan import parse
 from riot_bus.log.reader import LogReader
-from riot_bus_logtools.editing.batch import Batch, shifted
+from riot_bus_logtools.editing.batch import Batch, gathered, shifted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,18 +28,9 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus_logtools.editing.targets import OutputChannel
 
-_MOST_LOOKED_AT = 1000  # uncompressed chunks before a compressed one; looking at each reads 64 bytes
-
 
 class InputLog(LogReader):
-    """Reads a log as batches of records.
-
-    Attributes:
-        shift: Nanoseconds that are added to all its times.
-
-    Raises:
-        ConfigError: The file is missing or not an MCAP file.
-    """
+    """Reads a log as batches of records, `shift` nanoseconds later; raises ConfigError as its base does."""
 
     def __init__(self, number: int, path: Path, *, salvage: bool = False) -> None:
         super().__init__(path, salvage=salvage)
@@ -82,7 +73,7 @@ class InputLog(LogReader):
     def compression(self) -> str | None:
         """Compression of its chunks, `none` if none is compressed; None if it is unknown or there are no chunks."""
         found: str | None = None
-        for block in islice((block for block in self._scan.blocks if block.chunked), _MOST_LOOKED_AT):
+        for block in islice((block for block in self._scan.blocks if block.chunked), 1000):
             head = read_packed(self._file, block, 64)  # it begins with 40 bytes and the name
             found = None if head is None else head[0]
             if found != "none":
@@ -94,17 +85,17 @@ class InputLog(LogReader):
         found = next(self.messages(), None) or next(self.originals(), None)
         return None if found is None else found.time + self.shift
 
-    def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch | None:
-        """Return the messages of a block in the order of the file; None if there are none."""
+    def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch:
+        """Return the messages of a block in the order of the file."""
         records = self._load_or_salvage(block)
         if records is None:
-            return None
+            return gathered([])
         definitions = list(records.definitions())
         self._definitions = block.number, definitions if len(definitions) == len(records.others) else None
         self.define(records)
         data, start = records.data, records.messages
         if not len(start):
-            return None
+            return gathered([])
         heads = heads_of(data, start)
         edit = self._edit_numbers(heads["channel"], edit_of)
         is_whole = block.chunked and not block.cut and records.numbers is None and not self.shift
@@ -120,7 +111,7 @@ class InputLog(LogReader):
         if block.number in self._spans:
             batch.notes = self._notes(block, batch, heads)
         known = edit >= 0
-        self.count_unknown(block, int((~known).sum()))
+        self.lost.unknown[block.number] = int((~known).sum())
         batch = batch.where(known)
         if self.shift:
             batch, fits = shifted(batch, np.full(len(batch), self.shift, np.int64))
@@ -128,11 +119,9 @@ class InputLog(LogReader):
         return batch
 
     def packed(self, block: Block, targets: Sequence[OutputChannel]) -> tuple[str, bytes] | None:
-        """Return the compression of a chunk and its compressed data; None if it cannot be copied unchanged.
+        """Return the compression and data of the chunk loaded last; None if it cannot be copied unchanged.
 
-        Args:
-            block: Block that was loaded last.
-            targets: All channels of the output; those that the block defines must be the same.
+        Then the channels that it defines must be those of the output.
         """
         return read_packed(self._file, block) if self._agrees(block, targets) else None
 
@@ -156,7 +145,7 @@ class InputLog(LogReader):
             if span.length <= self.limits.chunk:
                 found = parse(Attachment, os.pread(self._file, span.length, span.offset))
             if found is None:
-                self._lost.note_detail(span)
+                self.lost.note_detail(span)
             else:
                 yield found
 

@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 
 class LatchedMessages:
-    """Keeps the last messages of latched topics until the slice begins.
-
-    Args:
-        start: Start of the slice, nanoseconds.
-        edits: Edit of each channel.
-        adapters: Adapters, which know which topics are latched, and how many messages of each are kept.
-    """
+    """Keeps the last messages of latched topics until the slice begins; adapters know which topics these are."""
 
     def __init__(self, start: int, edits: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
         self._start = start
@@ -41,11 +35,7 @@ class LatchedMessages:
         return found
 
     def run(self, batch: Batch) -> Batch:
-        """Return the messages in the slice, and the latched ones before the first of these.
-
-        Args:
-            batch: Messages, sorted by time.
-        """
+        """Return the messages in the slice, after the latched ones if these are the first; all are sorted by time."""
         early = batch.time < np.uint64(self._start)
         before, inside = batch.where(early), batch.where(~early)
         for number in np.unique(before.edit).tolist():

@@ -22,12 +22,7 @@ _RECORDED_AS = {"changes": "set", "shifts": "shift"}
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """A shift of the times of messages.
-
-    Attributes:
-        topic: Name or key expression; None for all topics.
-        delta: Nanoseconds that are added to the log time and the publish time.
-    """
+    """A shift of the log time and the publish time of the messages of a topic (None: of all), in nanoseconds."""
 
     topic: str | None
     delta: int

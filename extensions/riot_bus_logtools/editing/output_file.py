@@ -21,7 +21,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_logtools.editing.batch import runs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
@@ -42,8 +42,6 @@ class _Draft:
         pieces: Records of the messages.
         rows: Channel, time and length of the messages of each batch, shape (n,) each.
         extras: Positions of messages, and their extras.
-        provenance: Changes that interceptors made to the messages.
-        count: Number of messages.
         size: Bytes of the messages and their attachments.
     """
 
@@ -68,11 +66,7 @@ class _Draft:
 
 
 class OutputFile:
-    """Writes messages to one file.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
+    """Writes messages to one file; raises ConfigError if it cannot be written."""
 
     def __init__(self, path: Path, where: str, *, profile: str, compression: str, chunk_bytes: int) -> None:
         self.path = path
@@ -97,28 +91,18 @@ class OutputFile:
         known = self._file.statistics
         return known.message_start_time, known.message_end_time
 
-    def targets(self) -> list[tuple[OutputChannel, int]]:
-        """Return its channels and how many messages each has; known after `finish`."""
-        counts = self._file.statistics.channel_message_counts
-        return [(each, counts.get(number, 0)) for number, each in sorted(self._targets.items())]
-
-    def open(self, targets: Sequence[OutputChannel]) -> None:
-        """Define channels, even if they get no messages."""
-        for target in targets:
-            self._define(target)
+    def targets(self) -> tuple[list[OutputChannel], Mapping[int, int]]:
+        """Return its channels by number, and how many messages each has, known after `drain`."""
+        targets = [each for _, each in sorted(self._targets.items())]
+        return targets, self._file.statistics.channel_message_counts
 
     def write(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
-        """Write messages.
+        """Write messages whose records have the channel numbers of the output; raises EnvironmentFaultError.
 
-        Args:
-            batch: Messages, whose records have the channel numbers of the output.
-            targets: Channels of the output, by number of the channel edit.
-
-        Raises:
-            EnvironmentFaultError: The disk is full or broken.
+        The targets are the channels of the output, by number of the channel edit.
         """
         for number in np.unique(batch.edit).tolist():
-            self._define(targets[number])
+            self.define(targets[number])
         sizes = np.cumsum(batch.end - batch.start)
         position, count = 0, len(batch)
         while position < count:
@@ -131,13 +115,7 @@ class OutputFile:
             position = following
 
     def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: tuple[str, bytes]) -> bool:
-        """Write a whole chunk unchanged; return whether that was done.
-
-        Args:
-            batch: All messages of the chunk, nothing else.
-            targets: Channels of the output, by number of the channel edit.
-            ready: Compression and data of the chunk.
-        """
+        """Write a whole chunk unchanged, if all its messages are the batch's; return whether that was done."""
         if 0 < self._draft.size < self._chunk_bytes // 8:
             return False  # else what waits would become a small chunk
         compression, data = ready
@@ -147,7 +125,7 @@ class OutputFile:
                 return False
         self._end_chunk()
         for number in np.unique(batch.edit).tolist():
-            self._define(targets[number])
+            self.define(targets[number])
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
             compression,
@@ -180,7 +158,7 @@ class OutputFile:
     def finish(self) -> None:
         """Write the summary and make sure that all is on the disk; raises EnvironmentFaultError."""
         self.drain()
-        targets = [each for _, each in sorted(self._targets.items())]
+        targets, _ = self.targets()
         schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
         ordered = [schemas[number] for number in sorted(schemas)]
         if self._draft.definitions:  # those of channels without messages
@@ -194,7 +172,8 @@ class OutputFile:
         self._thread.shutdown(cancel_futures=True)
         self._file.close()
 
-    def _define(self, target: OutputChannel | None) -> None:
+    def define(self, target: OutputChannel | None) -> None:
+        """Define a channel, even if it gets no messages."""
         assert target is not None
         number = target.channel.id
         if number not in self._targets:

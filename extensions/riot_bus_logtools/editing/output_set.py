@@ -43,24 +43,14 @@ class _Part(NamedTuple):
 class OutputSet:
     """The files that an edit writes; none has its final name before `commit`.
 
-    Attributes:
-        unwritable: Messages, by topic, whose time does not fit into a log.
-
-    Raises:
-        ConfigError: The output is an input, exists, or cannot be created.
+    In `unwritable` are the messages, by topic, whose time does not fit into a log. Raises ConfigError if the output is
+    an input, exists, or cannot be created.
     """
 
     def __init__(self, options: EditOptions, paths: Sequence[Path]) -> None:
         self.unwritable: Counter[str] = Counter()
         self._options = options
-        self._outputs = Outputs(
-            options.output,
-            folder=options.folder,
-            splits=options.splits,
-            inputs=paths,
-            force=options.force,
-            dry=options.dry_run,
-        )
+        self._outputs = Outputs(options, paths)
         self._profile = self._compression = ""
         self._records: list[tuple[str, dict[str, str]]] = []
         self._details = BagDetails()
@@ -81,7 +71,7 @@ class OutputSet:
         self._compression = compression or "zstd"
         for target in table.targets():
             label = target.name if options.split_topics else ""
-            (self._current.get(label) or self._open_file(label)).open([target])
+            (self._current.get(label) or self._open_file(label)).define(target)
         first = self._parts[0].file if self._parts else self._open_file("")
         for log in inputs:
             for attachment in log.attachments():
@@ -93,13 +83,7 @@ class OutputSet:
         targets: Sequence[OutputChannel | None],
         ready: Callable[[], tuple[str, bytes] | None] | None,
     ) -> None:
-        """Write messages to the files that they belong to.
-
-        Args:
-            batch: Messages to write.
-            targets: Channels of the output, by number of the channel edit.
-            ready: Function that returns compression and data of the chunk that holds exactly these messages, if any.
-        """
+        """Write messages to the files they belong to; `ready` returns the chunk that holds exactly these, if any."""
         if self._options.dry_run:
             return
         whole = len(batch)
@@ -128,12 +112,7 @@ class OutputSet:
         self.unwritable[topic] += 1
 
     def commit(self, inputs: Sequence[InputLog], table: ChannelTable) -> list[WrittenFile]:
-        """Finish all files, give them their names, and return them.
-
-        Raises:
-            ConfigError: Such a file has been created in the meantime.
-            EnvironmentFaultError: The disk is full or broken.
-        """
+        """Finish all files, give them their names, and return them; raises ConfigError or EnvironmentFaultError."""
         if self._options.dry_run:
             return []
         summary = self._summary(inputs, table)
@@ -176,7 +155,7 @@ class OutputSet:
             accounts += [account] if account is not None else []
         if accounts:
             names = {each.topic: each.written_as for each in table.counts() if each.written_as}
-            self._records.append((LOST, Account.total_of(accounts).renamed(names).record()))
+            self._records.append((LOST, Account.total_of(accounts, names).record()))
         if not self._details.present and self._options.folder:
             self._details = self._details_beside()
 
@@ -212,7 +191,8 @@ class OutputSet:
         if not self._options.split_topics:
             yield "", batch
             return
-        labels = {number: _known(targets[number]).name for number in np.unique(batch.edit).tolist()}
+        written = [(number, targets[number]) for number in np.unique(batch.edit).tolist()]
+        labels = {number: target.name for number, target in written if target is not None}
         for label in dict.fromkeys(labels.values()):
             numbers = [number for number, each in labels.items() if each == label]
             yield label, batch.where(np.isin(batch.edit, numbers))
@@ -262,14 +242,8 @@ class OutputSet:
         return file
 
 
-def _known(target: OutputChannel | None) -> OutputChannel:
-    assert target is not None, "messages of channels without a target are not written"
-    return target
-
-
 def _bag_file(file: OutputFile, final: str) -> BagFile:
-    targets = file.targets()
-    schemas = {each.schema.id: each.schema for each, _ in targets if each.schema is not None}
-    counts = {each.channel.id: count for each, count in targets}
-    shown = [each.channel for each, _ in targets if not each.channel.topic.startswith(layout.ORIGINAL_PREFIX)]
+    targets, counts = file.targets()
+    schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
+    shown = [each.channel for each in targets if not each.channel.topic.startswith(layout.ORIGINAL_PREFIX)]
     return bag_of(os.path.basename(final), shown, list(schemas.values()), counts, *file.span)

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,51 +14,33 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from riot_bus_logtools.editing.options import EditOptions
+
 _NO_NAME = re.compile(r"[^\w.-]+", re.ASCII)
 _LONGEST = 100  # file names have 255 bytes at most; stem and number need some of them
 METADATA = "metadata.yaml"
 
 
 class Outputs:
-    """Gives files their names.
+    """Gives files their names; raises ConfigError if the output is an input, exists already, or cannot be created."""
 
-    Raises:
-        ConfigError: The output is one of the inputs, exists already, or cannot be created.
-    """
-
-    def __init__(
-        self,
-        output: Path,
-        *,
-        folder: bool,
-        splits: bool,
-        inputs: Sequence[Path],
-        force: bool,
-        dry: bool = False,
-    ) -> None:
-        self._output = output
-        self._folder = folder
+    def __init__(self, options: EditOptions, inputs: Sequence[Path]) -> None:
+        self._output, self._folder, self._force = options.output, options.folder, options.force
         self._inputs = [os.stat(path) for path in inputs]
-        self._force = force
         self._names: dict[str, Path] = {}
         self._place: Path | None = None
-        if dry:
+        if options.dry_run:
             return
-        if folder or not splits:
-            self._check(output)
-        if folder:
-            for path in sorted(output.iterdir()) if output.is_dir() else ():
-                self._check_inside(path)
+        if options.folder or not options.splits:
+            self._check(options.output)
+        for path in sorted(options.output.iterdir()) if options.folder and options.output.is_dir() else ():
+            self._check_inside(path)
         self._place = self._make_place()
 
     def path(self, label: str | None) -> tuple[Path, str]:
-        """Return where to write a file, and its final path.
+        """Return where to write a file, and its final path; raises ConfigError if that exists.
 
-        Args:
-            label: Label that distinguishes it from the others; None if there are no others.
-
-        Raises:
-            ConfigError: Such a file exists.
+        The label distinguishes the file from others; None if there are none.
         """
         assert self._place is not None
         stem = self._output.name if self._folder else self._output.stem
@@ -84,18 +65,15 @@ class Outputs:
         self._names[METADATA] = self._output / METADATA
 
     def commit(self) -> None:
-        """Give all files their names.
-
-        Raises:
-            EnvironmentFaultError: The files cannot be written there.
-            ConfigError: Such a file has been created in the meantime.
-        """
+        """Give all files their names; raises EnvironmentFaultError, or ConfigError for one that has come to exist."""
         if self._place is None:
             return
         try:
             if self._folder:
                 self._output.mkdir(parents=True, exist_ok=True)
-                self._remove_former()
+                for path in list(self._output.iterdir()):
+                    if path.name == METADATA or path.suffix == ".mcap":
+                        path.unlink(missing_ok=True)
             for name, final in self._names.items():
                 if not self._folder:
                     self._check(final)
@@ -148,9 +126,3 @@ class Outputs:
         """Raise ConfigError if a file is one of the inputs."""
         if any(os.path.samestat(status, each) for each in self._inputs):
             raise ConfigError("input and output are the same", where=str(path), hint="name another output")
-
-    def _remove_former(self) -> None:
-        for path in list(self._output.iterdir()):
-            if path.name == METADATA or path.suffix == ".mcap":
-                with suppress(FileNotFoundError):
-                    path.unlink()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, TIMES, heads_of, message_bytes
 from riot_bus.log.engine.scan import MessageEntry
 from riot_bus.log.reader import message_of
-from riot_bus_logtools.editing.batch import Batch, gathered, with_records
+from riot_bus_logtools.editing.batch import Batch, gathered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission, Pipeline
     from riot_bus_logtools.editing.channel_table import ChannelTable
-
-_MOST_BYTES = 1 << 26  # of delayed messages; beyond it they are written early, as readers sort anyway
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,56 +48,39 @@ class Piping:
         return self._merged(gathered([]), np.zeros(0, np.int64), TIMES)
 
     def run(self, batch: Batch, bound: int | None) -> Batch:
-        """Return the messages to write, sorted by time.
-
-        Args:
-            batch: Messages, sorted by time.
-            bound: Earliest time of the messages that follow; None if none follow.
-        """
+        """Return the messages to write, by time, given messages by time; later calls bring those from `bound` on."""
         base = self._order
         self._order += 2 * len(batch) + 2
         piped = np.array([edit.piped for edit in self._edits], np.bool_)
         kept = np.ones(len(batch), np.bool_)
-        replaced: dict[int, _Item] = {}
-        noted: dict[int, tuple[Change, ...]] = {}
         rows = np.flatnonzero(piped[batch.edit]).tolist() if len(batch) else []
-        heads = heads_of(batch.buffer, batch.start[rows]) if rows else None
-        for place, row in enumerate(rows):
-            assert heads is not None
-            kept[row] = self._feed(batch, row, heads[place], base + 2 * row, replaced, noted)
-        batch = _with_notes(_with_replaced(batch, replaced), noted).where(kept)
+        if rows and batch.notes is None:
+            batch.notes = np.full(len(batch), None, object)
+        for row, head in zip(rows, heads_of(batch.buffer, batch.start[rows]), strict=True) if rows else ():
+            kept[row] = self._feed(batch, row, head, base + 2 * row)
         order = base + 2 * np.flatnonzero(kept)
-        return self._merged(batch, order, TIMES if bound is None else bound - 1)
+        return self._merged(batch.where(kept), order, TIMES if bound is None else bound - 1)
 
-    def _feed(
-        self,
-        batch: Batch,
-        row: int,
-        head: Any,
-        order: int,
-        replaced: dict[int, _Item],
-        noted: dict[int, tuple[Change, ...]],
-    ) -> bool:
-        """Feed one message; return whether it stays at its position, changed or not."""
-        edit = self._edits[int(batch.edit[row])]
-        message = message_of(_entry(batch, row, head), edit.source)
-        before: tuple[Change, ...] = () if batch.notes is None else batch.notes[row] or ()
+    def _feed(self, batch: Batch, row: int, head: Any, order: int) -> bool:
+        """Feed one message; return whether it stays as it is, apart from its notes."""
         own = int(batch.edit[row])
+        edit = self._edits[own]
+        message = message_of(_entry(batch, row, head), edit.source)
+        assert batch.notes is not None
+        before: tuple[Change, ...] = batch.notes[row] or ()
         stays = emitted = False
         for emission in self._pipeline.feed(message).emissions:
             changes = emission.changes if emission.original is None else before + emission.changes
-            same_key = emission.message.key == message.key
-            target = own if same_key and emission.original is not None else self._edit_of_key(emission.message)
-            if emission.original is not None and same_key and emission.due == message.time and not emitted:
-                emitted = stays = True
-                if emission.message is not message:
-                    replaced[row] = self._item(emission, changes, target, changed=own)
-                elif emission.changes:
-                    noted[row] = changes
-                continue
             is_first = emission.original is not None and not emitted
             emitted = emitted or is_first
-            self._hold(self._item(emission, changes, target, changed=own if is_first else -1), emission.due, order + 1)
+            same_key = emission.message.key == message.key
+            in_place = is_first and same_key and emission.due == message.time
+            if in_place and emission.message is message:
+                stays, batch.notes[row] = True, changes or None
+                continue
+            target = own if same_key and emission.original is not None else self._edit_of_key(emission.message)
+            item = self._item(emission, changes, target, changed=own if is_first else -1)
+            self._hold(item, emission.due, order + (not in_place))
         if not emitted:
             edit.counts.kept -= 1
         return stays
@@ -134,7 +115,8 @@ class Piping:
 
     def _merged(self, batch: Batch, order: Any, until: int) -> Batch:
         items: list[tuple[int, int, int, _Item]] = []
-        while self._later and (self._later[0][0] <= until or self._later_bytes > _MOST_BYTES):
+        # Beyond 64 MiB, delayed messages are written early, as readers sort anyway.
+        while self._later and (self._later[0][0] <= until or self._later_bytes > 1 << 26):
             items.append(heappop(self._later))
             self._later_bytes -= len(items[-1][3].record)
         if not items:
@@ -168,36 +150,3 @@ def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:
         notes if any(item.notes for _, item in items) else None,
         np.array([item.changed for _, item in items], np.int32),
     )
-
-
-def _with_replaced(batch: Batch, replaced: dict[int, _Item]) -> Batch:
-    if not replaced:
-        return batch
-    rows = list(replaced)
-    new = _of_items([(0, item) for item in replaced.values()])
-    edit = batch.edit.copy()
-    edit[rows] = new.edit
-    return replace(
-        with_records(batch, rows, [item.record for item in replaced.values()]),
-        edit=edit,
-        extras=_overlaid(batch.extras, new.extras, rows, len(batch)),
-        notes=_overlaid(batch.notes, new.notes, rows, len(batch)),
-        changed=_overlaid(batch.changed, new.changed, rows, len(batch), nothing=-1, kind=np.int32),
-    )
-
-
-def _with_notes(batch: Batch, noted: dict[int, tuple[Change, ...]]) -> Batch:
-    if noted:
-        notes = np.full(len(batch), None, object) if batch.notes is None else batch.notes
-        for row, changes in noted.items():
-            notes[row] = changes
-        batch.notes = notes
-    return batch
-
-
-def _overlaid(old: Any, new: Any, rows: Any, count: int, *, nothing: Any = None, kind: Any = object) -> Any:
-    if old is None and new is None:
-        return None
-    found = np.full(count, nothing, kind) if old is None else old.copy()
-    found[rows] = nothing if new is None else new
-    return found

@@ -14,10 +14,7 @@ class EditCounts:
     Attributes:
         topic: Name in the input; for topics that an interceptor has made, in the output.
         written_as: Name in the output, empty if nothing of the topic is kept.
-        read: Messages in the inputs.
-        kept: Messages of the inputs that are in the output, changed ones included.
         changed: Kept messages of which more was changed than their topic, or their time by `--shift`.
-        dropped: Messages of the inputs that are not in the output.
         added: Messages that are only in the output: copies, and those that interceptors have added.
         originals: Kept originals, which are not counted otherwise.
     """

@@ -30,10 +30,8 @@ class Condition:
     """A condition on messages; all parts of it must be met.
 
     Attributes:
-        low: Earliest time, nanoseconds.
-        high: Latest time, exclusive.
-        first: First number within the topic.
-        last: Last number, exclusive; None for no limit.
+        low: Earliest time, nanoseconds; `high` is exclusive.
+        first: First number within the topic; `last` is exclusive, None for no limit.
         every: Divisor of the selected numbers.
         where: Predicate on the fields.
     """
@@ -51,15 +49,9 @@ class Condition:
         return self == _ALWAYS
 
     def holds(self, time: int, number: int, read: Callable[[str], Scalar] | None = None) -> bool:
-        """Return whether a message is selected.
+        """Return whether a message, by its time in nanoseconds and its number within its topic, is selected.
 
-        Args:
-            time: Time of the message, nanoseconds.
-            number: Number of the message within its topic.
-            read: Function that returns the value of a field; None only if there is no predicate.
-
-        Raises:
-            PayloadError: Its fields cannot be read or compared.
+        The values of fields are only asked for if there is a predicate. Raises PayloadError if they cannot be compared.
         """
         if not self.low <= time < self.high or number % self.every:
             return False
@@ -76,8 +68,6 @@ class Selection:
     """A selection of messages of a topic.
 
     Attributes:
-        text: Text as it was written.
-        topic: Name or key expression.
         during: Texts of two times, empty for an open end; None for all the time.
         at_any_time: Condition apart from the time.
         option: Option in which it was written, for errors.
@@ -100,14 +90,7 @@ class Selection:
         return self.at_any_time.always
 
     def condition(self, origin: Callable[[], int]) -> Condition:
-        """Return the condition, with times in nanoseconds.
-
-        Args:
-            origin: Function that returns when the logs begin, nanoseconds.
-
-        Raises:
-            ConfigError: A time cannot be read, or the last one is not after the first.
-        """
+        """Return the condition with times in nanoseconds, from the origin on; raises ConfigError for a wrong one."""
         low, high = -TIMES, TIMES
         if self.during is not None:
             begin, end = self.during
@@ -119,11 +102,7 @@ class Selection:
 
 
 def parse_selection(text: str, option: str) -> Selection:
-    """Parse a selection.
-
-    Raises:
-        ConfigError: The text is not a selection.
-    """
+    """Parse a selection; raises ConfigError if the text is none."""
     head, _, where = text.partition(" where ")
     match = _CLAUSE.match(head)
     name = (match[1] if match else head).strip()
@@ -141,11 +120,7 @@ def parse_selection(text: str, option: str) -> Selection:
 
 
 def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection:
-    """Parse the clauses after a topic.
-
-    Raises:
-        ConfigError: It is not of this form.
-    """
+    """Parse the clauses after a topic; raises ConfigError if they are none."""
     head, has_predicate, predicate = f" {clauses}".partition(" where ")
     found: dict[str, str] = {}
     position = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from operator import itemgetter
 
 import numpy as np
 
@@ -10,17 +10,11 @@ from riot_bus.log.engine.blocks import TIMES
 from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus_logtools.editing.batch import Batch, gathered
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 class Sorter:
     """Holds messages until no earlier ones can follow; the order is stable.
 
-    If too many have to be held, the earliest of them are released anyway: a reader sorts by time in any case.
-
-    Args:
-        most: Most bytes to hold.
+    If more than `most` bytes have to be held, the earliest are released anyway: a reader sorts by time in any case.
     """
 
     def __init__(self, most: int = DEFAULT_LIMITS.held) -> None:
@@ -29,47 +23,28 @@ class Sorter:
         self._held = 0
 
     def add(self, rank: tuple[int, int], batch: Batch) -> None:
-        """Add messages.
-
-        Args:
-            rank: Rank of the batch; of messages of equal time, those of lower rank come first.
-            batch: Messages, in any order.
-        """
+        """Add messages; of those of equal time, the ones of lower rank come first."""
         if len(batch):
             self._pending.append((rank, batch.by_time()))
             self._held += _weight(batch)
 
-    def ready(self, bound: int | None) -> Batch | None:
-        """Return the messages that can be released, sorted by time; None if there are none.
-
-        Args:
-            bound: Earliest time of the messages that follow; None if none follow.
-        """
+    def ready(self, bound: int | None) -> Batch:
+        """Return the messages before a time (None: all), since others may follow there, by time."""
         limit = TIMES if bound is None else bound
         if self._held > self._most:
-            limit = max(limit, self._median())
-        parts: list[tuple[tuple[int, int], Batch]] = []
-        kept: list[tuple[tuple[int, int], Batch]] = []
-        for rank, batch in self._pending:
+            times = np.concatenate([batch.time for _, batch in self._pending])
+            limit = max(limit, int(np.partition(times, len(times) // 2)[len(times) // 2]) + 1)  # half of them
+        parts: list[Batch] = []
+        pending, self._pending = sorted(self._pending, key=itemgetter(0)), []
+        for rank, batch in pending:
             count = len(batch)
             if limit < TIMES:
                 count = int(np.searchsorted(batch.time, np.uint64(max(0, limit)), side="left"))
-            if count == len(batch):
-                parts.append((rank, batch))
-            else:
-                if count:
-                    parts.append((rank, batch.take(slice(0, count))))
-                kept.append((rank, batch.take(slice(count, None)) if count else batch))
-        self._pending = kept
-        self._held = sum(_weight(batch) for _, batch in kept)
-        if not parts:
-            return None
-        parts.sort(key=lambda part: part[0])
-        return gathered([batch for _, batch in parts]).by_time()
-
-    def _median(self) -> int:
-        times: NDArray[np.uint64] = np.concatenate([batch.time for _, batch in self._pending])
-        return int(np.partition(times, len(times) // 2)[len(times) // 2]) + 1
+            parts.append(batch if count == len(batch) else batch.take(slice(0, count)))
+            if count < len(batch):
+                self._pending.append((rank, batch.take(slice(count, None)) if count else batch))
+        self._held = sum(_weight(batch) for _, batch in self._pending)
+        return gathered(parts).by_time()
 
 
 def _weight(batch: Batch) -> int:

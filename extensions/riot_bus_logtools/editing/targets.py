@@ -54,7 +54,12 @@ class Targets:
 
     def open(self, channel: Channel, schema: Schema | None) -> OutputChannel:
         """Return a channel of the output; the same one for equal definitions."""
-        own_schema = None if schema is None else self._schema(schema)
+        own_schema = schema
+        if schema is not None:
+            definition = schema.name, schema.encoding, schema.data
+            if definition not in self._schemas:
+                self._schemas[definition] = replace(schema, id=_free(schema.id, self._schema_numbers))
+            own_schema = self._schemas[definition]
         number = 0 if own_schema is None else own_schema.id
         identity = channel.topic, channel.message_encoding, frozenset(channel.metadata.items()), number
         found = self._known.get(identity)
@@ -63,20 +68,9 @@ class Targets:
             found = self._known[identity] = OutputChannel(record, own_schema, channel_source(record, own_schema))
         return found
 
-    def _schema(self, schema: Schema) -> Schema:
-        identity = schema.name, schema.encoding, schema.data
-        found = self._schemas.get(identity)
-        if found is None:
-            found = self._schemas[identity] = replace(schema, id=_free(schema.id, self._schema_numbers))
-        return found
-
 
 def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> Channel:
-    """Return a channel under another name.
-
-    Raises:
-        ConfigError: No topic can have this name.
-    """
+    """Return a channel under another name; raises ConfigError if no topic can have it."""
     if not topic.keyed:
         new = name if name.startswith("/") or not topic.name.startswith("/") else f"/{name}"
         return replace(channel, topic=new)

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.vocabulary.redaction import escape_control_chars
+from riot_bus_logtools.export.rows import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.tables.rows import Kind, Rows
+    from riot_bus_logtools.export.rows import Kind, Rows
 
 _FORMULA = ("=", "+", "-", "@")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-](inf|nan)")
@@ -54,7 +55,7 @@ class CsvWriter:
         else:
             cells = values.tolist()
         if values.dtype in (np.bool_, np.object_):
-            cells = [self._harmless(_text(cell)) for cell in cells]
+            cells = [self._harmless(text_of(cell)) for cell in cells]
         there = valid.tolist()
         return cells if all(there) else [cell if known else "" for cell, known in zip(cells, there, strict=True)]
 
@@ -67,9 +68,3 @@ def _harmless(value: Any) -> Any:
 def _harmless_text(value: str) -> str:
     value = escape_control_chars(value, keep="\n")
     return f"'{value}" if value.startswith(_FORMULA) and not _NUMBER.fullmatch(value) else value
-
-
-def _text(value: Any) -> Any:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return value.hex() if isinstance(value, bytes) else value

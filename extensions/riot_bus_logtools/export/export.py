@@ -14,13 +14,13 @@ from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
-from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.new_file import new_file
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
 from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, require_package
+from riot_bus_logtools.export.rows import Kind, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.export.parquet_file import ParquetTableWriter
 
     TableWriter = CsvWriter | ParquetTableWriter
-
-_BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +65,8 @@ def export_table(
     Each message with a selected field becomes one row, ordered by time; columns of other topics are empty in it. The
     file gets its name when it is complete.
 
-    Args:
-        log: Path of the log.
-        selectors: Field selectors, such as `/odom:pose.pose.position.x`, as for `riot_bus.log.columns`.
-        out: File to write: `.csv` or `.parquet`.
-        start: Earliest time, nanoseconds.
-        end: Latest time (exclusive), nanoseconds.
-        force: Whether an existing file is replaced.
-        registry: Types that the log does not define.
-        memory: Memory limit in bytes, as for `riot_bus.log.iter_columns`.
-        salvage: Whether messages of damaged chunks are taken as far as an index confirms them.
-        raw: Whether texts are written to CSV unchanged, even those that a spreadsheet or a terminal would obey.
+    Arguments are as for `riot_bus.log.iter_columns`; `raw` texts are written to CSV unchanged, even those that a
+    spreadsheet or a terminal would obey.
 
     Raises:
         ConfigError: The file exists or is of another kind, or a selector does not fit the log.
@@ -187,7 +176,7 @@ def _batches(parts: Iterable[Columns], topics: dict[str, str]) -> Iterable[Rows]
     for part in parts:
         pending.append(_merged(part, topics))
         count += len(pending[-1].times)
-        if count >= _BATCH:
+        if count >= 1 << 16:  # rows of a row group in Parquet, which would compress badly if small
             yield _joined(pending)
             pending, count = [], 0
     if pending:

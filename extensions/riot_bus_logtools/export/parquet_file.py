@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from riot_bus_logtools.export.rows import text_of
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.tables.rows import Kind, Rows
+    from riot_bus_logtools.export.rows import Kind, Rows
 
 
 class ParquetTableWriter:
@@ -58,8 +60,4 @@ class ParquetTableWriter:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return value.hex() if isinstance(value, bytes) else str(value)
+    return str(text_of(value)).encode("utf-8", "backslashreplace").decode()

@@ -156,8 +156,7 @@ def message_bytes(channel: int, sequence: int, time: int, published: int, payloa
 def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None) -> bytes:
     """Return a block's records, uncompressed; for a chunk that was cut off, what is left.
 
-    Raises:
-        ValueError: The block is damaged, larger than that, or, as BeyondLimitError, beyond the limits.
+    Raises ValueError if the block is damaged, larger than `memory`, or, as BeyondLimitError, beyond the limits.
     """
     length = block.body.length if not block.cut else min(block.body.length, limits.chunk)
     if length > CHUNK.size + 64:
@@ -200,11 +199,7 @@ def _split_chunk(body: bytes) -> tuple[str, bytes]:
 
 
 def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) -> Records:
-    """Return the records of a block and their positions.
-
-    Raises:
-        ValueError: A record goes beyond the end, or there are too many.
-    """
+    """Return the records of a block; raises ValueError if one goes beyond the end, or there are too many."""
     import numpy as np
 
     parts: list[NDArray[Any]] = []

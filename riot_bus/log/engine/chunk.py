@@ -30,7 +30,6 @@ class Chunk:
     Attributes:
         data: Its records, uncompressed, in pieces.
         start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message.
         indexes: Message index record of each channel.
         counts: Number of messages of each channel.
         definitions: Records in the data that define schemas and channels.
@@ -131,9 +130,7 @@ class ChunkBuilder:
     def fill(self, rows: Iterator[Row], most: int) -> bool:
         """Add messages until there are `most` bytes and return True, or return False if there are no more messages.
 
-        Args:
-            rows: Messages, whose numbers have to fit the format: 16, 32, 64 and 64 bits.
-            most: Bytes at which the chunk is full.
+        The numbers of a message have to fit the format: 16, 32, 64 and 64 bits.
         """
         put, pack, size = self._parts.append, MESSAGE.pack, self.size
         for channel, sequence, time, published, payload, extras in rows:
@@ -187,10 +184,7 @@ def indexes_of(
 ) -> tuple[dict[int, bytes], dict[int, int]]:
     """Return the message index record and the number of messages of each channel of a chunk.
 
-    Args:
-        channels: Channel of each message, shape (n,).
-        times: Time of each message, nanoseconds, shape (n,).
-        offsets: Offset of each message's record in the chunk, shape (n,).
+    The messages are given as arrays of shape (n,): channel, time in nanoseconds, offset of the record in the chunk.
     """
     import numpy as np
 
@@ -202,10 +196,9 @@ def indexes_of(
     borders = [*places.tolist(), len(channels)]
     spans = [(number, *span) for number, span in zip(numbers.tolist(), pairwise(borders), strict=True)]
     return (
-        {number: _index_record(number, entries[first:end].tobytes()) for number, first, end in spans},
+        {
+            number: _INDEX.pack(7, 6 + 16 * (end - first), number, 16 * (end - first)) + entries[first:end].tobytes()
+            for number, first, end in spans
+        },
         {number: end - first for number, first, end in spans},
     )
-
-
-def _index_record(channel: int, data: bytes) -> bytes:
-    return _INDEX.pack(7, 6 + len(data), channel, len(data)) + data

@@ -25,7 +25,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, HEAD, MAGIC
+from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, MAGIC
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.chunk import Companions
 from riot_bus.log.engine.packing import PackedChunk, check_compression
@@ -39,14 +39,11 @@ if TYPE_CHECKING:
 
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
-_CHANNEL, _LENGTH = struct.Struct("<HH"), struct.Struct("<I")
 _NONE = Companions()
 
 
 def record_bytes(record: McapRecord) -> bytes:
     """Return a record as it stands in a file."""
-    if isinstance(record, Channel):
-        return _channel_bytes(record)
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
@@ -55,13 +52,8 @@ def record_bytes(record: McapRecord) -> bytes:
 class McapFile:
     """Appends records to a file; after an error it ends with the last whole record, and the next one is tried again.
 
-    It is an error if the disk is full or fails (OSError).
-
-    Attributes:
-        statistics: MCAP statistics of what was written so far: counts by channel, earliest and latest time.
-
-    Raises:
-        ConfigError: The file cannot be written.
+    It is an error if the disk is full or fails (OSError), or, at the beginning, if the file cannot be created
+    (ConfigError). The statistics are those of MCAP, of what was written so far.
     """
 
     def __init__(self, path: Path | str, *, profile: str, library: str, compression: str) -> None:
@@ -248,26 +240,6 @@ def statistics_of(counts: Mapping[int, int], start: int, end: int) -> Statistics
         metadata_count=0,
         schema_count=0,
     )
-
-
-def _channel_bytes(channel: Channel) -> bytes:
-    """Return a channel's record as `mcap` writes it, in a quarter of the time, since there may be many keys."""
-    metadata = b"".join([_text(each) for pair in channel.metadata.items() for each in pair])
-    body = b"".join(
-        (
-            _CHANNEL.pack(channel.id, channel.schema_id),
-            _text(channel.topic),
-            _text(channel.message_encoding),
-            _LENGTH.pack(len(metadata)),
-            metadata,
-        )
-    )
-    return HEAD.pack(Opcode.CHANNEL, len(body)) + body
-
-
-def _text(text: str) -> bytes:
-    data = text.encode()
-    return _LENGTH.pack(len(data)) + data
 
 
 def _without(parts: list[bytes], written: int) -> list[bytes]:

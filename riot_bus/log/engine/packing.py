@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _LEAST_SHARE = _LEAST_GAIN = 32  # 1/32 of a chunk
 _FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256  # headers are skipped; of few payloads, 1 MiB is sampled at most
-_LOOK = 64  # bytes in the middle of payloads: if two agree there, they are probably copies
 
 _PER_THREAD = threading.local()
 
@@ -57,8 +56,8 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
     large = sum(map(len, payloads))
     if compression == "none" or not payloads or _LEAST_SHARE * (size - large) > size:
         return compression
-    if len({bytes(payload[len(payload) // 2 :][:_LOOK]) for payload in payloads}) < len(payloads):
-        return compression
+    if len({bytes(payload[len(payload) // 2 :][:64]) for payload in payloads}) < len(payloads):
+        return compression  # two that agree in the middle are probably copies
     stride = max(LARGE, large // _MOST_SLICES)
     sample = b"".join(
         payload[begin : begin + _SLICE] for payload in payloads for begin in range(_FIRST, len(payload), stride)
@@ -69,13 +68,7 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """A chunk as it is stored in a file.
-
-    Attributes:
-        data: Its records, compressed, in pieces.
-        size: Size of the records before compression, in bytes.
-        checksum: CRC of the uncompressed records.
-    """
+    """A chunk as it is stored in a file: compressed, in pieces; size and CRC are those before compression."""
 
     compression: str
     data: tuple[bytes, ...]

@@ -40,7 +40,9 @@ def next_record(file: int, start: int, size: int, channels: Container[int]) -> i
             if data[at] == Opcode.CHUNK:
                 if _is_chunk(data, at, position + at, size):
                     return int(position + at)
-            elif _is_message(data, at, channels) and _follow(file, position + at, size):
+                continue
+            length, channel = struct.unpack_from("<QH", data, at + 1)
+            if length >= SHORTEST_MESSAGE and channel in channels and _follow(file, position + at, size):
                 return int(position + at)
         position += count
         window = min(4 * window, _WINDOW)
@@ -54,11 +56,6 @@ def _is_chunk(data: bytes, at: int, position: int, size: int) -> bool:
         return False
     (packed,) = struct.unpack_from("<Q", data, at + _NAME_LENGTH + 4 + name_length)
     return bool(length == CHUNK.size + name_length + 8 + packed and (name or packed == unpacked))
-
-
-def _is_message(data: bytes, at: int, channels: Container[int]) -> bool:
-    length, channel = struct.unpack_from("<QH", data, at + 1)
-    return length >= SHORTEST_MESSAGE and channel in channels
 
 
 def _follow(file: int, position: int, size: int) -> bool:

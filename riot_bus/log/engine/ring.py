@@ -36,11 +36,7 @@ class _Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RingContent:
-    """What a ring held at one moment.
-
-    Attributes:
-        start: Time of the earliest message, nanoseconds; 0 if there is none.
-    """
+    """What a ring held at one moment; times in nanoseconds, 0 if there is no message."""
 
     start: int
     end: int
@@ -60,9 +56,8 @@ class RingContent:
     ) -> int:
         """Write all of it as a log; return its size in bytes.
 
-        Raises:
-            ConfigError: The file cannot be created.
-            OSError: The disk is full or has failed; the file ends with the last whole chunk.
+        Raises ConfigError if the file cannot be created, OSError if the disk is full or has failed; then the file
+        ends with the last whole chunk.
         """
         channels = [each for each in channels if each.id in self.messages]
         wanted = {each.schema_id for each in channels}
@@ -134,9 +129,6 @@ class Ring:
 
     def sync(self) -> None:
         """Do nothing: memory does not outlive the process."""
-
-    def define(self, records: bytes) -> None:
-        """Do nothing: definitions are written when the content is."""
 
     def chunk(self, chunk: Chunk, companions: Companions) -> None:
         """Keep a chunk with what belongs to it."""

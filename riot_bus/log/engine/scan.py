@@ -44,10 +44,7 @@ FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 
 RecordT = TypeVar("RecordT")
 
-_PLAIN_BLOCK = 1 << 20  # as a usual chunk: smaller blocks need more entries, larger ones load longer
 _SHORTEST_CHUNK = CHUNK.size + 8
-_ZSTD_HEAD = 18  # most bytes of a frame's header (RFC 8878, 3.1.1.1)
-_MOST_GAPS = 1000  # a search reads 64 KiB or more: many in a hostile file would take hours
 
 
 class MessageEntry(NamedTuple):
@@ -71,30 +68,20 @@ class Scan:
     header: Header | None = None
     blocks: list[Block] = field(default_factory=list)
     metadata: list[tuple[str, Span]] = field(default_factory=list)
-    attachments: list[Span] = field(default_factory=list)
-    """Attachments other than the extras of a chunk."""
+    attachments: list[Span] = field(default_factory=list)  # other than the extras of a chunk
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     statistics: Statistics | None = None
     finished: bool = False
-    unread: int = 0
-    """Bytes that cannot be interpreted: at the end, or after a damaged length."""
-    damaged: set[int] = field(default_factory=set)
-    """Checksums of definitions that were left out; 0 stands for too many metadata records or attachments."""
-    conflicts: set[int] = field(default_factory=set)
-    """Channels that are defined twice in different ways; the first one counts."""
-    defined: int = 0
-    """Bytes of definitions that were accepted."""
-    refused: BeyondLimitError | None = None
-    """The first limit, if any, because of which something was left out or is counted in `damaged`."""
-    stopped: bool = False
-    """Whether the file has more chunks than its limits allow."""
-    unpacked: int = 0
-    """Bytes that its chunks and their extras take, uncompressed, also those of dropped chunks."""
-    dropped: int = 0
-    """Number of chunks that are left out because all of them together take too much."""
-    joins: bool = False
-    """Whether a message outside of chunks belongs to the last block: there is nothing but definitions between them."""
+    unread: int = 0  # bytes that cannot be interpreted: at the end, or after a damaged length
+    damaged: set[int] = field(default_factory=set)  # checksums of definitions; 0 for too many other records
+    conflicts: set[int] = field(default_factory=set)  # channels defined in different ways; the first one counts
+    defined: int = 0  # bytes of definitions that were accepted
+    refused: BeyondLimitError | None = None  # the first limit because of which something is left out or `damaged`
+    stopped: bool = False  # whether the file has more chunks than its limits allow
+    unpacked: int = 0  # bytes that its chunks and their extras take, uncompressed, also those of dropped chunks
+    dropped: int = 0  # chunks that are left out because all of them together take too much
+    joins: bool = False  # whether a message outside of chunks belongs to the last block: only definitions are between
 
     def refuse(self, problem: str, limit: str, present: int, needed: int) -> None:
         """Note that something is left out because of a limit, unless another limit was noted before."""
@@ -114,11 +101,7 @@ class Scan:
 
 
 def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
-    """Walk over a file.
-
-    Raises:
-        ConfigError: It is not an MCAP file.
-    """
+    """Walk over a file; raises ConfigError if it is not an MCAP file."""
     size = os.fstat(file).st_size
     try:
         if os.pread(file, len(MAGIC), 0) != MAGIC:
@@ -143,7 +126,8 @@ def _walk(file: int, scan: Scan) -> Scan:
         cut = opcode == 0 or following > size
         if cut:
             gaps += 1
-            following = _after_gap(file, scan, position) if gaps <= _MOST_GAPS else size
+            # A search reads 64 KiB or more: many in a hostile file would take hours.
+            following = _after_gap(file, scan, position) if gaps <= 1000 else size
             scan.unread += following - position
         inside = head[HEAD.size :]
         if opcode == Opcode.CHUNK and len(inside) >= CHUNK.size and length >= _SHORTEST_CHUNK:
@@ -211,7 +195,7 @@ def _extras_size(inside: bytes) -> int | None:
     """Return how many bytes extras take, uncompressed, negative if they do not say; None for other attachments."""
     name, position = _text(inside, 16)
     begin = _text(inside, position)[1] + 8
-    if name != EXTRAS or begin + _ZSTD_HEAD > len(inside):
+    if name != EXTRAS or begin + 18 > len(inside):  # at most so many bytes has a frame's header (RFC 8878, 3.1.1.1)
         return None
     with suppress(zstandard.ZstdError):
         return zstandard.frame_content_size(inside[begin:])
@@ -307,11 +291,7 @@ def read_metadata(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> 
 
 
 def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> bytes:
-    """Return the data of an attachment.
-
-    Raises:
-        ValueError: It is damaged or, as BeyondLimitError, too large.
-    """
+    """Return the data of an attachment; raises ValueError if it is damaged or, as BeyondLimitError, too large."""
     limits.check_size(span.length, span.length)
     body = os.pread(file, span.length, span.offset)
     if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
@@ -324,8 +304,7 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
 def load_block(data: bytes, block: Block, scan: Scan, extras: Mapping[int, dict[str, Any]]) -> list[MessageEntry]:
     """Return a block's messages in file order, and add its schemas and channels to the scan.
 
-    Raises:
-        ValueError: The block is damaged; for a block that was cut off, what is left is returned instead.
+    Raises ValueError if the block is damaged; for one that was cut off, what is left is returned instead.
     """
     entries: list[MessageEntry] = []
     order, place, others, most = block.number << 32, 0, 0, scan.limits.messages
@@ -360,7 +339,8 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: Mapping[int, dict[
 
 def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
     last = scan.blocks[-1] if scan.blocks else None
-    if last and scan.joins and position < last.body.offset + _PLAIN_BLOCK:
+    # 1 MiB, as a usual chunk: smaller blocks need more entries, larger ones load longer.
+    if last and scan.joins and position < last.body.offset + (1 << 20):
         last.body = Span(last.body.offset, position + length - last.body.offset)
         last.start, last.end = min(last.start, time), max(last.end, time)
     else:

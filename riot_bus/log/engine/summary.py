@@ -18,17 +18,7 @@ _DATA_END = HEAD.size + 4
 _INDEX = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
 _DEFINING = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS})
-_OPCODES = frozenset(
-    {
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.STATISTICS,
-        Opcode.CHUNK_INDEX,
-        Opcode.ATTACHMENT_INDEX,
-        Opcode.METADATA_INDEX,
-        Opcode.SUMMARY_OFFSET,
-    }
-)
+_INDEXES = frozenset({Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET})
 
 
 @dataclass(slots=True)
@@ -37,7 +27,6 @@ class ChunkIndexes:
 
     Attributes:
         most: Most indexes that are accepted.
-        count: Number of chunks.
         spans: Earliest and latest time of the chunks that have messages of a channel, by channel.
         ends: Offset and length of the first and the last chunk.
         end: Offset at which the last one ends, with its message index.
@@ -69,11 +58,7 @@ class ChunkIndexes:
 
 @dataclass(slots=True)
 class Summary:
-    """The header of a log, and what its summary section says.
-
-    Attributes:
-        metadata: Name of each metadata record, with the place of its body in the file.
-    """
+    """The header of a log, and what its summary section says; metadata records by name and place of their body."""
 
     size: int
     header: Header
@@ -131,7 +116,7 @@ def _parse(data: bytes, size: int, header: Header, limits: LogLimits) -> Summary
     for opcode, begin, position in walk(data):
         body = data[begin:position]
         defined += len(body) if opcode in _DEFINING else 0
-        if opcode not in _OPCODES or defined > limits.definitions or len(metadata) > most:
+        if opcode not in _DEFINING | _INDEXES or defined > limits.definitions or len(metadata) > most:
             return None
         if opcode == Opcode.CHUNK_INDEX and not chunks.add(body):
             return None
@@ -159,9 +144,11 @@ def _is_sound(file: int, summary: Summary, end: int) -> bool:
         and summary.channels.keys() >= counts.keys()
         and all(each.schema_id == 0 or each.schema_id in summary.schemas for each in summary.channels.values())
     )
-    return agree and summary.chunks.end <= end and all(_is_there(file, chunk) for chunk in summary.chunks.ends or ())
-
-
-def _is_there(file: int, chunk: Span) -> bool:
-    head = os.pread(file, HEAD.size, chunk.offset)
-    return len(head) == HEAD.size and HEAD.unpack(head) == (Opcode.CHUNK, chunk.length - HEAD.size)
+    return (
+        agree
+        and summary.chunks.end <= end
+        and all(
+            os.pread(file, HEAD.size, chunk.offset) == HEAD.pack(Opcode.CHUNK, max(0, chunk.length - HEAD.size))
+            for chunk in summary.chunks.ends or ()
+        )
+    )

@@ -12,11 +12,8 @@ if TYPE_CHECKING:
     from riot_bus.log.playback.sources import Source
     from riot_bus.vocabulary.message import Message
 
-_BATCH = 64  # messages: one by one, each would take a lock and wake a thread
-_BATCH_BYTES = 1 << 20  # as a usual chunk: large messages are handed over after fewer than _BATCH
-_BATCHES = 32  # 2048 messages or 32 MiB, of which usual chunks take 1 MiB; not tuned
-_WAITING_BYTES = _BATCHES * _BATCH_BYTES
-_JOIN_S = 10.0  # threads end at their next batch; a hanging disk must not block for ever
+_BATCHES = 32  # of 64 messages, or 1 MiB as a usual chunk: one by one, each would take a lock and wake a thread
+_WAITING_BYTES = _BATCHES << 20
 
 
 class AheadSource:
@@ -43,7 +40,7 @@ class AheadSource:
         for ahead in unfinished:
             ahead.close()
         for ahead in unfinished:
-            ahead.thread.join(_JOIN_S)
+            ahead.thread.join(10.0)  # it ends at its next batch; a hanging disk must not block for ever
 
 
 class _Ahead:
@@ -83,7 +80,7 @@ class _Ahead:
             for message in self._messages:
                 batch.append(message)
                 size += len(message.payload)
-                if len(batch) >= _BATCH or size >= _BATCH_BYTES:
+                if len(batch) >= 64 or size >= _WAITING_BYTES // _BATCHES:
                     if not self._hand_over(batch, size):
                         return
                     batch, size = [], 0
@@ -98,12 +95,11 @@ class _Ahead:
 
     def _hand_over(self, batch: list[Message], size: int) -> bool:
         with self._bell:
-            self._bell.wait_for(lambda: self._closed or self._room())
+            self._bell.wait_for(
+                lambda: self._closed or (len(self._batches) < _BATCHES and self._waiting_bytes < _WAITING_BYTES)
+            )
             if not self._closed:
                 self._batches.append((batch, size))
                 self._waiting_bytes += size
                 self._bell.notify_all()
             return not self._closed
-
-    def _room(self) -> bool:
-        return len(self._batches) < _BATCHES and self._waiting_bytes < _WAITING_BYTES

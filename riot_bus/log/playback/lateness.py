@@ -8,15 +8,7 @@ _BITS = 7  # leading bits: values are exact to 2**-6, or 1.6 %
 
 
 class Lateness:
-    """Counts delays; quantiles are exact to 1.6 %, the worst one to the nanosecond.
-
-    Example:
-        >>> lateness = Lateness()
-        >>> for milliseconds in range(1, 101):
-        ...     lateness.add(milliseconds * 1_000_000)
-        >>> round(lateness.quantile(0.5), 3), lateness.worst
-        (0.05, 0.1)
-    """
+    """Counts delays; quantiles are exact to 1.6 %, the worst one to the nanosecond."""
 
     def __init__(self) -> None:
         self._counts: Counter[tuple[int, int]] = Counter()

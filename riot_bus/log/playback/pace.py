@@ -17,23 +17,16 @@ class Pace(Protocol):
 
     def now(self) -> int:
         """Return nanoseconds since the Unix epoch."""
-        ...
 
     def wait(self, bell: threading.Condition, until: int | None) -> None:
-        """Wait until `now()` is `until` or the bell is notified; may return a little earlier.
+        """Wait until `now()` is `until` (nanoseconds), or the bell is notified; may return a little earlier.
 
-        Args:
-            bell: Condition held by the caller.
-            until: Time in nanoseconds; None to wait only for the bell.
+        The caller holds the bell; without a time, only the bell ends the wait.
         """
-        ...
 
 
 class SteadyPace:
-    """The machine's time, without jumps when its clock is set; exact to some 10 microseconds.
-
-    The system wakes a thread 50 to 100 microseconds late, so the last part of a wait is a busy loop.
-    """
+    """The machine's time, without jumps when its clock is set; exact to some 10 us, as waits end in a busy loop."""
 
     def __init__(self) -> None:
         self._offset = time.time_ns() - time.monotonic_ns()

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-_STOP_S = 0.2  # only a source that hangs keeps the lock longer; then the flag must do
-_SLOWEST, _FASTEST = 1e-6, 1e6  # far beyond any use; a rate near 0 would make waits infinite (OverflowError)
-
 PlayState = Literal["ready", "playing", "paused", "ended"]
 
 
@@ -42,12 +39,9 @@ def play(
     Args:
         messages: Messages of a log.
         publish: Function called for each message.
-        rate: Speed relative to the log's own; 0 is as fast as possible.
+        rate: Speed relative to the log's own; 0 is as fast as possible. An invalid one raises ConfigError.
         clock: Clock that paces the replay.
         stop: Function that tells whether to stop, called before each message and while waiting.
-
-    Raises:
-        ConfigError: The rate is not valid.
     """
     check_rate(rate)
     begun = clock.now()
@@ -64,7 +58,7 @@ def play(
 
 def check_rate(rate: float) -> float:
     """Return the rate; raises ConfigError if it is neither 0 nor between a millionth and a million."""
-    if rate and not _SLOWEST <= rate <= _FASTEST:
+    if rate and not 1e-6 <= rate <= 1e6:  # far beyond any use; a rate near 0 would make waits infinite
         hint = "give a number from 0.000001 to 1000000, or 0 for as fast as possible"
         raise ConfigError(f"rate {rate} is not a speed", hint=hint)
     return rate
@@ -72,11 +66,7 @@ def check_rate(rate: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PlayStatus:
-    """The state of a player.
-
-    Attributes:
-        passes: Number of the present pass, from 1.
-    """
+    """The state of a player; passes count from 1."""
 
     state: PlayState
     position: int
@@ -97,19 +87,13 @@ class Player:
         source: Messages in the order of their times.
         publish: Function called for each message; an exception from it ends the play.
         pace: Source of the time.
-        rate: Speed relative to the log's own; 0 is as fast as possible.
+        rate: Speed relative to the log's own; 0 is as fast as possible. An invalid one raises ConfigError.
         loop: Whether to begin again at the end, until stopped.
         delay: Seconds before each pass.
         paused: Whether to begin paused.
         hold: Whether to wait for commands at the end instead of ending.
         settle: Function called after each message; time stands still until it returns. Its argument is a function that
             tells when to give up.
-
-    Attributes:
-        lateness: Delays of messages, if a pace was asked for.
-
-    Raises:
-        ConfigError: The rate is not valid.
     """
 
     def __init__(
@@ -145,8 +129,6 @@ class Player:
     def in_lockstep(self) -> bool:
         """Whether each message waits until the one before has had its effect."""
         return self._settle is not None
-
-    # -- commands -----------------------------------------------------------------------------------------------------
 
     def pause(self) -> None:
         """Stop time; the next message waits."""
@@ -193,7 +175,7 @@ class Player:
     def stop(self) -> None:
         """End as soon as possible; safe to call at any time, even if the source hangs."""
         self._stopped = True
-        if self._bell.acquire(timeout=_STOP_S):
+        if self._bell.acquire(timeout=0.2):  # only a source that hangs keeps it longer; then the flag must do
             self._bell.notify_all()
             self._bell.release()
 
@@ -201,16 +183,9 @@ class Player:
         """Return the present state."""
         with self._bell:
             state: PlayState = "paused" if self._paused else "playing"
-            if not self._running:
-                state = "ready"
-            if self._ended:
-                state = "ended"
-            source = self._source
-            return PlayStatus(
-                state, self._position(), source.start, source.end, self._rate, self._passes, self._published
-            )
-
-    # -- playing ------------------------------------------------------------------------------------------------------
+            state = "ended" if self._ended else state if self._running else "ready"
+            span = self._source.start, self._source.end
+            return PlayStatus(state, self._position(), *span, self._rate, self._passes, self._published)
 
     def run(self) -> None:
         """Play until the end or `stop`; to be called only once."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING
@@ -33,7 +32,8 @@ class RecallingSource:
     ) -> None:
         self._source, self._before, self._depths, self._origin = source, before, depths, origin
         self.start, self.end = source.start, source.end
-        self._known = _Known(origin, 0, {})  # replaced as a whole: two threads may use it at once
+        # The latched messages at a time, numbered in the logs' order; replaced as a whole, as two threads may use it.
+        self._known: tuple[int, int, dict[str, deque[tuple[int, Message]]]] = origin, 0, {}
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
         """Yield the latched messages, then those of the source."""
@@ -45,21 +45,12 @@ class RecallingSource:
     def _recalled(self, begin: int) -> list[Message]:
         if not self._depths or begin <= self._origin:
             return []
-        known = self._known
-        if known.until > begin:
-            known = _Known(self._origin, 0, {})
-        number, last = known.number, {key: numbered.copy() for key, numbered in known.last.items()}
-        for message in self._before(known.until, begin):
+        until, number, known = self._known
+        if until > begin:
+            until, number, known = self._origin, 0, {}
+        last = {key: numbered.copy() for key, numbered in known.items()}
+        for message in self._before(until, begin):
             number += 1
             last.setdefault(message.key, deque(maxlen=self._depths[message.key])).append((number, message))
-        self._known = _Known(begin, number, last)
+        self._known = begin, number, last
         return [message for _, message in sorted(chain.from_iterable(last.values()), key=itemgetter(0))]
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """The latched messages at a time, numbered in the logs' order."""
-
-    until: int
-    number: int
-    last: dict[str, deque[tuple[int, Message]]]

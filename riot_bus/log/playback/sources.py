@@ -29,12 +29,7 @@ class Source(Protocol):
     end: int
 
     def messages(self, start: int | None = None) -> Iterator[Message]:
-        """Yield the messages sorted by time, those of equal time always in the same order.
-
-        Args:
-            start: Earliest time, nanoseconds; None for all.
-        """
-        ...
+        """Yield the messages from a time (nanoseconds) on, by time; those of equal time always in the same order."""
 
 
 class LogSource:
@@ -82,14 +77,10 @@ class LogSource:
 
 
 class MergedSource:
-    """Several sources on one time line; at equal times, the source that is named first comes first.
+    """Several sources on one time line, from `start` to `end` (exclusive, nanoseconds), None for all.
 
-    Memory holds what each of the sources holds, and one message of each.
-
-    Args:
-        sources: Any number of sources; without one there are no messages.
-        start: Time at which to begin, nanoseconds; None for the beginning.
-        end: Time at which to end, nanoseconds, exclusive; None for the end.
+    At equal times, the source that is named first comes first. Memory holds what each of the sources holds, and one
+    message of each.
     """
 
     def __init__(self, sources: Sequence[Source], *, start: int | None = None, end: int | None = None) -> None:

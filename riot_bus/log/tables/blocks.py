@@ -143,7 +143,7 @@ def _account(reader: LogReader, loaded: LoadedBlock, known: NDArray[np.bool_]) -
     """
     reader.define(loaded.records)
     lost = ~known[loaded.channels] | (loaded.times < 0)
-    reader.count_unknown(loaded.block, int(np.count_nonzero(lost)))
+    reader.lost.unknown[loaded.block.number] = int(np.count_nonzero(lost))
 
 
 def _arrays(block: Block, records: Records) -> LoadedBlock:

@@ -12,12 +12,7 @@ if TYPE_CHECKING:
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows, all with the same columns, to a Parquet file.
-
-    Raises:
-        ConfigError: The file exists, or its suffix is not `.parquet`.
-        MissingExtraError: pyarrow is not installed.
-    """
+    """Write rows, all with the same columns, to a new Parquet file; raises ConfigError or MissingExtraError."""
     if path.suffix != ".parquet" or path.exists():
         why = "the file exists" if path.exists() else "a table is written as .parquet"
         raise ConfigError(why, where=str(path), hint="choose another name")

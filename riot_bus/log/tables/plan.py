@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _SAMPLES = 16  # a guess: without a definition, the first few messages mostly show type and fields
-_MOST_SAMPLED = 100_000  # else a topic with fewer than 16 messages would have the whole log read
 _MOST_LISTED = 10 * MOST_FIELDS  # of all topics, which may be 60,000 with so many fields each
 _INDEX = re.compile(r"\[\d+\]")
 _LEFT_OUT = f"not listed after {_MOST_LISTED} fields of other topics: name this topic with --topics"
@@ -51,14 +50,7 @@ class Wish:
 
 @dataclass(slots=True)
 class Feed:
-    """A channel that fields are read from.
-
-    Attributes:
-        number: The channel's number in the file.
-        source: Topic, key, schema and encoding of its messages.
-        wishes: Indices of the wishes that read from it.
-        kind: Type of its messages, None while it is unknown.
-    """
+    """A channel, by its number in the file, and the wishes that read from it; its type is None while unknown."""
 
     number: int
     source: ChannelSource
@@ -78,10 +70,9 @@ class Feed:
 def log_registry(
     *readers: LogReader, declared: dict[str, str] | None = None, definitions: Sequence[Path] = ()
 ) -> TypeRegistry:
-    """Return a registry of the types of a log's messages.
+    """Return a registry of the types of logs' messages.
 
-    Raises:
-        ConfigError: A declared type is unknown, or a file does not define one.
+    Raises ConfigError for a declared type that is unknown, or a file that does not define one.
     """
     registry = TypeRegistry(load_adapters(), declared=declared, definitions=definitions)
     for source in (source for reader in readers for source in reader.sources().values()):
@@ -128,11 +119,7 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
 def delivered_sources(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> dict[int, ChannelSource]:
-    """Return the channels of delivered messages by number.
-
-    Raises:
-        ConfigError: The log has no such topic.
-    """
+    """Return the channels of delivered messages by number; raises ConfigError for a topic that is not there."""
     found = {number: source for number, source in reader.sources().items() if source.role == "delivered"}
     for topic in topics or ():
         if not any(is_chosen(source, [topic], registry) for source in found.values()):
@@ -155,8 +142,7 @@ def topic_types(
 ) -> list[tuple[str, TypeListing]]:
     """Return each topic of a log and its type; without a definition, the fields are those of the first messages.
 
-    Raises:
-        ConfigError: The log has no such topic.
+    Raises ConfigError for a topic that the log does not have.
     """
     sources = delivered_sources(reader, registry, topics).values()
     kinds = {source.key: registry.type_of(source.key, encoding=source.payload_encoding) for source in sources}
@@ -184,7 +170,8 @@ def _samples(reader: LogReader, keys: set[str]) -> dict[str, list[bytes]]:
     """Return the first payloads of each key, none for a key that first appears late in a long log."""
     found: dict[str, list[bytes]] = {key: [] for key in keys}
     missing = len(keys)
-    for message in islice(reader.messages(topics=sorted(keys)), _MOST_SAMPLED) if keys else ():
+    # A limit: else a topic with fewer than 16 messages would have the whole log read.
+    for message in islice(reader.messages(topics=sorted(keys)), 100_000) if keys else ():
         some = found.get(message.key)
         if some is not None and len(some) < _SAMPLES:
             some.append(message.payload)
@@ -240,11 +227,11 @@ def chosen_rows(kind: MessageType, payloads: Payloads, where: Predicate) -> NDAr
     """Return which payloads meet a predicate; those that lack its fields do not."""
     gathered = {path: gather(kind, payloads, path) for path in where.fields}
     columns = {path: (found.values.tolist(), found.valid.tolist()) for path, found in gathered.items()}
-    return np.array([where.holds(partial(_read, columns, row)) for row in range(len(payloads))], np.bool_)
 
+    def read(row: int, path: str) -> Scalar:
+        values, valid = columns[path]
+        if not valid[row]:
+            raise PayloadError("no such field", where=path)
+        return values[row]  # type: ignore[no-any-return]
 
-def _read(columns: dict[str, tuple[list[Scalar], list[bool]]], row: int, path: str) -> Scalar:
-    values, valid = columns[path]
-    if not valid[row]:
-        raise PayloadError("no such field", where=path)
-    return values[row]
+    return np.array([where.holds(partial(read, row)) for row in range(len(payloads))], np.bool_)

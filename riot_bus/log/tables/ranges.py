@@ -27,12 +27,8 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _ELEMENTS = 16  # each is a path of its own, whose values are gathered from all messages
-_NESTED_ELEMENTS = 4  # of each level, so that three levels have 64 paths
-_MOST_NESTED = 3  # each further level would take four times as many paths
-_MOST_SURVEYED = 1000  # each field takes a pass over the payloads; the rest counts as omitted
 _MOST_IN_ALL = 100_000  # of all topics, which may be 60,000: a robot's 500 have 50,000 if they have 100 each
-_EXAMPLES = 4  # all examples of a field share a cell of a table
-_EXAMPLE_LENGTH = 40  # four examples take 160 characters; texts and bytes may have any length
+_EXAMPLE_LENGTH = 40  # four examples, which share a cell of a table, take 160 characters
 _INDEX = re.compile(r"\[\d+\]")
 
 
@@ -44,9 +40,7 @@ class FieldRange:
         path: Path, such as `pose.position.x`; `ranges[*]` for all elements of an array.
         type: Type as in `riot_bus.types.model.Leaf`; several, joined by `|`, if payloads differ.
         count: Number of values, including NaN.
-        nan: Number of NaN values.
-        low: Least value except NaN; None if there is none, and for text and bytes.
-        high: Greatest value except NaN; None as for `low`.
+        low: Least value except NaN; None if there is none, and for text and bytes; `high` likewise.
         examples: The first few distinct texts, shortened.
         partial: Whether only the first elements of its arrays were looked at.
     """
@@ -84,7 +78,7 @@ class FieldRange:
                     self.nan += 1
                 else:
                     self._widen(value, value)
-            elif len(self.examples) < _EXAMPLES:
+            elif len(self.examples) < 4:
                 text = value if isinstance(value, str) else value[:_EXAMPLE_LENGTH].hex()
                 text = text if len(text) <= _EXAMPLE_LENGTH else text[: _EXAMPLE_LENGTH - 3] + "..."
                 if text not in self.examples:
@@ -97,13 +91,7 @@ class FieldRange:
 
 @dataclass(slots=True)
 class TopicFields:
-    """The fields of a topic.
-
-    Attributes:
-        type: Name of the type; empty if it is not known.
-        unreadable: Number of messages that cannot be decoded.
-        omitted: Number of fields that were left out, as too many or too deeply nested.
-    """
+    """The fields of a topic; `omitted` counts those left out as too many or too deeply nested."""
 
     topic: str
     key: str
@@ -123,14 +111,8 @@ def field_ranges(
 ) -> list[TopicFields]:
     """Read a log from end to end and return the fields of its delivered messages.
 
-    Args:
-        reader: The log.
-        topics: Topic names or key expressions; None for all.
-        registry: Types that the log does not define.
-        progress: Function called after each block with the bytes read so far and the size of the file.
-
-    Raises:
-        ConfigError: The log has no such topic, or its topics have too many fields.
+    Raises ConfigError for a topic that the log does not have, or for too many fields. Progress is called after each
+    block with the bytes read so far and the size of the file.
     """
     registry = log_registry(reader) if registry is None else registry
     sources = delivered_sources(reader, registry, topics)
@@ -179,7 +161,8 @@ class _Survey:
         if isinstance(kind, DescribesFields):
             try:
                 listed = kind.fields()
-                self._fields = [each for each in listed if each.path.count("[*]") <= _MOST_NESTED][:_MOST_SURVEYED]
+                # Each field takes a pass over the payloads, and each level of arrays four times as many paths.
+                self._fields = [each for each in listed if each.path.count("[*]") <= 3][:1000]
                 self.omitted = len(listed) - len(self._fields)
                 self._described = kind
             except PayloadError:
@@ -236,7 +219,7 @@ class _Survey:
 
 def _places(path: str) -> list[str]:
     """Return the paths of the first elements."""
-    many = _ELEMENTS if path.count("[*]") == 1 else _NESTED_ELEMENTS
+    many = _ELEMENTS if path.count("[*]") == 1 else 4  # three levels have 64 paths
     found = [path]
     while "[*]" in found[0]:
         found = [each.replace("[*]", f"[{index}]", 1) for each in found for index in range(many)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,14 +20,12 @@ from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from riot_bus.types.registry import TypeRegistry
-
-_MOST_THREADS = 4  # one thread takes values out of blocks, so more would wait; not measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,21 +60,12 @@ class Column:
         return len(self.times)
 
 
-class Columns(Mapping[str, Column]):
+class Columns(dict[str, Column]):
     """Columns by selector; `loss` says which parts of the log could not be read (so far)."""
 
     def __init__(self, found: Mapping[str, Column], loss: Loss) -> None:
-        self._found = dict(found)
+        super().__init__(found)
         self.loss = loss
-
-    def __getitem__(self, selector: str) -> Column:
-        return self._found[selector]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._found)
-
-    def __len__(self) -> int:
-        return len(self._found)
 
 
 class _Rows(NamedTuple):
@@ -150,11 +138,7 @@ def columns(
                     where=reader.path,
                     hint="use iter_columns, give start and end, or more memory",
                 )
-        found = {}
-        for place, wish in enumerate(work.wishes):
-            found[wish.text] = work.column(place, _sorted(pending[place]))
-            pending[place] = []
-        return Columns(found, reader.loss)
+        return work.columns(_split(pending, None)[0])
 
 
 def iter_columns(
@@ -199,8 +183,8 @@ def column_parts(
             held += rows.weight
             pending[place].append(rows)
             late.append(rows.order[rows.times < bound])
-        reader.count_unsorted(block.block, len(np.unique(np.concatenate(late))))
-        following = work.following_start(block.block)
+        reader.lost.unsorted[block.block.number] = len(np.unique(np.concatenate(late)))
+        following = work.following.get(block.block.number)
         limit = None if following is None or 2 * held > memory else following
         part, pending = _split(pending, limit)
         held = sum(rows.weight for rows_of in pending for rows in rows_of)
@@ -224,7 +208,8 @@ class _Work:
             for place in feed.wishes:
                 self._keys[place].setdefault(feed.source.key, len(self._keys[place]))
         self._low, self._high = 0, 1 << 64
-        self._following: dict[int, int] = {}
+        self.following: dict[int, int] = {}
+        """Earliest time in the blocks that are still to come after a block, by its number."""
 
     def blocks(
         self, start: int | None, end: int | None, memory: int, share: int, threads: int | None
@@ -232,14 +217,10 @@ class _Work:
         """Yield the blocks that may hold wanted messages, by time; blocks loaded ahead take 1/`share` of `memory`."""
         self._low, self._high = max(start or 0, 0), 1 << 64 if end is None else end
         blocks = self._reader.blocks(self._low, self._high)
-        self._following = {one.number: other.start for one, other in pairwise(blocks)}
-        if threads is None:
-            threads = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
+        self.following = {one.number: other.start for one, other in pairwise(blocks)}
+        if threads is None:  # one thread takes values out of blocks, so more would wait; not measured
+            threads = min(len(os.sched_getaffinity(0)), 4)
         return load_ahead(self._reader, blocks, memory=memory // share, threads=threads, largest=memory)
-
-    def following_start(self, block: Any) -> int | None:
-        """Return the earliest time in blocks that are still to come; None if there are none."""
-        return self._following.get(block.number)
 
     def rows(self, block: LoadedBlock) -> Iterator[tuple[int, _Rows]]:
         """Yield the index of each wish and its rows in a block."""
@@ -248,17 +229,17 @@ class _Work:
             if len(rows):
                 yield from self._of_feed(block, feed, rows)
 
-    def column(self, place: int, rows: _Rows) -> Column:
-        """Return the column of sorted rows for the wish at an index."""
-        wish, keys, found = self.wishes[place], tuple(self._keys[place]), rows.found
-        return Column(
-            wish.text, wish.path, keys, rows.times, rows.published, found.values, found.valid, rows.key, rows.order
-        )
-
     def columns(self, part: Sequence[_Rows]) -> Columns:
         """Return columns of sorted rows, one for each wish."""
-        found = {wish.text: self.column(place, part[place]) for place, wish in enumerate(self.wishes)}
-        return Columns(found, self._reader.loss)
+        return Columns(
+            {
+                wish.text: Column(
+                    wish.text, wish.path, tuple(keys), times, published, found.values, found.valid, key, order
+                )
+                for wish, keys, (times, order, published, found, key) in zip(self.wishes, self._keys, part, strict=True)
+            },
+            self._reader.loss,
+        )
 
     def _of_feed(self, block: LoadedBlock, feed: Feed, rows: NDArray[np.int64]) -> Iterator[tuple[int, _Rows]]:
         times, order, published = block.times[rows], block.order(rows), block.published(rows)

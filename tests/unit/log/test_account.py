@@ -45,8 +45,8 @@ def test_several_accounts_are_added_and_their_topics_renamed():
     second = Account({"/a": 5}, {"disk": {"/a": 2}, "missed": {"/b": 4}})
     total = Account.total_of([first, second])
     assert total == Account({"/a": 7, "/b": 1}, {"disk": {"/a": 3}, "missed": {"/b": 4}}, {"paused": {"/b": 3}})
-    assert total.renamed({"/a": "/x", "/b": "/x"}).recorded == {"/x": 8}
-    assert total.renamed({"/a": "/x"}).lost == {"disk": {"/x": 3}, "missed": {}}
+    assert Account.total_of([first, second], {"/a": "/x", "/b": "/x"}).recorded == {"/x": 8}
+    assert Account.total_of([first, second], {"/a": "/x"}).lost == {"disk": {"/x": 3}}
     assert Account.total_of([]) == Account()
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.reader import LogReader
+from riot_bus.log.writer import LogWriter
+from riot_bus.record import recording_sink
 from riot_bus.record import rotating_sink as module
 from riot_bus.record.rotating_sink import RotatingSink
 from riot_bus.vocabulary.errors import ConfigError
@@ -38,6 +41,26 @@ def test_each_message_is_in_one_of_two_files(tmp_path: Path) -> None:
     assert (account(tmp_path / "a.mcap"), sink.account()) == (Account({"a/x": 2}), Account({"a/x": 3}))
     assert [each.row()["messages"] for each in sink.files()] == [2, 1]
     assert (said, sink.generation, sink.path.name) == (["began"], 1, "a-2.mcap")
+
+
+def test_splits_of_two_threads_keep_the_order_of_the_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = open_sink([], output=tmp_path / "a.mcap")
+    others: list[threading.Thread] = []
+
+    def opened(*arguments: Any, **more: Any) -> LogWriter:
+        if not others:  # another thread splits while this one opens its file
+            others.append(threading.Thread(target=sink.split))
+            others[0].start()
+            others[0].join(0.1)
+        return LogWriter(*arguments, **more)
+
+    monkeypatch.setattr(recording_sink, "LogWriter", opened)
+    assert sink.split() == (tmp_path / "a.mcap", tmp_path / "a-2.mcap")
+    others[0].join()
+    sink.close()
+    assert [Path(each.path).name for each in sink.files()] == ["a.mcap", "a-2.mcap", "a-3.mcap"]
+    with pytest.raises(ConfigError, match="nothing is being recorded"):
+        sink.split()
 
 
 def test_files_are_split_by_size_and_age(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

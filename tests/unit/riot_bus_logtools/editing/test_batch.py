@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.log.engine.blocks import heads_of, message_bytes
-from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, runs_of, shifted, with_records
+from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, runs_of, shifted, with_payloads
 
 ROWS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 99), st.binary(max_size=5)), max_size=8)
 
@@ -48,9 +48,9 @@ def test_details_of_some_batches_are_filled_up() -> None:
 
 
 def test_records_can_be_replaced() -> None:
-    batch = with_records(made([(1, 1, b"a"), (1, 2, b"b")]), [1], [b"other"])
-    assert records(batch)[1] == b"other"
-    assert len(records(batch)) == 2
+    first, second = made([(1, 1, b"a"), (1, 2, b"other")]), made([(1, 1, b"a"), (1, 2, b"b")])
+    assert records(with_payloads(second, {1: b"other"})) == records(first)
+    assert with_payloads(second, {}) is second
 
 
 def test_times_are_shifted_as_far_as_they_fit() -> None:

@@ -6,16 +6,17 @@ from typing import Any
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_logtools.editing.options import EditOptions
 from riot_bus_logtools.editing.outputs import Outputs
 
 
 def outputs(output: Path, **more: Any) -> Outputs:
-    options: dict[str, Any] = {"folder": False, "splits": False, "inputs": [], "force": False, **more}
-    return Outputs(output, **options)
+    inputs = more.pop("inputs", [])
+    return Outputs(EditOptions(inputs=inputs, output=output, **more), inputs)
 
 
 def test_files_have_their_names_when_all_are_complete(tmp_path: Path) -> None:
-    found = outputs(tmp_path / "a.mcap", splits=True)
+    found = outputs(tmp_path / "a.mcap", split_topics=True)
     paths = [found.path(label) for label in ("0", "/odom: raw", "odom raw")]
     for path, _ in paths:
         path.write_text("x")
@@ -51,18 +52,18 @@ def test_a_folder_is_only_replaced_if_it_is_a_bag(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "old.mcap").touch()
     with pytest.raises(ConfigError, match="not empty"):
-        outputs(folder, folder=True)
-    found = outputs(folder, folder=True, force=True)
+        outputs(folder)
+    found = outputs(folder, force=True)
     found.path(None)[0].write_text("x")
     found.metadata("text")
     found.commit()
     assert sorted(each.name for each in folder.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
     (folder / "letter.txt").touch()
     with pytest.raises(ConfigError, match="other things than a bag"):
-        outputs(folder, folder=True, force=True)
+        outputs(folder, force=True)
 
 
 def test_a_dry_run_checks_and_writes_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
-    outputs(tmp_path / "a.mcap", dry=True).commit()
+    outputs(tmp_path / "a.mcap", dry_run=True).commit()
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]

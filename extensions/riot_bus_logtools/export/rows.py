@@ -13,6 +13,13 @@ Kind = str
 """What a column holds: the name of a numpy type, `text` or `bytes`."""
 
 
+def text_of(value: Any) -> Any:
+    """Return a truth value or bytes as text, everything else unchanged."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return value.hex() if isinstance(value, bytes) else value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """Some rows of the table.
