@@ -45,12 +45,7 @@ class _Rows(NamedTuple):
 
 
 class Scanner:
-    """Judges logs by one rule.
-
-    Args:
-        rule: The rule.
-        near: Moments of each log that are kept.
-    """
+    """Judges logs by one rule."""
 
     def __init__(self, rule: ScanRule, *, near: int = 3) -> None:
         self._rule, self._near = rule, near
@@ -59,9 +54,7 @@ class Scanner:
         """Judge a log, which may be larger than memory, by the rule.
 
         Args:
-            path: Path of the log.
             place: Name of the log in the result; its path if empty.
-            robot: Name of the robot that recorded it.
 
         Raises:
             ConfigError: The file is not a log.
@@ -143,11 +136,7 @@ def scan_logs(
     """Judge logs by a rule.
 
     Args:
-        source: Folder of a finding, or a rule file.
-        logs: Catalogue entries of the logs, which may be anywhere.
-        near: Number of moments to report for each log.
         within: Distance below which a moment is a near miss, in nominal spreads of the rule's fields.
-        progress: Function that is called after each log.
 
     Raises:
         ConfigError: There is no rule.
@@ -191,9 +180,7 @@ def _rows_of_columns(
     """Yield moments part by part: at each message of the topics, each field from the latest message of its topic.
 
     Args:
-        parts: Columns of the selectors, by time.
         places: For each name the message of its topic that it refers to.
-        selectors: The field selector of each name.
         last: Topic whose messages are counted where a field is not known; None for all.
     """
     recent: dict[str, _Recent] = {name: _Recent() for name in places}

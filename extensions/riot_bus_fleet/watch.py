@@ -27,15 +27,8 @@ _NEARER, _LEFT = 0.5, 2.0
 class RuleWatch:
     """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
 
-    Args:
-        rule: The rule.
-        within: Distance at which warnings begin, in nominal spreads.
-        registry: The registry of topics and types.
-
     Attributes:
         judged: Number of messages at which all fields of the rule were known.
-        unknown: Number of other messages of the rule's topics.
-        met: Number of messages at which the rule was met.
         nearest: The moment of least distance; None before any was judged.
     """
 
@@ -90,12 +83,7 @@ def watch_rule(
     """Compare the messages that pass a router with a rule until a signal arrives.
 
     Args:
-        source: Folder of a finding, or a rule file.
-        endpoint: Endpoint on which the router listens.
         within: Distance at which warnings begin, in nominal spreads.
-        say: Function that is called with each line.
-        config: Further Zenoh configuration of the client.
-        seconds: Maximum time in seconds; None for no limit.
 
     Raises:
         ConfigError: There is no rule.

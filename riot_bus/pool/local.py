@@ -161,7 +161,6 @@ def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None 
     """Start a `worker` process.
 
     Args:
-        system: Path of riot.toml.
         slot: Number that no other worker has at the same time.
         link: Connection for requests; the worker ends when the other end is closed.
         cwd: Working folder of the worker; None for that of this process.
@@ -186,13 +185,7 @@ def how_ended(process: subprocess.Popen[bytes]) -> str:
 
 
 class LocalWorkers:
-    """Worker processes of this machine, each started when there is a case for it.
-
-    Args:
-        system: Path of riot.toml.
-        jobs: Number of workers that work at once, unless the cases ask for another number.
-        keep: Folder that contains the folders of trials.
-    """
+    """Worker processes of this machine, each started when there is a case for it."""
 
     def __init__(self, system: Path, jobs: int, keep: Path) -> None:
         self.jobs = jobs
@@ -231,7 +224,6 @@ class Pool:
     and its case is executed again.
 
     Args:
-        system: Path of riot.toml.
         jobs: Number of trials at once, unless the cases ask for another number.
         keep: Folder in which the files of failing trials are kept.
         workers: Source of workers to use instead of processes of this machine; it then decides on `jobs`.
@@ -302,8 +294,6 @@ class Pool:
         """Run many trials; outcomes in the order of the cases.
 
         Args:
-            trial: Trial that executes each case.
-            cases: Test cases, one for each trial.
             ended: Function called with number and outcome of each ended case, on a thread that no signal interrupts.
             into: Target of what a case is asked to leave; None to drop it.
             most: Number of trials at once; 0 for the present number of jobs, which varies in a cluster.
@@ -463,8 +453,6 @@ class LocalRunner:
     Args:
         slots: Function that returns how many trials run at once, given the share of a processor that earlier trials
             took, 0 if there were none.
-        into: Target of what a case is asked to leave.
-        batch: Number of cases worth asking for at once; 0 for the number of trials that run at once.
     """
 
     def __init__(

@@ -167,11 +167,7 @@ def measure_in_system(
     """Measure the baseline of a unit in nominal runs of the whole system.
 
     Args:
-        context: Context of the system.
-        unit: Name of the unit.
-        pool: Pool that executes the runs.
         alone: Baseline of the unit alone, whose probe is used here, too.
-        pace: Duration and speed of external components.
         driving: Messages that are played to the system instead, if it has no external components.
 
     Raises:
@@ -215,10 +211,7 @@ def in_system_of(
     """Return what nominal runs of the whole system have in common.
 
     Args:
-        alone: Baseline of the unit alone.
         answers: Outputs for the whole log in that, by topic, without topics on which other components publish, too.
-        runs: Observations of the runs.
-        context: Context of the system.
         idle: Activity of the unit before anything comes from outside.
     """
     found = baseline_of(runs, idle=idle, log=alone.log, ordered=alone.ordered)
@@ -230,13 +223,7 @@ def in_system_of(
 
 
 def why_not_told(baseline: Baseline, monitor: str, signature: str) -> str:
-    """Return why a failure of a unit cannot be detected in runs of the whole system; empty if it can be.
-
-    Args:
-        baseline: Baseline of the unit in nominal runs of the whole system.
-        monitor: Monitor that has found the failure in trials of the unit alone.
-        signature: Signature of the failure.
-    """
+    """Return why a failure of a unit cannot be detected in runs of the whole system; empty if it can be."""
     if not baseline.trials:
         return baseline.mute[0] if baseline.mute else "nominal runs of the whole system are not known"
     if signature in baseline.alarms:

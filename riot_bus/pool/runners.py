@@ -40,7 +40,6 @@ def slots_for(busy: float, processors: int) -> int:
 
     Args:
         busy: Processor time of a trial in seconds per second; 0 if that is not known.
-        processors: Number of processors.
     """
     return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
 
@@ -52,7 +51,6 @@ class RunnerFactory(Protocol):
         """Return a runner for trials of a unit alone.
 
         Args:
-            unit: Name of the unit.
             log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
         """
         ...
@@ -73,10 +71,6 @@ class RunnerFactory(Protocol):
         """Repeat a failing case until it fails with the same signature again, and keep the evidence of that trial.
 
         Args:
-            unit: Name of the unit.
-            case: The failing test case.
-            signature: Signature of the failure.
-            folder: Folder for the evidence.
             in_system: Baseline of the unit in runs of the whole system, if trials are such runs.
 
         Returns:
@@ -96,7 +90,6 @@ class RunnerFactory(Protocol):
         """Return a runner for runs of the whole system.
 
         Args:
-            pace: Duration and speed of external components.
             observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
             record: File that gets every message of a run; None for none.
             judged: Unit to judge, and its baseline in nominal runs (from `in_system`).

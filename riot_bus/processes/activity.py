@@ -80,8 +80,6 @@ def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
     """Return the rates of activity between two moments.
 
     Args:
-        before: Activity up to the first moment.
-        after: Activity up to the second moment.
         seconds: Time in between, from which the time that they waited for a processor is subtracted.
     """
     had = after.had_since(before, seconds=seconds)
@@ -96,7 +94,6 @@ class Threads:
     Args:
         pids: Ids of the processes; ended ones count as inactive.
         names: Prefixes of the names of the threads; others are left out.
-        but: Id of a thread that is left out.
     """
 
     def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",), but: int = 0) -> None:

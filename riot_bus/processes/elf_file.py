@@ -29,7 +29,6 @@ class CallFrame(NamedTuple):
     """How to unwind from a place in a function to its caller.
 
     Attributes:
-        begin: Address at which the function, or this part of it, begins.
         register: Register whose value plus `offset` is the caller's stack pointer.
         saved: Offsets of saved registers from that stack pointer; None for registers whose value is lost.
         return_register: Number of the register that holds the return address, or as which it is saved.
@@ -82,7 +81,6 @@ class _Rows:
 
     Attributes:
         cfa: Register and offset of the canonical frame address; None if that is an expression.
-        saved: Offsets of saved registers from that address; None for registers whose value is lost.
     """
 
     code: int
@@ -153,12 +151,7 @@ class _Rows:
 
 
 class ElfFile:
-    """A 64-bit little-endian ELF file, as far as native stacks need it.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is not a file of this format.
-    """
+    """A 64-bit little-endian ELF file, as far as native stacks need it."""
 
     def __init__(self, path: str) -> None:
         self._path = path

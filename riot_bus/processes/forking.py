@@ -27,11 +27,8 @@ class Fork(NamedTuple):
     """How a component is forked.
 
     Attributes:
-        interpreter: Command of its Python, with the options of the interpreter.
         env: Environment of the server: that of the component without what differs from trial to trial.
-        modules: Modules that the component imports, in their order.
         own: Folder in which the component looks for modules first.
-        module: Module that the component runs, None for a script.
         words: Further words of its command line, including the name of a script.
     """
 
@@ -46,15 +43,7 @@ class Fork(NamedTuple):
 def fork_of(
     argv: Sequence[str], *, env: Mapping[str, str], varying: Set[str], cwd: Path, modules: Sequence[str]
 ) -> Fork | str:
-    """Return how a component is forked, or why it is not; an empty string as long as its imports are unknown.
-
-    Args:
-        argv: Command of the component: a Python interpreter with a script or module, or a script with a `#!` line.
-        env: Environment of the component.
-        varying: Variables that differ from trial to trial.
-        cwd: Working folder of the component.
-        modules: Modules that it imported in an earlier trial; empty if unknown.
-    """
+    """Return how a component is forked, or why it is not; an empty string as long as its imports are unknown."""
     if not modules or not argv:
         return ""
     argv = _interpreted(argv, env, cwd)

@@ -135,14 +135,8 @@ class Launcher:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
 
         Args:
-            name: Name of the component.
-            argv: Command of the component.
-            env: Whole environment of the component.
-            cwd: Working folder of the component.
             directory: Folder for its output; None for the output of this process, unless that is `quiet`.
-            fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: Description of its fork server, or the reason why it has none; None to execute its command.
-            limits: Resource limits (see `resource_limits.Guard`); None for no limits.
             script: Text on its standard input, which then stays open until it or riot ends; None for no input.
             teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to
                 `<directory>/<name>.teardown`.

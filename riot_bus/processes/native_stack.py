@@ -21,8 +21,6 @@ class Machine(NamedTuple):
 
     Attributes:
         order: Numbers in the order in which the kernel gives the registers (`NT_PRSTATUS`); -1 for unused ones.
-        pc: Number for the program counter.
-        sp: Number of the stack pointer.
         link: Number of the register with the return address of functions without a frame; None if it is on the stack.
         saved: Offset from the stack pointer of the registers that a signal handler saves, and their numbers in order.
         address: Mask of the bits of an address; the other bits authenticate it.
@@ -61,11 +59,6 @@ def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]
     """Return the stack of a stopped thread: file and function of each frame, the innermost first.
 
     A function without a name is denoted by `+` and its offset in the file, which is the same in each process.
-
-    Args:
-        pid: Id of the thread's process.
-        registers: Registers as the kernel gives them (`NT_PRSTATUS`).
-        machine: Architecture of the registers.
 
     Raises:
         OSError: The process is gone.

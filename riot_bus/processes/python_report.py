@@ -44,7 +44,6 @@ class ThreadStack:
 
     Attributes:
         functions: Functions of the component's own code, the innermost first; those of libraries are left out.
-        text: The stack as Python wrote it.
     """
 
     functions: tuple[str, ...]
@@ -64,7 +63,6 @@ class PythonReport:
         """Return the variables that make the hook work, for a component with these.
 
         Args:
-            given: The variables that the component has besides.
             imports: Whether the hook also writes down what is imported.
         """
         more = {"RIOT_TRIAL_IMPORTS": str(self._imports)} if imports else {}

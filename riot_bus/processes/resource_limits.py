@@ -26,7 +26,6 @@ class Guard:
     """Watches one component and all its descendants.
 
     Args:
-        pid: Id of the component's process.
         limits: Limits of `memory` (bytes), `files`, `processes` and `cpu` (seconds); 0 for no limit.
     """
 

@@ -25,7 +25,6 @@ class Start(NamedTuple):
 
     Attributes:
         argv: Command that is executed on this machine: the component's own, or one such as `docker run` or `ssh`.
-        teardown: Command that is executed when `argv` has ended; empty for none.
         engine: Program that runs the component's container, such as `docker`; empty if it runs in none.
         container: Name of the container; empty if it runs in none.
         script: Text on the standard input of `argv`, which then stays open, so that the component ends with the
@@ -58,15 +57,9 @@ def start_of(
     """Return how a component is started.
 
     Args:
-        component: Settings of the component in riot.toml, with placeholders filled in.
-        called: Name that its container gets, if it runs in one.
-        argv: Command of the component.
         env: Variables that riot.toml gives it, and those of the surroundings; a container or another machine adds
             its own.
-        endpoint: Endpoint of its segment.
         there: Endpoint from the component's view: the same, unless it runs on another machine.
-        folder: Folder of the trial.
-        cwd: Folder in which the command is executed.
 
     Raises:
         ConfigError: The component cannot be started so on this machine.
@@ -95,11 +88,7 @@ def ssh_command(
     no value of a variable is on a command line, which every user of either machine could see.
 
     Args:
-        remote: The other machine.
-        endpoint: Endpoint of the segment on this machine.
         there: Endpoint on the other machine: a loopback port that is forwarded to the segment.
-        command: Command to execute there.
-        env: Variables that the command gets there.
         cwd: Working folder there, relative to the folder of a login.
 
     Raises:

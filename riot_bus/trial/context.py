@@ -33,7 +33,6 @@ class Context:
     """A system that is ready to be tested.
 
     Attributes:
-        hangs: Known hangs by component; trials of this process add to them.
         idle: Activity of components that are ready, measured in trials of this process, by how they were started.
     """
 

@@ -26,11 +26,7 @@ of the unit's time."""
 class HangWatch:
     """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang.
 
-    Args:
-        timeout: Seconds after which the unit counts as hanging in any case.
-
     Attributes:
-        known: Whether the unit is in a known hang.
         longest: Longest time that the unit was busy without an output before it continued, in seconds.
         taken_for: Known hang for which the unit was mistaken before it continued.
     """

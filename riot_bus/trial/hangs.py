@@ -28,12 +28,7 @@ _SHARE = 0.1
 
 
 def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
-    """Return the stacks that identify a hang.
-
-    Args:
-        stacks: Stacks of the unit's threads.
-        blocked: Functions in which threads stand, but no thread stands at rest.
-    """
+    """Return the stacks that identify a hang."""
     return frozenset(stack.functions for stack in stacks if stack.functions[0] in blocked)
 
 
@@ -50,12 +45,7 @@ class KnownHangs:
     longest: float = 0.0
 
     def changed(self, told: KnownHangs, found: KnownHangs) -> KnownHangs:
-        """Return the known hangs with those that a process has added, and without those that it has removed.
-
-        Args:
-            told: Known hangs that the process was given.
-            found: Known hangs that the process returned.
-        """
+        """Return the known hangs with those that a process has added, and without those that it has removed."""
         gone = set(told.places) - set(found.places)
         places = {*self.places, *found.places} - gone
         return KnownHangs(tuple(sorted(places)), max(self.longest, found.longest))
@@ -84,13 +74,7 @@ class Hangs:
             return KnownHangs(tuple(sorted(tuple(sorted(place)) for place in self._known)), self._longest)
 
     def is_known(self, place: HangStacks, *, busy: float, timeout: float) -> bool:
-        """Return whether a unit is in a known hang.
-
-        Args:
-            place: Stacks that identify the hang.
-            busy: Time that the unit has been busy without an output, in seconds.
-            timeout: Seconds after which the unit counts as hanging in any case.
-        """
+        """Return whether a unit is in a known hang."""
         patience = max(_PATIENCE if place else _BLIND * timeout, _TIMES * self._longest)
         return place in self._known and busy >= patience
 
@@ -108,7 +92,6 @@ class Hangs:
         """Note the end of a trial.
 
         Args:
-            seconds: Duration of the trial in seconds.
             busy: Longest time that the unit was busy without an output before it continued, in seconds; 0 if it hung.
             taken_for: Known hang for which the unit was mistaken before it continued.
         """

@@ -24,11 +24,6 @@ def set_parameters(setup: TrialSetup, names: Sequence[str], chosen: Mapping[str,
 
     One that is refused is set to its nominal value, since a process that goes on has that of an earlier run.
 
-    Args:
-        setup: Setup in which the components are ready.
-        names: Names of the components inside the system.
-        chosen: Values by parameter; others are nominal.
-
     Returns:
         Refused parameters, each with the value, the node and the reason.
 
@@ -62,11 +57,8 @@ def set_in_nodes(
     """Set parameters through ports; see `set_parameters`.
 
     Args:
-        context: Context of the system.
-        chosen: Values by parameter; others are nominal.
         ports: The segments of the components inside.
         timeout: Seconds within which each node has to answer.
-        alive: Function that returns whether the components still run.
     """
     described, where = context.file.external.in_nodes, f"{context.file.path}: external.parameters"
 

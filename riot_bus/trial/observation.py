@@ -90,7 +90,6 @@ class Observation:
         A wait counts when it is over: see `wants_processor`.
 
         Args:
-            names: Names of the components.
             since: Result of `begin` from when on; None for now.
         """
         looked_at = self.threads(names), self.others
@@ -141,10 +140,8 @@ class Observation:
         has declared, and of several subscribers of a key, only the first one is waited for elsewhere.
 
         Args:
-            names: Names of the components.
             known: Earlier measurements of components that were started in the same way. With three of them, these only
                 have to stand still as after an input; else the new one is added.
-            deadline: Time limit, in seconds of the monotonic clock.
         """
         if len(known) >= _MEASURED:
             self.idle = sorted(known, key=lambda each: each.switches)[_MEASURED // 2]
@@ -185,7 +182,6 @@ class Observation:
         True for Python programs only: any other program that is ending is quiet, too, while it closes its session.
 
         Args:
-            name: Name of the component.
             since: Result of `begin` before its input; the threads here send and receive.
             window: Seconds within which no timer of Zenoh's may be due.
         """

@@ -76,10 +76,8 @@ class TrialProcesses:
         directory: Folder for their output and for what they write to `{trial_dir}`.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
-        parameters: Values of {param:NAME} that differ from the nominal ones.
 
     Attributes:
-        started: The started components, by name.
         alike: Text that is the same for components that are started in the same way, by name.
         started_at: Time of the start, in seconds of the monotonic clock, by name.
     """
@@ -144,11 +142,6 @@ class TrialProcesses:
         """Start a component, after what is set up for it.
 
         Args:
-            name: Name of the component.
-            endpoint: Endpoint of its segment.
-            segment: Name of its segment.
-            seed: Value of `{seed}`.
-            pace: Values of `{duration}` and `{speed}`.
             before: Words before its command, such as those of a debugger, if the command is executed here.
 
         Raises:

@@ -104,7 +104,6 @@ class RunningSystem(ABC):
         """Begin a run: discard what was observed so far, and remove all observers.
 
         Args:
-            interceptors: Interceptors of the messages from outside from now on.
             time: Time of the first message of the run in nanoseconds, if it is in virtual time.
         """
 
@@ -163,7 +162,6 @@ class RealTimeSystem(RunningSystem):
 
     Args:
         drivers: Names of the external components that drive a run.
-        injected: Topics that injections change.
 
     Attributes:
         intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
@@ -244,11 +242,7 @@ class RealTimeSystem(RunningSystem):
 
 
 class VirtualTimeSystem(RunningSystem):
-    """Components that run in virtual time, each on a separate segment.
-
-    Args:
-        timeout: Seconds after which a component that is still busy counts as hanging.
-    """
+    """Components that run in virtual time, each on a separate segment."""
 
     intercepted: Sequence[str] = ()
 

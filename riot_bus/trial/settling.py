@@ -100,15 +100,7 @@ def _never() -> bool:
 def wait_taken(
     threads: Threads, senders: Threads, *, before: int, timeout: float, hopeless: Callable[[], bool] = _never
 ) -> bool:
-    """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep.
-
-    Args:
-        threads: Threads of the processes.
-        senders: Threads of this process that send, from `own_senders`.
-        before: Result of `threads.ran` before the first input.
-        timeout: Deadline in seconds.
-        hopeless: Function that returns True when waiting is pointless: a process has died, or hangs.
-    """
+    """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not hopeless():
         ran = threads.ran()
@@ -132,13 +124,9 @@ def wait_settled(
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
     Args:
-        threads: Threads of the processes.
-        window: Seconds without activity that count as settled.
         timeout: Deadline in seconds, without the time that the processes waited for a processor.
-        idle: Activity of the processes without any input.
         since: Activity before the last input; the processes count as not having received that input until they have run
             since, or ten windows have passed.
-        alive: Function that returns False when a process has died.
         hangs: Function that returns True when the processes are known to be busy for ever.
         rests: Function that returns True when nothing more can happen without input, so that there is no need to wait
             for the window; None if that is unknown.
@@ -221,7 +209,6 @@ def waits_for_input(name: bytes, call: bytes, *, window: float) -> bool:
     """Return whether a thread waits for another thread of its process, or is one of Zenoh's and waits for its sockets.
 
     Args:
-        name: Name of the thread.
         call: Line of the thread in /proc: number of the system call and its arguments.
         window: Seconds within which no timer of Zenoh's may be due.
     """
@@ -244,7 +231,6 @@ def all_wait(threads: Threads, *, since: Activity, window: float) -> bool:
     So it is certain of threads that only get work from those that have begun before them.
 
     Args:
-        threads: Threads of some processes.
         since: Activity before the input; a thread that has not run since is not affected by it.
         window: Seconds within which no timer of Zenoh's may be due.
     """

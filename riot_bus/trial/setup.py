@@ -33,10 +33,7 @@ class TrialPlace:
     """The place of a trial: system, launcher, folder, and what is kept between trials.
 
     Attributes:
-        directory: Folder in which files may be left.
         imports: Modules that Python components import, by program (see `TrialProcesses`); trials fill it.
-        kept: Systems that are kept over trials.
-        network: Segments that stay open between trials.
     """
 
     LEFT = "left"
@@ -118,14 +115,7 @@ class TrialSetup:
     def view(
         self, names: Sequence[str], *, settled: bool, waited: float, signs: Mapping[str, Signs] | None = None
     ) -> TrialView:
-        """Return what the monitors judge, for these components.
-
-        Args:
-            names: Names of the components.
-            settled: False when they were still busy at the deadline.
-            waited: That deadline, seconds.
-            signs: Differences of each component from nominal trials.
-        """
+        """Return what the monitors judge, for these components."""
         views = [self.component_view(name, (signs or {}).get(name, NO_SIGNS)) for name in names]
         network = self.network
         losses = network.bus.losses

@@ -45,11 +45,7 @@ is alone on its machine; one that sleeps is looked at after so many seconds."""
 class Feeder:
     """Plays messages to a running unit, and finds out whether it still works afterwards.
 
-    Args:
-        ordered: Whether the order of the log is kept across topics.
-
     Attributes:
-        sent: Number of messages that were published the last time.
         gave_up: Whether the order across topics was to be kept and was not: a unit that works for long, or never
             sleeps, gets further messages without waiting.
         probed: Number of outputs before the last probe; None if there was none.
@@ -82,7 +78,6 @@ class Feeder:
         """Publish messages and wait until the unit has come to rest or died; see `rest`.
 
         Args:
-            messages: Messages to publish.
             expected: Number of outputs by topic after which it has received everything. Without them it has to be still
                 for a window: on a loaded machine, the kernel may hold back what was sent for some milliseconds.
         """
@@ -132,11 +127,7 @@ class Feeder:
         self._hangs.ended(seconds, busy=busy, taken_for=taken_for)
 
     def _publish(self, messages: Sequence[Message], before: Activity) -> Activity:
-        """Publish messages.
-
-        Returns:
-            Activity of the unit just before the last message.
-        """
+        """Publish messages; return the activity of the unit just before the last one."""
         observation, names = self._observation, [self._name]
         self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
@@ -207,7 +198,6 @@ class Feeder:
         answer on the topics of the probe: nominal trials do not show which answers come only once over two logs.
 
         Args:
-            settled: Whether the unit has come to rest after the log.
             unprobed: Whether it gets no nominal input; then only its process, its end and its growth are judged.
         """
         baseline = self._baseline

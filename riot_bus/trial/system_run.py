@@ -56,9 +56,6 @@ class RunSettings:
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
         record: Whether every message of the run is written into the file `TrialPlace.left`.
-        unit: Unit that is judged as in a unit trial; empty for none.
-        baseline: Behaviour of the unit in nominal runs of the whole system.
-        nominal: Whether to measure the baseline.
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
     """
 
@@ -79,9 +76,6 @@ class SystemRun:
     """One run.
 
     Attributes:
-        tap: The messages from outside.
-        external: The messages from outside in order of time, once the run is over.
-        inner: Observed messages of components inside, in order of reception.
         refused: Parameters whose value a running node has refused, each with the reason.
         alone: View of that component, once the run is over.
         begin: Time from which observed fields count, in nanoseconds.
@@ -299,7 +293,6 @@ class Probe:
 
     Attributes:
         feeder: Player of the probe; set by `begin`.
-        statistics: Additional statistics for the outcome of a nominal trial.
     """
 
     def __init__(self, settings: RunSettings, setup: TrialSetup, watching: Callable[[str], Subscribe]) -> None:

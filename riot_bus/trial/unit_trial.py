@@ -182,7 +182,6 @@ def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str
 
     Args:
         outputs: All outputs of a trial except those of its probe, in their order.
-        registry: Registry of topic names and types.
 
     Returns:
         By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by

@@ -43,10 +43,8 @@ class VirtualTime:
 
     Args:
         names: The components, each with a segment of the same name.
-        timeout: Seconds after which a component that is still busy counts as hanging.
 
     Attributes:
-        observers: Functions that are called with each message of a run when it is its turn.
         setup: Setup in which the system runs; set before the first run.
     """
 
@@ -88,9 +86,6 @@ class VirtualTime:
         self, messages: Sequence[Message], publish: Callable[[Message], None], *, stop: Callable[[], bool]
     ) -> bool:
         """Give all components each message when those before it have been processed, until the end, a stop or a hang.
-
-        Returns:
-            Whether all messages were played.
 
         Raises:
             ConfigError: No component has subscribed to the clock topic.
@@ -181,9 +176,6 @@ class VirtualTime:
 
 class _ClockMessages:
     """Messages that publish the time on the clock topic.
-
-    Attributes:
-        missing: Error to raise if no component has subscribed to the topic.
 
     Raises:
         ConfigError: The topic does not stand for a single key.

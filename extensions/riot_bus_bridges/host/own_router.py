@@ -33,9 +33,6 @@ def run_own_router(
 ) -> int:
     """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
 
-    Returns:
-        Exit status, as that of `run_bridge`.
-
     Raises:
         RiotError: The router or bridge does not start, has failed, or messages were lost.
     """

@@ -19,11 +19,6 @@ _GRACE_S = 3.0  # a guess: from SIGTERM to SIGKILL; the bridge's end waits as lo
 class Program:
     """A running program with the streams of this process; a context manager that ends it.
 
-    Args:
-        command: Program and arguments, in which `{WORD}` is replaced by its value in `words`.
-        words: Values of the words in `command`.
-        ended: Called on another thread when the program has ended.
-
     Attributes:
         status: Exit status, negative for a signal, None while it runs.
 

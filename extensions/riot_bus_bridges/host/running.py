@@ -26,9 +26,6 @@ def run_bridge(
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
     Args:
-        bridge: The bridge; it is started and ended here.
-        foreground: Frame that prints the result.
-        program: Function that starts the program behind the bridge, once that is ready.
         look: Function called a few times per second.
 
     Returns:

@@ -51,13 +51,7 @@ class Host(Protocol):
 class Link:
     """A link that is open, or trying to be.
 
-    Args:
-        spec: Settings of the link.
-        host: Gets what comes over the link.
-
     Attributes:
-        idle: State without an end.
-        busy: State with an end.
         where: Actual place of the link, such as the port that it got.
     """
 
@@ -95,8 +89,6 @@ class Link:
         """Add an end, to which the host sends frames from now on.
 
         Args:
-            address: Address of the peer, for status.
-            write: Sends one frame; returns whether it went out, or will.
             write_all: Sends several frames in their order; returns how many went out, or will. Frames that one handler
                 sends are then collected for it; None to send each frame by itself.
         """
@@ -116,9 +108,6 @@ class RetriedLink(Link, ABC):
     """Link with one end, which is opened again, after a while, whenever it is lost or cannot be opened.
 
     The `_try` of a subclass opens it, now or later, on the loop's thread; if it cannot, it calls `_again`.
-
-    Attributes:
-        retry: Seconds until the next attempt.
     """
 
     idle = "connecting"

@@ -21,12 +21,6 @@ def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
 
     For a name with IPv4 and IPv6 addresses, such as `localhost`, IPv4 is taken: other MAVLink programs listen there.
 
-    Args:
-        host: Name or address.
-        port: Port of the host.
-        kind: Type of the socket, `SOCK_DGRAM` or `SOCK_STREAM`.
-        flags: Flags of `getaddrinfo`.
-
     Raises:
         OSError: The host is not known.
     """

@@ -36,15 +36,7 @@ class Transport(Protocol):
 
 
 class Stream:
-    """One open stream, an end of a link.
-
-    Args:
-        link: The link.
-        host: Gets what comes over the stream.
-        address: Address of the other end.
-        transport: Open transport, closed with the stream.
-        gone: Called on the loop's thread when the other end has closed the stream, or it broke.
-    """
+    """One open stream, an end of a link."""
 
     def __init__(
         self, link: Link, host: Host, *, address: str, transport: Transport, gone: Callable[[Stream], None]

@@ -44,12 +44,6 @@ class MavlinkBridge(LinkedBridge):
 
     Args:
         ports: Segments by name; the bridge does not close them.
-        options: Options of the bridge.
-        warn: Called from other threads with one line for each problem.
-
-    Attributes:
-        loop: Thread that waits for the links.
-        crc_extra: Returns a message's CRC extra byte.
 
     Raises:
         ConfigError: An option is not usable.

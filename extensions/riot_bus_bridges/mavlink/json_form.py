@@ -60,7 +60,6 @@ class JsonForm:
         """Return the MAVLink 2 frame that JSON describes; missing fields are zero.
 
         Args:
-            payload: JSON text as it was received.
             sequence: Returns the next sequence number of a system and component; the header's is ignored.
 
         Raises:

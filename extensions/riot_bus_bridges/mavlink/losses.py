@@ -13,10 +13,8 @@ class SourceCount:
     """Counts of the frames of a source.
 
     Attributes:
-        received: Number of received frames.
         lost: Number of missing frames, as ground stations count them: the gaps in the sequence numbers. A frame that
             comes late or twice counts as a gap of nearly 256.
-        last: The last sequence number.
     """
 
     received: int = 0

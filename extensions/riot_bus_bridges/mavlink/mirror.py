@@ -35,10 +35,7 @@ class Mirror:
     Frames that it has no time for are dropped and counted: nothing waits for it.
 
     Args:
-        port: The segment.
-        form: Writes and reads JSON.
         fields: Whether each field is also published, on `mavlink/{sysid}/{compid}/{MESSAGE}/{field}`.
-        streams: Numbers the incoming frames.
         insert: Called with frames that others have put on `mavlink/in`; None to accept none.
 
     Attributes:

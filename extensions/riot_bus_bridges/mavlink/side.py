@@ -50,17 +50,10 @@ class Side:
     the bus are sent to the links; they, too, arrive on one thread at a time, which may be that of the links.
 
     Args:
-        port: The segment.
-        routes: The routing table of the segment.
-        keys: Template of the keys of frames on the bus.
-        name_of: Returns the name of a message.
         mark: Attached to frames that came over links of this bridge.
-        streams: Numbers inserted frames.
-        linked: Whether a source was seen on a link of this bridge.
         signer: Signer with the key of signed frames; None to pass them on unchanged.
 
     Attributes:
-        mirror: Gets the frames that came over links, None for none.
         counts: Numbers of frames: `to_bus`, `lost_to_bus` (could not be put on the bus), `from_bus`, `inserted` (by
             others than links), `broken` (no whole frames), `unrouted` (wanted by no link), and `refused` (empty, too
             long for a link, or impossible to re-sign).
@@ -283,12 +276,7 @@ class Side:
             end.send(payload)
 
     def insert(self, frame: Frame, link: str) -> None:
-        """Send a numbered frame that did not come over a link to the links and the bus.
-
-        Args:
-            frame: The frame that is sent.
-            link: Name that replaces the link in its key.
-        """
+        """Send a numbered frame that did not come over a link to the links and the bus."""
         for end in self.routes.deliver(frame, looped=False):
             end.send(frame.raw)
         with self._lock:

@@ -29,7 +29,6 @@ class LinkComponent:
     """Component of the system file: all senders behind a link, or the unit.
 
     Attributes:
-        name: Name in the system file.
         who: Descriptions from their own messages, one for each system and component.
         url: The link; empty for the unit.
         link: Name of the link in keys; `unit` for the unit.
@@ -48,9 +47,7 @@ class Sketch:
     """What was heard on the links, as the parts of a system.
 
     Attributes:
-        outside: Components of the outside world, one for each link.
         unit: The component to be tested; its `who` and `topics` are empty if it was not heard.
-        skipped: Number of frames that were not looked at because there were too many.
     """
 
     outside: Sequence[LinkComponent]

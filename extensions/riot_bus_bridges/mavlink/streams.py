@@ -21,10 +21,6 @@ class OwnStreams:
     A frame is inserted if it came over no link and was not played from a bridge's log, such as one that a program
     publishes on the bus. Frames from links keep their numbers, by which receivers detect losses; inserted frames must
     not use these up. A receiver that keeps only one count for each source still reports a gap at inserted frames.
-
-    Args:
-        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
-        signer: Re-signs signed frames; None if the key is not known.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:

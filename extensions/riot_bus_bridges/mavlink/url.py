@@ -63,21 +63,14 @@ class LinkSpec:
     """One link.
 
     Attributes:
-        kind: Kind of the link.
         host: Address to listen on or to connect to; empty for serial links and files.
-        port: UDP or TCP port.
-        path: Device or file.
         baud: Baud rate of a serial link, bit/s.
         name: Name in keys, counts and messages; unique within a bridge.
         segment: Name of the segment that it belongs to; empty for the only one.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
-        direction: Direction of the frames.
         silence: Seconds after which a silent peer of a UDP server is forgotten, and a TCP connection whose other end
             acknowledges nothing is ended.
         rate: Speed at which a log is read, relative to its recording; 0 for as fast as possible.
-        accepts: Filter of what comes in.
-        emits: Filter of what goes out.
-        text: The link as the user wrote it.
     """
 
     kind: LinkKind
@@ -116,8 +109,6 @@ def parse_links(
     """Parse all links of a bridge and give names to those that have none.
 
     Args:
-        texts: Links as the user wrote them; see `parse_link`.
-        id_of: Returns the id of a message name, for filters.
         segments: Names of the segments; if there are several, each link must name its own.
 
     Raises:

@@ -23,7 +23,6 @@ class Echoes:
 
     Args:
         most: Maximum number of remembered messages; a subscription that keeps fewer cannot hold more.
-        clock: Clock of the middleware's timestamps, nanoseconds since the Unix epoch.
     """
 
     def __init__(self, most: int, *, clock: Callable[[], int] = time.time_ns) -> None:
@@ -58,7 +57,6 @@ class Echoes:
         """Return whether a received message is one of these, and forget it.
 
         Args:
-            payload: Bytes of the message.
             published: Time of publication, 0 if the middleware does not tell it.
         """
         if not self._sent:  # messages are noted before they are sent

@@ -40,7 +40,6 @@ class BridgeFrame(NamedTuple):
     """One frame.
 
     Attributes:
-        kind: Kind of the frame.
         endpoint: Number of the publisher, subscription, server or client.
         number: For a message, its time of publication in nanoseconds since the Unix epoch, 0 if unknown; otherwise the
             number that a request and its response share.
@@ -59,11 +58,7 @@ class BridgeFrame(NamedTuple):
 
 
 class Wire:
-    """One end of the socket; any thread may send, only one may receive.
-
-    Args:
-        connection: Connected stream socket, from now on owned by this object.
-    """
+    """One end of the socket; any thread may send, only one may receive."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection

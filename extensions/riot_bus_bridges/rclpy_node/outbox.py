@@ -19,9 +19,6 @@ class Outbox:
 
     If the queue is empty, bytes are written at once, as far as the socket takes them without waiting. The rest is
     written by a thread, as much at once as there is. The queue is bounded: callers wait while it is full.
-
-    Args:
-        connection: Connected stream socket, owned by the caller.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -37,7 +34,6 @@ class Outbox:
         """Write bytes or queue them; raises OSError if the other end is gone.
 
         Args:
-            pieces: Pieces of bytes that stay together.
             patient: Whether to wait until there is room; if not, they are queued nevertheless.
         """
         size = sum(map(len, pieces))

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 class Announcer:
     """Declares tokens and undeclares them.
 
-    Args:
-        port: Segment on which they are declared.
-        domain: ROS domain in the keys.
-
     Attributes:
         gids: Gids for the attachments of an endpoint's messages. rclpy does not say which of several publishers has
             sent a message, so the first stands for all.

@@ -34,8 +34,6 @@ class NodeProcess:
     """Process of the node; call `start` once and `close` always.
 
     Args:
-        name: Name of the node.
-        options: Options with domain and interpreter.
         received: Called on a separate thread with each frame, and with None when the process has ended.
     """
 

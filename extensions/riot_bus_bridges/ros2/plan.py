@@ -33,13 +33,7 @@ _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 
 class UpPlan(NamedTuple):
-    """Plan for a topic that goes from the domain to the segment.
-
-    Attributes:
-        reader: QoS of the subscription in the domain.
-        reliable: Whether it is published reliably on the segment.
-        latched: Whether messages are kept for late joiners on the segment.
-    """
+    """Plan for a topic that goes from the domain to the segment."""
 
     reader: RosQos
     reliable: bool
@@ -59,7 +53,6 @@ class DownPlan(NamedTuple):
     """Plan for a topic that goes from the segment to the domain.
 
     Attributes:
-        writer: QoS of the publisher in the domain.
         latched: Number of kept messages to fetch from publishers on the segment; None if they keep none.
         sourced: Whether there are publishers on the segment, as far as they are announced.
     """
@@ -78,9 +71,6 @@ class DomainAnnouncement(NamedTuple):
 
     Attributes:
         kind: Kind of endpoint, None for a node.
-        node: Full name of the node.
-        key: Topic or service; None for a node.
-        qos: Its quality of service.
         gid: Id that distinguishes otherwise identical endpoints.
     """
 
@@ -100,7 +90,6 @@ class BridgePlan:
         downs: Topics that have publishers on the segment or subscriptions in the domain.
         offered: Services that have a server in the domain.
         wanted: Services that have a server on the segment, and none in the domain.
-        announcements: Everything that is announced on the segment.
         foreign: Topics and services whose types or type hashes differ between domain and segment.
     """
 
@@ -123,10 +112,6 @@ def plan_of(
     """Return the plan of a bridge.
 
     Args:
-        graph: The domain, without bridges.
-        segment: Endpoints that others announce on the segment.
-        names: Choice of the bridged topics and services.
-        options: Options of the bridge.
         bridges: Zenoh session ids of other bridges, each of which has one publisher for all that it announces.
     """
 

@@ -33,8 +33,6 @@ def router_per_package(
     """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own.
 
     Args:
-        given: Other variables that colcon gets.
-        options: Options of `riot ros-test`, as the user wrote them.
         folder: Folder to write a file to; only this user should be able to write there.
         accounts: Folder in which each `riot ros-test` leaves its report.
     """

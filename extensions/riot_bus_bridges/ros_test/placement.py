@@ -22,9 +22,6 @@ class Placement:
 
     Args:
         folder: Folder for two files; only this user should be able to write there.
-        segment: Segment of the chosen processes.
-        nodes: Regular expression for a whole name; None for none.
-        variables: Environment variables that a process of that segment needs.
 
     Raises:
         ConfigError: `nodes` is not a regular expression.

@@ -43,10 +43,8 @@ class RosTest:
         nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
         dds: Whether nodes use DDS, so that each segment gets a ROS domain and a bridge.
         record: Path of a log, or of a folder for logs.
-        package: Name of the tested package.
         folder: Working folder of the command; the present one by default.
         account: Folder for the report, if this is one of several `riot ros-test` of one run.
-        words: Options as the user wrote them.
     """
 
     router: RouterOptions = field(default_factory=RouterOptions)

@@ -34,8 +34,6 @@ class ReadySegments:
     """Segments that are ready for a command.
 
     Attributes:
-        environment: Whole environment of the command.
-        placement: Placement of processes into the other segment.
         domains: ROS domain of each segment; empty without bridges.
         carried: Number of messages that bridges have carried into a domain, by topic; known at the end.
     """
@@ -51,13 +49,6 @@ def open_segments(
     service: RouterService, launcher: Launcher, folder: Path, *, nodes: str | None, dds: bool
 ) -> Iterator[ReadySegments]:
     """Make the segments of a running router ready for a command.
-
-    Args:
-        service: The running router.
-        launcher: Owner of the bridges' processes.
-        folder: Folder for files; only this user should be able to write there.
-        nodes: Regular expression for the processes to put into the segment `unit`; None for none.
-        dds: Whether nodes use DDS.
 
     Raises:
         ConfigError: `nodes` is not a regular expression.

@@ -57,7 +57,6 @@ def access_rules(
     """Return Zenoh's `access_control` for a fleet's router, which denies all that no rule allows.
 
     Args:
-        subjects: Roles, and the users that have them.
         robot: Name of the robot whose agent may be commanded and may answer; `*` for any.
         certificates: Whether users are common names of certificates (mutual TLS), not users with passwords.
     """

@@ -35,8 +35,6 @@ class Access:
     """An action at one key that was seen to succeed for one identity, which is a client with certain credentials.
 
     Attributes:
-        identity: Name of the identity; `NOBODY` for a client without credentials.
-        action: Action that succeeded.
         key: Key of the agent, or its liveliness token, at which it succeeded.
         seen_by: Identities on the other side, at least one: receivers of a `put`, publishers for `receive`, repliers
             for `ask`, askers for `answer`, those that found the token for `announce`, its holders for `see`.
@@ -63,10 +61,8 @@ def probe_access(
     An action with two sides is seen only if both are allowed: while no identity can subscribe, no publication is seen.
 
     Args:
-        endpoint: The fleet's router.
         identities: Zenoh configuration of each identity by name; one named after a role is compared with that role.
         robot: Name of the robot whose keys are tried; no such agent may be running. By default an unused name.
-        say: Called with a line for each identity that cannot connect.
 
     Raises:
         EnvironmentFaultError: No identity can connect.

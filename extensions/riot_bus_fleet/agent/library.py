@@ -37,8 +37,6 @@ class Library:
     Args:
         folder: Folder of the logs; nothing outside of it is ever opened.
         robot: Name of the robot for logs that do not name theirs.
-        catalogue: File that keeps what is known; None for memory.
-        failed: Called with a line about whatever could not be scanned.
     """
 
     def __init__(
@@ -78,9 +76,6 @@ class Library:
         """Return the logs known so far, as JSON values, and request a new scan unless `look` is given.
 
         Args:
-            query: Query for logs, in the language of `riot fleet list`.
-            offset: Number of logs to skip.
-            limit: Largest number of logs to return.
             look: Number of a scan, from an earlier answer; this answer is complete if that scan has ended.
 
         Raises:
@@ -101,9 +96,6 @@ class Library:
 
     def resolve(self, name: str) -> list[Path]:
         """Return the files of a name: a log, or a folder that holds the files of one recording.
-
-        Args:
-            name: Path, relative to the folder, or absolute and inside of it.
 
         Raises:
             ConfigError: The path leads out of the folder, directly or through a link, or is not a log.

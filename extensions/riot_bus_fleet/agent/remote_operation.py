@@ -42,7 +42,6 @@ class Robot:
     """A robot on which an agent runs.
 
     Attributes:
-        name: Its name.
         agents: Number of agents with this name; more than one is a mistake.
         status: Status from the agent; None if it does not answer, or may not be asked.
     """
@@ -54,10 +53,6 @@ class Robot:
 
 def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[Robot]:
     """Return the robots whose agents are connected, by name.
-
-    Args:
-        endpoint: The fleet's router.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: No router answers.
@@ -86,13 +81,6 @@ def ask_robot(
 ) -> dict[str, Any]:
     """Ask a robot's agent one question.
 
-    Args:
-        endpoint: The fleet's router.
-        robot: Its name.
-        command: Name of the command without `agent/`, such as `status`.
-        config: Further Zenoh configuration.
-        arguments: Arguments of the command.
-
     Raises:
         EnvironmentFaultError: No router or no such robot answers.
         RiotError: The agent answers with an error.
@@ -108,9 +96,6 @@ def list_logs(
     """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later.
 
     Args:
-        endpoint: The fleet's router.
-        robot: Its name.
-        config: Further Zenoh configuration.
         arguments: `query`, `offset` and `limit` of the agent's command `logs`.
 
     Raises:
@@ -142,11 +127,6 @@ class RemoteOperation:
 
     While it is open, it proves to the robot's agent on request that it is present, and it trusts a status of the
     operation only with a proof that it comes from the agent. Both use a secret of this operation alone.
-
-    Args:
-        endpoint: The fleet's router.
-        robot: The robot.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: No router answers.
@@ -186,11 +166,6 @@ class RemoteOperation:
     def begin(self, kind: str, arguments: Mapping[str, Any], *, watched: bool = True) -> dict[str, Any]:
         """Start the operation on the robot and return its status.
 
-        Args:
-            kind: `play` or `record`.
-            arguments: Further arguments for the agent.
-            watched: Whether this controller stays.
-
         Raises:
             EnvironmentFaultError: The robot does not answer, or is busy.
             ConfigError: The robot refuses.
@@ -211,7 +186,6 @@ class RemoteOperation:
         Args:
             told: Called with each new status, or with None and the seconds of silence.
             give_up: Seconds without an answer after which to give up.
-            until: Function that returns whether a status is the awaited one.
             interrupted: Function that is called often; once it returns true, the robot is stopped, then followed.
 
         Raises:

@@ -44,8 +44,6 @@ class Lead(BaseModel):
     Attributes:
         operation: Id of the operation, chosen by the controller: the same request twice is one operation.
         secret: Secret by which agent and controller prove who they are; None for no proofs.
-        watched: Whether the controller stays.
-        who: Name of the controller, for people.
         on_lost_controller: Action once the controller has given no proof for `grace` seconds.
     """
 
@@ -100,11 +98,6 @@ class PlayRequest(Lead):
 
     def options(self, agent: AgentOptions, files: Sequence[Path], plan: Path | None) -> PlayOptions:
         """Return the options of the player.
-
-        Args:
-            agent: Options of the robot's agent.
-            files: Files of the logs.
-            plan: A file with the text of `inject`.
 
         Raises:
             ConfigError: An option is wrong, or publishes at a key that is closed to remote users.

@@ -41,10 +41,6 @@ _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and
 class AgentService:
     """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
 
-    Args:
-        options: Options of the agent.
-        say: Called with a line for a journal about what it does.
-
     Raises:
         ConfigError: An option is wrong.
     """
@@ -113,18 +109,11 @@ class AgentService:
         }
 
     def answer(self, nonce: str) -> dict[str, Any]:
-        """Return the status with the proof that it comes from this agent, for the controller that asked.
-
-        Args:
-            nonce: Nonce of the controller's query.
-        """
+        """Return the status with the proof that it comes from this agent, for the controller that asked."""
         return self._proved(self.status(), nonce)
 
     def play(self, payload: bytes) -> None:
         """Begin to play.
-
-        Args:
-            payload: A `PlayRequest` as JSON.
 
         Raises:
             ConfigError: The request is wrong, or refused.
@@ -139,9 +128,6 @@ class AgentService:
 
     def record(self, payload: bytes) -> None:
         """Begin to record.
-
-        Args:
-            payload: A `RecordRequest` as JSON.
 
         Raises:
             ConfigError: The request is wrong, or refused.

@@ -15,11 +15,6 @@ class ControllerWatch:
 
     A controller is lost when it was not seen for the grace time; then the action of the policy is taken, once. A paused
     operation is resumed when the controller is back; a stop is final.
-
-    Args:
-        policy: Action of the robot while no controller is there.
-        grace: Grace time in seconds.
-        now: Current time in seconds, by any clock; the controller counts as seen.
     """
 
     def __init__(self, policy: Policy, grace: float, now: float) -> None:

@@ -32,7 +32,6 @@ class Piece:
     Attributes:
         times: Times of each topic's messages, in seconds, ascending.
         values: Values of each field (`topic:path`) in the messages of its topic; NaN where it is missing.
-        log: Number of the log.
     """
 
     times: Mapping[str, Floats]
@@ -45,10 +44,8 @@ class Response:
     """One internal field, at its own messages.
 
     Attributes:
-        name: The field.
         pieces: Number of the piece of each part.
         times: Times of each part's rows, in seconds.
-        values: Its standardised values.
         step: Median time between its messages, in seconds.
     """
 
@@ -75,7 +72,6 @@ class Variants:
         age: Median age of the candidate's latest message at a row, in seconds.
         changes: Number of its changes from the first row of a part to the last, over all parts.
         rows: Number of rows in parts in which it changed, the basis of evidence.
-        logs: Number of logs that have these rows.
     """
 
     parts: tuple[NDArray[np.float32], ...]

@@ -35,10 +35,6 @@ class FieldEvidence:
     """Evidence from the logs on whether one field follows another.
 
     Attributes:
-        source: The field that may be followed.
-        target: The field that may follow.
-        rows: Number of messages of the target's topic behind it.
-        logs: Number of logs behind it.
         dependence: Result of the test; None if it was not tested.
         reason: Reason why it was not tested.
     """
@@ -67,10 +63,7 @@ class TopicEdge:
 
     Attributes:
         source: The topic that is read; empty if all topics were tried and none seems to be read.
-        target: The topic that is written.
-        components: Names of these components.
         told: Source of this knowledge; `inferred` if it is only the dependence in the logs.
-        evidence: Evidence on the tested fields, those that are followed first.
     """
 
     source: str
@@ -86,8 +79,6 @@ class Backtracked:
 
     Attributes:
         targets: The requested fields, each with why it cannot be judged (empty if it can).
-        trees: One tree per topic of the targets.
-        edges: Evidence for each step of the trees.
         externals: External topics, and who says so.
         ranking: Evidence on the external fields for each target, the most promising first.
         unreachable: External topics from which no path of the graph leads to a target.
@@ -96,7 +87,6 @@ class Backtracked:
         loops: Sets of topics on a path that lead back to themselves.
         unseen: Fields that were not tested, as there were too many.
         alpha: Accepted chance of any wrong source per field whose sources were tested.
-        tested: Number of pairs of fields that were tested.
     """
 
     targets: dict[str, str]
@@ -129,16 +119,10 @@ def backtrack(
     """Find the paths from internal fields back to external topics.
 
     Args:
-        pieces: Recorded series of the logs.
-        graph: Known readers and writers of topics.
-        targets: The internal fields, as `topic:path`.
         externals: External topics, and who says so; if empty, topics to which nothing recorded leads are taken.
         recorded: Topics of the logs that have no numeric field; those of `pieces` need not be named.
         horizon: Longest delay of one step that is tested, in seconds.
-        draws: Number of random shifts for each null distribution.
         alpha: Accepted chance that any source is named wrongly, per field whose sources are tested.
-        seed: Seed of the shifts.
-        progress: Called after each field whose sources were tested.
     """
     tests = _PairTests(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
     traversal = _Traversal(tests, graph, externals, progress)

@@ -67,13 +67,11 @@ class Dependence:
     """Result of the test whether an internal field follows a candidate.
 
     Attributes:
-        name: The candidate.
         found: Whether it stands out, given all others that do.
         p_value: Chance of such evidence, or stronger, from any candidate left, if the response followed none of them.
         follows: Aspect of the response that follows it; None if nothing was found.
         strength: Share that it explains of what the response's own past leaves open, 0 to 1; None if nothing was found.
         low: Lower end of its 95 % interval over logs.
-        high: Upper end of that interval.
         lag_s: Time from the candidate's message to the response that shows it most, in seconds.
         detectable: Share of what is left open at which a plain effect of one lag would have stood out in about half of
             all cases; None if so few messages could not have shown any.
@@ -112,12 +110,8 @@ def dependences(
     """Find what a response follows among candidates.
 
     Args:
-        response: The internal field.
-        candidates: Other fields at its rows.
         horizon: Longest delay that is tested, in seconds (at least 12 messages of the response).
-        draws: Number of random draws of signs for the null distribution.
         alpha: Accepted chance that any candidate is named wrongly.
-        seed: Seed of the signs.
 
     Returns:
         Those found, strongest first, then the others by their evidence.

@@ -103,7 +103,6 @@ class Catalogue:
 
     Args:
         path: Path of the file, created with its folder if needed; None to keep all in memory.
-        create: Whether a missing file is created.
 
     Raises:
         ConfigError: The file is not a catalogue, or does not exist.
@@ -209,12 +208,7 @@ class Catalogue:
             db.execute("UPDATE logs SET gone = 0 WHERE place = ?", (place,))
 
     def mark_gone(self, root: str, seen: Collection[str]) -> int:
-        """Mark logs that no longer exist; return how many there are.
-
-        Args:
-            root: Place of the logs; only those at or below it are marked.
-            seen: Places of the logs that exist.
-        """
+        """Mark logs that no longer exist; return how many there are."""
         root = root.rstrip("/")
         with self._transaction() as db:
             rows = db.execute(
@@ -239,13 +233,7 @@ class Catalogue:
         return None if row is None else _entry(row)
 
     def find(self, query: Query, *, limit: int | None = None, offset: int = 0) -> list[LogEntry]:
-        """Return the logs that match a query, oldest first, without topics and metadata.
-
-        Args:
-            query: Query as `parse_query` returns it.
-            limit: Maximum number of logs; None for all.
-            offset: Number of logs to skip before.
-        """
+        """Return the logs that match a query, oldest first, without topics and metadata."""
         statement = (
             f"SELECT {_COLUMNS} FROM logs WHERE {query.condition} "  # noqa: S608 - fixed parts, see `Query`
             "ORDER BY began IS NULL, began, place LIMIT ? OFFSET ?"

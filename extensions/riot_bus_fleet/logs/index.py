@@ -31,12 +31,8 @@ class IndexReport:
     """Result of indexing.
 
     Attributes:
-        logs: Number of logs that were found.
         fresh: Number of new or changed logs among these, which were read.
         damaged: Number of fresh logs of which something is missing, or that are not logs.
-        gone: Number of logs that no longer exist.
-        pruned: Number of logs that were removed from the catalogue.
-        failures: Logs that could not be looked at, a line each.
     """
 
     logs: int = 0
@@ -62,16 +58,11 @@ def index(
     """Bring a catalogue up to date.
 
     Args:
-        catalogue: Catalogue that is updated.
-        roots: Folders, logs and URLs of object stores.
         robot: Robot of logs that do not name one; by default the name of the folder below the root.
-        jobs: Number of logs that are read at once.
-        prune: Remove logs that are gone, instead of marking them.
         scan: Read all of each log of which only the summary was read so far, to find damage that the summary does
             not show.
         progress: Called with the number of logs so far and the current one.
         stop: Asked before each log whether to stop; what was read by then is kept.
-        limits: Limits on what is read of a log; None for the usual ones.
 
     Raises:
         ConfigError: A root does not exist, or cannot be opened.
@@ -153,13 +144,6 @@ def describe(
     store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False, limits: LogLimits | None = None
 ) -> LogEntry:
     """Return the catalogue entry of a log, read from its summary if that is sound, else from all of it.
-
-    Args:
-        store: The store that holds the log.
-        log: The log's entry in the store.
-        robot: Robot of the log, unless the log names one itself.
-        scan: Read all of it in any case, to find damage that the summary does not show.
-        limits: Limits on what is read of it; None for the usual ones.
 
     Raises:
         EnvironmentFaultError: The store cannot deliver the log.

@@ -20,7 +20,6 @@ class Store(Protocol):
     """A place that holds logs.
 
     Attributes:
-        root: Address of the store, as a place.
         partial: Whether an excerpt may lack what its summary does not need.
         refused: Lines about what is named like a log, but is none of this place: pipes, and links that lead out of it.
     """
@@ -44,9 +43,6 @@ class Store(Protocol):
 
 class FolderStore:
     """A folder of this machine, or a single log. Links to folders, or out of the folder, are not followed.
-
-    Args:
-        root: Path of the folder or log.
 
     Raises:
         ConfigError: The path does not exist, or is a pipe or a device.
