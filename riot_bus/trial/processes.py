@@ -17,13 +17,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.processes.containers import first_process
-from riot_bus.processes.forking import fork_of
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.processes.placement import STARTED, only_some, started_in
 from riot_bus.processes.python_report import PythonReport
 from riot_bus.processes.resource_limits import amount_text
 from riot_bus.processes.ros_domains import domain_environment, start_bridge
-from riot_bus.processes.starts import start_of
+from riot_bus.processes.starts import fork_of, start_of
 from riot_bus.processes.supervisor import ADDR_NO_RANDOMIZE
 from riot_bus.trial.placeholders import Placeholders, fill
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
@@ -33,9 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, MutableMapping, Sequence
     from pathlib import Path
 
-    from riot_bus.processes.forking import Fork
     from riot_bus.processes.launcher import ComponentProcess, Launcher
-    from riot_bus.processes.starts import Start
+    from riot_bus.processes.starts import Fork, Start
     from riot_bus.system.system_file import RunPace
     from riot_bus.trial.context import Context
     from riot_bus.vocabulary.message import Scalar

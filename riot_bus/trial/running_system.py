@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.trial.scarce import held
+from riot_bus.trial.setup import held
 from riot_bus.trial.virtual_time import VirtualTime, single_key
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.injection import PARAMETERS

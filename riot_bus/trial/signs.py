@@ -12,8 +12,7 @@ from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.processes.python_report import deepest_common
 from riot_bus.processes.resource_limits import Guard
 from riot_bus.trial.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.trial.hang_watch import LOOKS, HangWatch
-from riot_bus.trial.hangs import hang_stacks
+from riot_bus.trial.hangs import LOOKS, HangWatch, hang_stacks
 from riot_bus.trial.settling import POLL, wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
@@ -66,7 +65,12 @@ class Feeder:
         self.begun: tuple[Activity, Activity] | None = None
         self._hangs = setup.context.hangs[name]
         self._watch = HangWatch(
-            self._hangs, self._network, self._observation, name, baseline, timeout=unit.settle.timeout
+            self._hangs,
+            baseline,
+            outputs=lambda: len(self._network.outputs),
+            activity=lambda: self._observation.activity([name]),
+            stacks=lambda: self._observation.stacks(name),
+            timeout=unit.settle.timeout,
         )
 
     @property

@@ -20,8 +20,8 @@ from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.trial.node_parameters import set_parameters
 from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.running_system import VirtualTimeSystem
-from riot_bus.trial.scarce import held
 from riot_bus.trial.settling import POLL
+from riot_bus.trial.setup import held
 from riot_bus.trial.signs import Feeder
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import EnvironmentFaultError

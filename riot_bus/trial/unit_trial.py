@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import time
 from bisect import bisect_left
@@ -12,21 +13,25 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.modes import MOST_MODES, modes_of
+from riot_bus.log.reader import LogReader
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
+from riot_bus.router.services.recorded import RecordedCall, RecordedService, calls_in
 from riot_bus.trial.baseline import UNKNOWN, Baseline, growth_of
 from riot_bus.trial.evidence import write_evidence
 from riot_bus.trial.observation import MEASURE_S
-from riot_bus.trial.recorded_calls import serve_calls
-from riot_bus.trial.scarce import held
+from riot_bus.trial.setup import held
 from riot_bus.trial.signs import Feeder
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.types.serve import PARTS
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from riot_bus.trial.context import Context
+    from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.setup import TrialPlace, TrialSetup
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
@@ -165,6 +170,47 @@ def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSe
     setup = place.setup(context=context, segments=segments, stall=stall, attach=[name], **options)
     with held(file, [name]), setup:
         yield setup
+
+
+def serve_calls(network: TrialNetwork, context: Context, unit: str) -> None:
+    """Answer the calls that a unit makes; raises as `calls_of_unit`."""
+    segment = network.segment_of(context.file.component_of(unit))
+    for number, (key, calls) in enumerate(calls_of_unit(context, unit).items(), start=1):
+        network.serve(segment, key, RecordedService(calls), number=number)
+
+
+def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[RecordedCall]]:
+    """Return the recorded calls of the services that a unit calls, by key.
+
+    Raises:
+        ConfigError: The log has no answered call of one of the services, or riot.toml names no log.
+    """
+    file = context.file
+    described = file.unit[unit]
+    name = file.component_of(unit)
+    services = file.components[name].calls
+    if not services:
+        return {}
+    where, log = f"{file.path}: [components.{name}] calls", described.log or file.system.nominal
+    hint = "record one with `riot router --record --intercept-services ...`"
+    if log is None:
+        raise ConfigError("no log is named that could have the calls of a service", where=where, hint=hint)
+    path = file.root / log
+    expressions = tuple(context.registry.key_expression(f"{service}/{part}") for service in services for part in PARTS)
+    found = _calls(path, path.stat().st_mtime_ns, expressions)
+    names = {context.registry.topic(key): key for key in found} | {key: key for key in found}
+    for service in services:
+        if service not in names and not any(context.registry.matches(service, key) for key in found):
+            near = did_you_mean(service, names)
+            raise ConfigError(f"{path} has no call of {service!r} with a reply", where=where, hint=near or hint)
+    return found
+
+
+@functools.lru_cache(maxsize=4)
+def _calls(path: Path, changed: int, expressions: tuple[str, ...]) -> Mapping[str, Sequence[RecordedCall]]:
+    """Return the calls of a log, which are the same for all trials as long as it has not `changed`."""
+    with LogReader(path) as reader:
+        return calls_in(reader.messages(topics=expressions))
 
 
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
