@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.control.router_service import RouterService
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge
-    from riot_bus_bridges.host.program import Program
+    from riot_bus_bridges.host.running import Program
 
 BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from threading import get_ident
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus_bridges.mavlink.losses import LinkLosses
 from riot_bus_bridges.mavlink.routing import Peer
+from riot_bus_bridges.mavlink.sequences import LinkLosses
 from riot_bus_bridges.mavlink.url import Direction, LinkKind
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import PortPublisher
     from riot_bus_bridges.links.loop import Loop
-    from riot_bus_bridges.mavlink.losses import SourceCount
+    from riot_bus_bridges.mavlink.sequences import SourceCount
     from riot_bus_bridges.mavlink.url import LinkSpec
     from riot_bus_mavlink.frame import Framer
 

@@ -7,14 +7,12 @@ import os
 import socket
 from typing import TYPE_CHECKING
 
-from riot_bus_bridges.links.link import Link, cannot_listen
+from riot_bus_bridges.links.link import Link, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.loop import READ, WRITE
-from riot_bus_bridges.links.names import look_up, place_of, text_of
 from riot_bus_bridges.links.stream import Stream, StreamClient
 
 if TYPE_CHECKING:
-    from riot_bus_bridges.links.link import Host
-    from riot_bus_bridges.links.names import Place
+    from riot_bus_bridges.links.link import Host, Place
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_CLIENTS = 64  # a guess: any host may connect; each takes a descriptor and is sent frames

@@ -13,16 +13,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus_bridges.links.end import MOST_PENDING
-from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen
-from riot_bus_bridges.links.names import look_up, place_of, text_of
+from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.packets import Packets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus_bridges.links.end import End
-    from riot_bus_bridges.links.link import Host
-    from riot_bus_bridges.links.names import Place
+    from riot_bus_bridges.links.link import Host, Place
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _BUFFER = 1 << 22  # asked for; the system may give less

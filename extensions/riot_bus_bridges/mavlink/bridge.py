@@ -14,10 +14,9 @@ from riot_bus_bridges.links.loop import Loop
 from riot_bus_bridges.links.opening import open_link
 from riot_bus_bridges.mavlink.mirror import Mirror
 from riot_bus_bridges.mavlink.routing import Duplicates, Routes
+from riot_bus_bridges.mavlink.sequences import OwnStreams
 from riot_bus_bridges.mavlink.side import Side, new_mark
-from riot_bus_bridges.mavlink.streams import OwnStreams
-from riot_bus_bridges.mavlink.tally import LinkTally
-from riot_bus_bridges.mavlink.text import ready_line, summary_lines
+from riot_bus_bridges.mavlink.tally import LinkTally, ready_line, summary_lines
 from riot_bus_bridges.mavlink.url import FILES, LISTENS, Direction
 
 if TYPE_CHECKING:

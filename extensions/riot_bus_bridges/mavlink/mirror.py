@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_bridges.mavlink.losses import MOST_IDS
+from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_mavlink.frame import parse_frame
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import BridgePort, Closeable, PortPublisher
     from riot_bus_bridges.mavlink.json_form import JsonForm
-    from riot_bus_bridges.mavlink.streams import OwnStreams
+    from riot_bus_bridges.mavlink.sequences import OwnStreams
     from riot_bus_mavlink.frame import Frame
 
 IN, OUT = "mavlink/in", "mavlink/out"

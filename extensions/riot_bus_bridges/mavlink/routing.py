@@ -10,7 +10,7 @@ from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_bridges.mavlink.filters import Filter
-from riot_bus_bridges.mavlink.losses import MOST_IDS
+from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_mavlink.frame import HEADER_SIZE
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_bridges.links.end import Flow
-from riot_bus_bridges.mavlink.losses import MOST_IDS
+from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_mavlink.frame import ENCODING, KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.mavlink.mirror import Mirror
     from riot_bus_bridges.mavlink.routing import Routes
-    from riot_bus_bridges.mavlink.streams import OwnStreams
+    from riot_bus_bridges.mavlink.sequences import OwnStreams
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.signing import Signer

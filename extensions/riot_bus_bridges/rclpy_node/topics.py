@@ -9,7 +9,7 @@ from rclpy.duration import Duration
 
 from .echoes import Echoes
 from .kinds import message_type
-from .profiles import profile_of
+from .snapshot import profile_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_bridges.bridging import Bridge
 from riot_bus_bridges.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
-from riot_bus_bridges.ros2.announcer import Announcer
+from riot_bus_bridges.ros2.announcer import Announcer, OtherBridge
 from riot_bus_bridges.ros2.graph import DomainGraph
 from riot_bus_bridges.ros2.node import START_S, NodeProcess
 from riot_bus_bridges.ros2.options import Names
-from riot_bus_bridges.ros2.other_bridges import OtherBridge
 from riot_bus_bridges.ros2.plan import BridgePlan, plan_of
 from riot_bus_bridges.ros2.routes import BridgeRoute, DownRoute, OfferedService, RouteContext, UpRoute, WantedService
 from riot_bus_bridges.ros2.text import summary_lines

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from riot_bus_bridges.mavlink.json_form import JsonForm
 from riot_bus_bridges.mavlink.mirror import ENCODING, Mirror
-from riot_bus_bridges.mavlink.streams import OwnStreams
+from riot_bus_bridges.mavlink.sequences import OwnStreams
 from riot_bus_mavlink.frame import Frame
 from tests.unit.riot_bus_bridges.mavlink.frames import COMMON, frame_of, unknown_frame
 
