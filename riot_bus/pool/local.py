@@ -220,9 +220,6 @@ class _PoolWorker:
 class Pool:
     """Processes that execute trials, one each at a time, and one thread that feeds them.
 
-    A worker is started when there is a case for it, and runs until the pool is closed. A worker that dies is replaced,
-    and its case is executed again.
-
     Args:
         jobs: Number of trials at once, unless the cases ask for another number.
         keep: Folder in which the files of failing trials are kept.

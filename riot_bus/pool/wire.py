@@ -266,11 +266,7 @@ def pack_baseline(key: str, baseline: Baseline) -> bytes:
 
 
 def read_baseline(data: bytes) -> tuple[str, Baseline]:
-    """Return the key of a baseline, and the baseline.
-
-    Raises:
-        ValueError: The data is not a baseline.
-    """
+    """Return the key of a baseline, and the baseline; raises ValueError if the data is not a baseline."""
     try:
         found = _unpack(data)
         baseline: Baseline = _adapter(Baseline).validate_python(found["baseline"])

@@ -204,10 +204,7 @@ class Threads:
             os.close(file)
 
     def _find(self) -> None:
-        """Open the files of new threads, and close those of ended ones.
-
-        Listing them is left out where their number is the same and none was seen to have ended.
-        """
+        """Open the files of new threads, and close those of ended ones."""
         counts = tuple(map(_threads_of, self.pids))
         if counts == self._counts and self._names == (b"",):
             return

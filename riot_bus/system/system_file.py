@@ -520,11 +520,7 @@ class SystemFile(_Table):
         return [*_texts(component), *map(self.text_of, component.files)]
 
     def text_of(self, name: str) -> str:
-        """Return the text of a file in which placeholders are filled in.
-
-        Raises:
-            ConfigError: It cannot be read.
-        """
+        """Return the text of a file in which placeholders are filled in; raises ConfigError if it cannot be read."""
         try:
             return (self.root / name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:

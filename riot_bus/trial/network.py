@@ -1,7 +1,4 @@
-"""The network of one trial: its segments, what is published to components, and what they publish.
-
-Segments stay open between trials: opening, joining and closing them took a third of a short trial.
-"""
+"""The network of one trial: its segments, what is published to components, and what they publish."""
 
 from __future__ import annotations
 

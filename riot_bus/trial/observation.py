@@ -87,8 +87,6 @@ class Observation:
     def held_up(self, names: Iterable[str], *, since: tuple[Activity, Activity] | None = None) -> Callable[[], float]:
         """Return a function that tells how many seconds components, or the router here, waited for a processor.
 
-        A wait counts when it is over: see `wants_processor`.
-
         Args:
             since: Result of `begin` from when on; None for now.
         """

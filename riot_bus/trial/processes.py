@@ -229,11 +229,7 @@ class TrialProcesses:
         return self.started[name]
 
     def end(self, names: Iterable[str]) -> None:
-        """End components, as `stop` in riot.toml asks for.
-
-        Raises:
-            EnvironmentFaultError: One cannot be ended.
-        """
+        """End components, as `stop` in riot.toml asks for; raises EnvironmentFaultError if one cannot be ended."""
         for name in names:
             self._terminate(name)
             process = self.started[name]

@@ -70,10 +70,7 @@ class RestOptions(TypedDict, total=False):
 
 
 def own_senders() -> Threads:
-    """Return Zenoh's threads of this process that send.
-
-    A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
-    """
+    """Return Zenoh's threads of this process that send."""
     return _own.senders
 
 

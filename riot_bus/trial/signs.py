@@ -165,12 +165,7 @@ class Feeder:
         return before
 
     def nominal(self, probe: Sequence[Message]) -> NominalTrial:
-        """Return the observations of a nominal trial whose log has been played, and play the probe.
-
-        On a loaded machine, the unit may seem at rest before it has its input. So this waits for the answers that the
-        baseline knows or, as long as it knows none, for answers on all topics on which the log brought some, and for
-        late answers if other processes used the processors meanwhile.
-        """
+        """Return the observations of a nominal trial whose log has been played, and play the probe."""
         self._await_late()
         answers, begin = self._answers(0), len(self._network.outputs)
         probed: Mapping[str, int] = {}
@@ -275,17 +270,11 @@ class Feeder:
             time.sleep(POLL)
 
     def works(self, trial: NominalTrial) -> bool:
-        """Return whether a unit that did not come to rest in a nominal trial still works.
-
-        One with timers of its own may find no rest on a loaded machine; if it answers, and does not run all the time,
-        it works.
-        """
+        """Return whether a unit that did not come to rest in a nominal trial still works."""
         return self.alive and bool(trial.probe_answers) and not self._spins()
 
     def _runs_out(self) -> bool:
         """Wait while a busy unit takes ever more memory, or has too much already; return whether it was ended for that.
-
-        On a loaded machine, memory may grow slowly, and the limit may be enforced late: that is not a hang.
         """
         observation, limits, names = self._observation, self._limits, [self._name]
         if limits == "off" or self._watch.known:
@@ -314,10 +303,7 @@ class Feeder:
         return Counter(self._registry.topic(message.key) for message in self._network.outputs[begin:])
 
     def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
-        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round.
-
-        Of a unit that has failed already, more need not be known.
-        """
+        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
         if not expected.keys() - self._answers(begin).keys():
             return ()
         self._network.bus.drain(self._settle.timeout)

@@ -207,11 +207,7 @@ class _ClockMessages:
 
 
 def single_key(context: Context, topic: str, *, where: str) -> str:
-    """Return the key that a topic stands for.
-
-    Raises:
-        ConfigError: It stands for several keys or for none.
-    """
+    """Return the key that a topic stands for; raises ConfigError if it stands for several keys or for none."""
     (key,) = context.topics(topic)
     if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
         hint = "write the Zenoh key, such as `robot/reset`"

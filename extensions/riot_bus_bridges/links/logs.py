@@ -51,8 +51,6 @@ class _LogLink(Link):
 class TelemetryLogSource(_LogLink):
     """Sends the frames of a log as if they came now, paced by the log's timestamps.
 
-    Frames are taken as they were received; frames that jump back in time come at once.
-
     Raises:
         EnvironmentFaultError: The file cannot be read.
     """

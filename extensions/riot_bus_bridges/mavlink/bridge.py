@@ -39,8 +39,6 @@ _MEET_S = 5.0  # a guess: segments that no router joins delay the start by this 
 class MavlinkBridge(LinkedBridge):
     """Context manager that carries frames between links and segments while it is open.
 
-    One thread waits for the links and carries what comes over them; Zenoh's threads carry what comes from the bus.
-
     Args:
         ports: Segments by name; the bridge does not close them.
 

@@ -126,11 +126,7 @@ class Side:
         self._outlets.clear()
 
     def receive(self, end: End, packets: Sequence[bytes]) -> None:
-        """Carry packets, or pieces of a stream, that came over an end of a link, in their order.
-
-        Frames of known flows go together, packets without a look at more than their header and checksum: a call per
-        frame and layer would take longer than the work on the frame.
-        """
+        """Carry packets, or pieces of a stream, that came over an end of a link, in their order."""
         at = 0
         while at < len(packets):
             flows = end.framer.known(packets, at, self._flows(end))

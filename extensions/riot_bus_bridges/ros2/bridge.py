@@ -49,9 +49,6 @@ _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, Wa
 class Ros2Bridge(Bridge):
     """Context manager that bridges a ROS domain and a segment while it is open.
 
-    One thread decides what is bridged, from the endpoints on both sides. Messages are carried on the threads that
-    receive them: the one that listens to the node, and Zenoh's.
-
     Raises:
         ConfigError: An option is not usable.
     """

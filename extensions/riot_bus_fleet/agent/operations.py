@@ -84,10 +84,7 @@ class Play(Operation[PlayService]):
 
 
 class RecordOperation(Operation[CaptureService]):
-    """Records the robot's own bus into its folder of logs.
-
-    It ends by itself when the disk becomes too full.
-    """
+    """Records the robot's own bus into its folder of logs."""
 
     kind = "record"
 

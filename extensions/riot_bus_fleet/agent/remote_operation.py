@@ -52,11 +52,7 @@ class Robot:
 
 
 def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[Robot]:
-    """Return the robots whose agents are connected, by name.
-
-    Raises:
-        EnvironmentFaultError: No router answers.
-    """
+    """Return the robots whose agents are connected, by name; raises EnvironmentFaultError if no router answers."""
     from riot_bus.zenoh import api as zenoh
 
     with Remote(endpoint, config=config, kind="agent") as remote:
