@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Progress
     from riot_bus_fleet.logs.entry import LogEntry
 
-_MEMORY = 1 << 27
 _CANDIDATES = 64
 """Moments kept for each near miss while a log is read: those of one approach are next to one another."""
 _APART_NS = 10**9
@@ -95,7 +94,7 @@ class Scanner:
             return self._rows_of_messages(reader, registry)
         places = {name: place_of(name, topics) for name in self._rule.names}
         selectors = {name: f"{place.topic}:{place.path}" for name, place in places.items()}
-        parts = column_parts(reader, list(dict.fromkeys(selectors.values())), memory=_MEMORY, registry=registry)
+        parts = column_parts(reader, list(dict.fromkeys(selectors.values())), memory=1 << 27, registry=registry)
         last = topics[-1] if topics else None
         return _rows_of_columns(parts, places, selectors, last)
 

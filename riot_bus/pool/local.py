@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import TestCase
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 64 << 10
-"""Free bytes of a disk below which a component may have failed because it could not write."""
 _DEATHS = 3
 """Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
 _ENDS_WITHIN_S = TORN_DOWN_WITHIN_S + 10.0  # a worker ends its components first: seconds, even on a loaded machine
@@ -416,7 +414,8 @@ class Pool:
             task.fail(error)
 
     def _finish(self, task: _Task, outcome: Outcome) -> None:
-        if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < _ROOM:
+        # Bytes: a component may have failed because it could not write.
+        if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < 64 << 10:
             outcome = replace(outcome, verdict=Verdict.ERROR, detail=f"the disk is full: {self.keep}")
         if task.directory is not None:
             left = task.directory / TrialPlace.LEFT

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome
 
-_MUCH_SLOWER = 2.0  # the order of the log costs no more than as much time again; as docs/riot-toml.md says of `order`
 _TRIALS = 3
 """Number of nominal trials. What only some of them show, such as the output of a rare timer, is not expected."""
 _HELD_OUT = 4
@@ -153,7 +152,7 @@ def _keeps_order(context: Context, unit: str, pool: Pool, log: Sequence[Message]
     outcomes = pool.map(trial, [replace(case, ordered=way) for way in ways])
     _check_starts(outcomes)
     kept, free = ([one.seconds for one in outcomes[first::2] if _passes(one)] for first in (1, 0))
-    return not kept or not free or min(kept) <= _MUCH_SLOWER * min(free)  # times of failed trials do not count
+    return not kept or not free or min(kept) <= 2.0 * min(free)  # times of failed trials do not count
 
 
 def needs_baseline(monitor: str) -> bool:

@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner, TestCase
 
-_EVIDENCE_TRIALS = 5
-_MOST_SLOTS = 4
-"""Trials at once for each processor: more of them cost memory, and wake up at the same time."""
-
 
 def slots_for(busy: float, processors: int) -> int:
     """Return how many trials run at once if each takes a share of a processor: at least one on each processor.
@@ -41,7 +37,7 @@ def slots_for(busy: float, processors: int) -> int:
     Args:
         busy: Processor time of a trial in seconds per second; 0 if that is not known.
     """
-    return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
+    return max(processors, min(4 * processors, int(processors / busy))) if busy > 0 else processors
 
 
 class RunnerFactory(Protocol):
@@ -192,7 +188,7 @@ class LocalRunners:
         """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""
         baseline, pace = self._baselines.get(unit, UNKNOWN), self._context.file.system.trial_run
         partial = folder.with_suffix(".partial")
-        for attempt in range(_EVIDENCE_TRIALS):
+        for attempt in range(5):
             shutil.rmtree(partial, ignore_errors=True)
             alone, whole = UnitTrial(unit, baseline, evidence=True), SystemTrial(pace, evidence=True)
             if in_system is not None and in_system.trials:

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 _PT_LOAD, _PT_EH_FRAME = 1, 0x6474E550
 _SHT_SYMTAB, SHT_DYNSYM = 2, 11
-_FUNCTIONS = (2, 10)  # STT_FUNC, STT_GNU_IFUNC
 _SEARCH_TABLE = b"\x01\x1b\x03\x3b"  # version 1; what all linkers write
 _KINDS = {0: "Q", 2: "H", 3: "I", 4: "Q", 10: "h", 11: "i", 12: "q"}
 _CLONE = re.compile(r"(\.(cold|part|isra|constprop|lto_priv|llvm)(\.\d+)*)+$|17h[0-9a-f]{16}(?=E$)")
@@ -203,7 +202,7 @@ class ElfFile:
         found = []
         for table, names in self.tables(_SHT_SYMTAB) or self.tables(SHT_DYNSYM):
             for name, info, _, section, value, size in struct.iter_unpack("<IBBHQQ", table):
-                if section and info & 0xF in _FUNCTIONS:
+                if section and info & 0xF in (2, 10):  # STT_FUNC, STT_GNU_IFUNC
                     found.append((value, size, names[name : names.find(b"\0", name)].decode(errors="replace")))
         return sorted(found)
 

@@ -23,7 +23,6 @@ _CONT, _GETREGSET, _SEIZE, _LISTEN = 7, 0x4204, 0x4206, 0x4208
 _TRACE_CLONE, _EXIT_KILL = 1 << 3, 1 << 20
 _EVENT_STOP = 128
 _PRSTATUS = 1
-_MOST_REGISTERS = 512
 _FATAL = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP)
 _SANITIZER = b"san_init"
 """Part of symbol names of every sanitizer. They write reports themselves, and LeakSanitizer gives up if traced."""
@@ -239,7 +238,7 @@ class Tracer:
         if int(text.partition(b"\nSigCgt:\t")[2].split()[0], 16) >> (number - 1) & 1:  # it has a handler for it
             return
         pid = int(text.partition(b"\nTgid:\t")[2].split()[0])
-        buffer = ctypes.create_string_buffer(_MOST_REGISTERS)
+        buffer = ctypes.create_string_buffer(512)
         area = _Area(ctypes.addressof(buffer), len(buffer))
         if self._machine and not _request(_GETREGSET, thread, _PRSTATUS, ctypes.addressof(area)):
             self._stacks[pid] = unwind(pid, buffer.raw[: area.size], self._machine)

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.processes.python_report import ThreadStack
     from riot_bus.vocabulary.message import Message
 
-_PROBE = 16
-"""Least number of messages of a probe: small, since each passing trial spends time on them."""
-
 
 class Growth(NamedTuple):
     """Increase of a unit's memory in bytes, open files and threads from the start to the end of a trial."""
@@ -167,7 +164,7 @@ def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
     """
     counts = Counter(message.key for message in log)
     some = [message for message in log if counts[message.key] > 1] or log
-    first = max(0, len(some) - _PROBE)
+    first = max(0, len(some) - 16)  # few: each passing trial spends time on them
     last = {message.key: number for number, message in enumerate(some)}
     return tuple(message for number, message in enumerate(some) if number >= first or last[message.key] == number)
 

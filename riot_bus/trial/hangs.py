@@ -29,8 +29,6 @@ HangStacks: TypeAlias = frozenset[tuple[str, ...]]
 _PATIENCE, _TIMES = 0.75, 3.0
 _BLIND = 0.3
 """Least patience if there are no stacks that tell a hang from work, as a share of the timeout."""
-_SHARE = 0.1
-"""Largest share of the time of all trials that may be spent on waiting for known hangs to the timeout."""
 _STEP, LOOKS = 0.25, 3
 """Seconds between two looks at the stacks, and the number of looks that have to agree. A look takes some milliseconds
 of the unit's time."""
@@ -89,7 +87,7 @@ class Hangs:
 
     def may_wait(self, timeout: float) -> bool:
         """Return whether hangs took so little time so far that riot can wait for a known one to the timeout."""
-        return self._waited + timeout <= _SHARE * self._trials
+        return self._waited + timeout <= 0.1 * self._trials  # of the time of all trials
 
     def add(self, place: HangStacks, *, waited: float) -> None:
         """Add a hang that was waited for to the timeout, for `waited` seconds."""

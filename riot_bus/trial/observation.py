@@ -26,9 +26,6 @@ _MEASURED = 3
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
-_LITTLE = 0.03
-"""Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
-_ALIKE = 0.2  # timers do about the same each time, a start does not; a guess
 
 
 class Observation:
@@ -153,8 +150,9 @@ class Observation:
             self.include_started(names)
             now = self.measure_idle(names, seconds=MEASURE_S)
             self.idle = now if last is None else now.or_more(last)
-            alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
-            if (now.ran <= _LITTLE or alike) and not self.wants_processor(names):
+            alike = last is not None and abs(now.switches - last.switches) <= 0.2 * now.switches
+            # A program that starts takes most of a processor, Zenoh's threads a tenth of this share.
+            if (now.ran <= 0.03 or alike) and not self.wants_processor(names):
                 known.append(self.idle)
                 return
             last = now

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 FOLDER_PREFIX = "kept-{}-"
 """Prefix of the folders of kept systems, with the process id of the worker."""
-_MOST_RUNS = 100
-"""Largest number of runs of one set of processes, so that a start costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
 
 
@@ -120,7 +118,7 @@ class RunningSystem(ABC):
         """Whether another run is possible: they can be reset, and hold no limited resource that others wait for."""
         components = self._place.context.file.components
         free = not any(components[name].resources or components[name].attach for name in self._names)
-        return self._reset is not None and self.runs < _MOST_RUNS and free
+        return self._reset is not None and self.runs < 100 and free  # so that a start costs less than a hundredth
 
     def fits(self, *, seed: int, pace: RunPace, parameters: Mapping[str, Scalar]) -> bool:
         """Return whether all components run, another run is possible, and it needs the same commands."""

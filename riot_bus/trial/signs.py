@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 _CHECK_EVERY = 64
-_SAMPLES = 16
 _TAKEN_S = 2.0
 """A unit that works for longer, or has a thread that never sleeps, gets all further messages without waiting."""
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
@@ -134,7 +133,7 @@ class Feeder:
         """Publish messages; return the activity of the unit just before the last one."""
         observation, names = self._observation, [self._name]
         self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
-        samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
+        samples = max(_CHECK_EVERY, len(messages) // 16)
         observation.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, threads = messages[0].key if messages else "", observation.threads(names)
         ran = threads.ran()
@@ -274,8 +273,7 @@ class Feeder:
         return self.alive and bool(trial.probe_answers) and not self._spins()
 
     def _runs_out(self) -> bool:
-        """Wait while a busy unit takes ever more memory, or has too much already; return whether it was ended for that.
-        """
+        """Wait while a busy unit takes ever more memory, or has too much; return whether it was ended for that."""
         observation, limits, names = self._observation, self._limits, [self._name]
         if limits == "off" or self._watch.known:
             return False

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 _UNIT_SETTLE = Settle()
 """Settings of units; systems have none of their own."""
-_PATIENCE = 3.0  # a loaded machine may run external components at a third of the pace; a guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +177,8 @@ class SystemRun:
         commands = [setup.context.file.components[name].command for name in self._outside]
         ends = all(any("{duration}" in word for word in command) for command in commands)
         grace = _UNIT_SETTLE.timeout  # for their start and end, which take as long in short runs
-        limit = _PATIENCE * pace.duration / pace.speed + grace if ends else pace.duration
+        # A loaded machine may run external components at a third of the pace; a guess.
+        limit = 3.0 * pace.duration / pace.speed + grace if ends else pace.duration
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
             if processes.wait(self._outside, timeout=5 * POLL) or not processes.alive(self._inside):

@@ -42,8 +42,6 @@ _GROWN = 1 / 32
 _MOST_NAMES = 64
 """Largest number of keys whose outputs are compared with nominal ones, and of topics and fields in a summary, so that a
 line of the store stays below some KiB."""
-_MOST_OUTPUTS = 512
-"""Largest number of outputs that are decoded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +237,7 @@ def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str
     }
     found["order"] = sorted({f"{one} > {other}" for one, other in pairwise(topics)})[:_MOST_NAMES]
     for topic in sorted(set(topics)):
-        messages = (message for other, message in zip(topics[:_MOST_OUTPUTS], outputs, strict=False) if other == topic)
+        messages = (message for other, message in zip(topics[:512], outputs, strict=False) if other == topic)
         for path, column in sorted(_columns(messages, registry).items()):
             if len(set(column)) <= MOST_MODES:
                 found[f"{topic}:{path}"] = sorted({*column, *(f"{one} > {other}" for one, other in pairwise(column))})

@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.trial.context import Context
     from riot_bus.trial.setup import TrialSetup
 
-_POLL = 0.00005
-"""Interval between checks in seconds; a component takes a few hundred microseconds for a message."""
-_LONG = 0.5
-"""Seconds after which it is also checked whether other processes occupy the processors, which takes a while."""
 _BLOCK = Qos(congestion="block")
 _NO_SCHEMA = Schema("", "", b"")
 
@@ -167,11 +163,11 @@ class VirtualTime:
                     if observation.include_started(self._names):
                         return True
                     threads = observation.threads(self._names)
-            if (waited := time.monotonic() - start) > _LONG:
+            if (waited := time.monotonic() - start) > 0.5:  # only then: it takes a while
                 held_up = held_up or observation.held_up(self._names)
                 if waited - held_up() > self._timeout:
                     return False
-            time.sleep(_POLL)
+            time.sleep(0.00005)  # a component takes a few hundred microseconds for a message
 
 
 class _ClockMessages:

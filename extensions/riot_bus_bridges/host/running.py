@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from riot_bus_bridges.bridging import Bridge
 
 
-_GRACE_S = 3.0  # a guess: from SIGTERM to SIGKILL; the bridge's end waits as long
-
-
 class Program:
     """A running program with the streams of this process; a context manager that ends it.
 
@@ -54,7 +51,7 @@ class Program:
 
     def __exit__(self, *error: object) -> None:
         self._process.terminate()
-        self._thread.join(_GRACE_S)
+        self._thread.join(3.0)
         self._process.kill()
         self._thread.join()
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_UNSENT = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
-_MOST_READ = 1 << 16  # other links wait while the frames of one read are handled; not measured
 
 
 class Transport(Protocol):
@@ -112,7 +111,7 @@ class Stream:
 
     def _read(self) -> None:
         try:
-            data = self._transport.recv(_MOST_READ)
+            data = self._transport.recv(1 << 16)
         except BlockingIOError:
             return
         except OSError:

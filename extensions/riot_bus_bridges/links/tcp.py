@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_CLIENTS = 64  # a guess: any host may connect; each takes a descriptor and is sent frames
-_CONNECT_S = 5.0  # a lost SYN is repeated after 1 and 3 s; Linux would wait 2 minutes
 _PROBES = 4  # with the default of 30 s, one each 6 s: one lost probe ends nothing
 _LONGEST_PROBE_S = 32767  # limit of Linux
 
@@ -108,7 +107,8 @@ class TcpClient(StreamClient):
             self._again(os.strerror(code))
             return
         self._host.loop.watch(made.fileno(), self._see, READ | WRITE)
-        self._timer = self._host.loop.later(_CONNECT_S, lambda: self._again("no answer"))
+        # A lost SYN is repeated after 1 and 3 s; Linux would wait 2 minutes.
+        self._timer = self._host.loop.later(5.0, lambda: self._again("no answer"))
 
     def _see(self, events: int) -> None:
         made = self._trying

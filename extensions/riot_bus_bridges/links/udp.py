@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from riot_bus_bridges.links.link import Host, Place
     from riot_bus_bridges.mavlink.url import LinkSpec
 
-_BUFFER = 1 << 22  # asked for; the system may give less
-_MOST_PEERS = 64  # a guess: addresses can be forged, and each is sent frames
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
 _DROPS = 12  # column of /proc/net/udp
@@ -49,7 +47,7 @@ class _UdpLink(Link):
         try:
             made.settimeout(0)
             for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-                made.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
+                made.setsockopt(socket.SOL_SOCKET, option, 1 << 22)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             if bind is not None:
                 made.bind(bind)
@@ -143,7 +141,7 @@ class UdpServer(_UdpLink):
             self._host.receive(end, packets)
 
     def _add(self, address: Any) -> End:
-        if len(self._by_address) >= _MOST_PEERS:
+        if len(self._by_address) >= 64:  # addresses can be forged
             self._drop(min(self._heard, key=self._heard.__getitem__))
         send, send_all = partial(self._send, address=address), partial(self._send_all, address=address)
         end = self._by_address[address] = self.join(text_of(address), send, send_all)

@@ -33,7 +33,6 @@ JSON_LINK = "json"
 """Name that replaces the link in the keys of frames received as JSON."""
 
 _LOG = logging.getLogger(__name__)
-_MEET_S = 5.0  # a guess: segments that no router joins delay the start by this much
 
 
 class MavlinkBridge(LinkedBridge):
@@ -114,7 +113,7 @@ class MavlinkBridge(LinkedBridge):
 
     def _await_each_other(self) -> None:
         """Wait until frames can reach the other segments, before any are taken from links."""
-        deadline = time.monotonic() + _MEET_S
+        deadline = time.monotonic() + 5.0
         for name, side in self._sides.items() if len(self._sides) > 1 else ():
             if not side.await_subscriber(deadline - time.monotonic()):
                 self.report_problem(f"frames of segment {name!r} get to no other segment: does a router join them?")

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.definitions import FieldText, MessageTable
     from riot_bus_mavlink.dialect import Dialect
 
-_MOST_BYTES = 1 << 16  # bounds the parser's time; the longest frames make some 3 kB of JSON
 _RENAMED = {"type": "mavtype"}
 
 
@@ -133,7 +132,7 @@ class JsonForm:
 
 
 def _parts(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    if len(payload) > _MOST_BYTES:
+    if len(payload) > 1 << 16:
         raise PayloadError(f"{len(payload)} bytes are too much for one message")
     try:
         document = json.loads(payload)

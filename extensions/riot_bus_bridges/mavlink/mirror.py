@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 IN, OUT = "mavlink/in", "mavlink/out"
 ENCODING = "application/json;mavlink"
-_MOST_QUEUED = 1024  # batches
-_END_S = 5.0  # generous: the thread ends after the batch that it has begun; not measured
 _MARK = b"mavlink-json-1"
 
 
@@ -54,7 +52,7 @@ class Mirror:
         self.counts: Counter[str] = Counter()
         self._port, self._form, self._fields, self._streams, self._insert = port, form, fields, streams, insert
         self._outlets: dict[str, PortPublisher] = {}
-        self._queue: queue.Queue[Sequence[bytes] | None] = queue.Queue(_MOST_QUEUED)
+        self._queue: queue.Queue[Sequence[bytes] | None] = queue.Queue(1024)  # batches
         self._inlet: Closeable | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="mavlink-mirror", daemon=True)
@@ -73,7 +71,7 @@ class Mirror:
         with suppress(queue.Full):
             self._queue.put_nowait(None)
         if self._thread.is_alive():
-            self._thread.join(_END_S)
+            self._thread.join(5.0)
         for outlet in self._outlets.values():
             outlet.close()
 

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 _MAGIC = b"mavlink-link-1 "
 INSERTED = _MAGIC + b"inserted"
 """Attachment of frames that a bridge put on the bus for another sender; they are numbered already."""
-_ID_BYTES = 8  # a chance of 3e-8 that two of a million bridges have the same
 
 
 class Side:
@@ -309,7 +308,7 @@ class Side:
 
 def new_mark() -> bytes:
     """Return a new attachment for the frames of one bridge that came over its links."""
-    return _MAGIC + secrets.token_bytes(_ID_BYTES)
+    return _MAGIC + secrets.token_bytes(8)
 
 
 def is_mark(attachment: bytes | None) -> bool:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 DEFAULT_BAUD = 57600  # MAVSDK's default, and that of usual telemetry radios
-_LARGEST_PORT = 65535  # ports of UDP and TCP have 16 bits
 _MOST_LINKS = 256  # a guess: a quarter of the 1024 descriptors that a process usually may open
 _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or /dev/ttyACM0,115200"
 _SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
@@ -217,7 +216,7 @@ def _address(kind: LinkKind, rest: str, text: str) -> tuple[str, int]:
     if rest.isdigit():
         rest = f":{rest}"
     host, colon, port = rest.rpartition(":")
-    if not colon or not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > _LARGEST_PORT:
+    if not colon or not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > 65535:
         raise ConfigError(f"{text!r} has no port", where="--link", hint=_HINT)
     bare = host.strip("[]")
     if ":" in bare and not re.fullmatch(r"\[[^\[\]]+\]", host):

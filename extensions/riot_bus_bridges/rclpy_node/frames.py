@@ -18,7 +18,6 @@ NODE_PREFIX = "riot_bridge_"
 
 _HEADER = struct.Struct("<IBIq")
 _JOINED = 1 << 16  # a guess: copying more than this costs more than queueing a second piece
-_BUFFER = 1 << 20  # one read takes many small frames; more would only take memory
 
 
 class BridgeFrameKind(IntEnum):
@@ -164,7 +163,7 @@ class Wire:
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
-        self._input = connection.makefile("rb", buffering=_BUFFER)
+        self._input = connection.makefile("rb", buffering=1 << 20)
         self._outbox = Outbox(connection)
 
     def send(self, kind: BridgeFrameKind, endpoint: int, number: int, payload: bytes, *, patient: bool = True) -> None:

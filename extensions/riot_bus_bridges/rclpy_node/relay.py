@@ -32,11 +32,8 @@ if TYPE_CHECKING:
 EndT = TypeVar("EndT")
 FoundT = TypeVar("FoundT")
 
-_WAIT_NS = 1_000_000_000  # orders and the end trigger the guard; only a missed trigger waits so long
 _LINGER_S = 2.0  # longest delay of the last messages at the end
 _LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02  # so late new endpoints are told; `_SHARE` bounds what looks cost
-_BUSY_S = 1.0  # a node makes its endpoints one after another: a change announces more
-_SHARE = 20  # a twentieth of the time is spent on looking at the graph
 
 
 class Relay:
@@ -114,7 +111,7 @@ class Relay:
                 wait_set.add_client(client.handle)
             for server in servers:
                 wait_set.add_service(server.handle)
-            wait_set.wait(_WAIT_NS)
+            wait_set.wait(1_000_000_000)  # orders and the end trigger the guard
             self._forward(subscriptions, set(wait_set.get_ready_entities("subscription")))
             self._forward(clients, set(wait_set.get_ready_entities("client")))
             self._forward(servers, set(wait_set.get_ready_entities("service")))
@@ -241,8 +238,8 @@ class Relay:
             except Exception as error:
                 self._tell({"event": "problem", "topic": "the graph", "problem": str(error)})
             now = time.monotonic()
-            pause = _LOOK_OFTEN_S if now - changed < _BUSY_S else _LOOK_S
-            self._changed.wait(max(pause, _SHARE * (now - began)))
+            pause = _LOOK_OFTEN_S if now - changed < 1.0 else _LOOK_S  # a change announces more
+            self._changed.wait(max(pause, 20 * (now - began)))  # at most a twentieth of the time is for looks
 
     def _tell(self, event: dict[str, Any]) -> None:
         """Let the watching thread send an event, since the threads that relay messages must not wait for each other."""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
-_PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
 
 
 _ENDLESS_NS = 2_147_483_647 * 10**9  # infinity in DDS; that of rmw is longer
@@ -97,7 +96,7 @@ class GraphSnapshot:
                 if name in _UNKNOWN:
                     now = time.monotonic()
                     nameless[gid] = self._nameless.get(gid, now)
-                    if now - nameless[gid] < _PATIENCE_S:
+                    if now - nameless[gid] < 1.0:  # its name may come later
                         continue
                     name, node = "", ""
                 else:

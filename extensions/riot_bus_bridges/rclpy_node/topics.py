@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from .frames import Wire
 
 _AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 18  # messages of one subscription before others have their turn
-_LEAST_REMEMBERED = 1 << 12  # a guess: a later echo counts as a message of others, and is relayed
 _RELIABLE, _LATCHED = 1, 1
 
 
@@ -46,7 +45,7 @@ class _Both:
     """State that the publisher and the subscription of a topic share."""
 
     def __init__(self) -> None:
-        self.echoes = Echoes(_LEAST_REMEMBERED)
+        self.echoes = Echoes(1 << 12)  # a later echo counts as a message of others
         self.subscriptions: tuple[Sequence[int], ...] = ()
         self._lock = threading.Lock()
 

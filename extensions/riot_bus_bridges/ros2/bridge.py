@@ -41,8 +41,6 @@ DDS may never tell a participant that it just meets of a reader that goes at tha
 bridge); a reliable publisher then waits for that reader."""
 _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
 _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
-_MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
-_MEET_S = 5.0  # longest time until nodes of a domain know each other
 _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
@@ -195,7 +193,7 @@ class Ros2Bridge(Bridge):
         with self._changed:
             if not present:
                 self._bridges.pop(token, None)
-            elif len(self._bridges) < _MOST_BRIDGES:
+            elif len(self._bridges) < 1000:  # tokens can be forged
                 self._bridges[token] = found
         self._wake()
 
@@ -239,7 +237,7 @@ class Ros2Bridge(Bridge):
 
         The number of a domain proves nothing: separate domains of other hosts may have the same number.
         """
-        if self._settled.is_set() or time.monotonic() - self._began > _MEET_S:
+        if self._settled.is_set() or time.monotonic() - self._began > 5.0:
             return False
         here = {name.rpartition("/")[2] for name in graph.bridges}
         return any(

@@ -25,8 +25,6 @@ _PROGRAM = Path(rclpy_node.__file__).resolve().parent
 START_S = 60.0
 """Generous: importing rclpy, and discovery, on a slow or busy machine; not measured."""
 _END_S = 10.0  # the node itself takes up to 6 s: three times `_LINGER_S` of relay.py
-_FLUSH_S = 5.0  # generous: only a node that hangs leaves orders unread for so long
-_BUFFER = 1 << 22  # asked for, so that large messages need not wait; the system may give less
 _SOURCE = 'source "$0" && exec "$@"'
 
 
@@ -52,7 +50,7 @@ class NodeProcess:
         """
         ours, theirs = socket.socketpair()
         for each in (ours, theirs):
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 22)
         python = self._options.python or interpreter()
         command = [python, str(_PROGRAM), str(theirs.fileno()), self._name]
         if self._options.setup is not None:
@@ -99,7 +97,7 @@ class NodeProcess:
     def close(self) -> None:
         """End the process, after what was sent to it before; safe to call twice."""
         if self._wire is not None:
-            self._wire.flush(_FLUSH_S)
+            self._wire.flush(5.0)
             self._wire.hang_up()
         if self._process is not None:
             try:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.qos import Duration
     from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
 
-_MOST_LATCHED = 1 << 16  # peers may announce depths of ten digits: bounds what is fetched and kept
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 
@@ -171,7 +170,7 @@ def _down(
     reliable = not elsewhere or any(each.reliable for each in elsewhere)
     kept = options.latched
     if latched and elsewhere:
-        kept = min(_MOST_LATCHED, sum(depths))
+        kept = min(1 << 16, sum(depths))  # peers may announce any depth
     writer = RosQos(
         RELIABLE if reliable else BEST_EFFORT,
         LATCHED if latched else VOLATILE,

@@ -25,8 +25,6 @@ NOBODY = "(nobody)"
 """The identity without a name: a session with no credentials at all."""
 
 _COMMANDS = ("status", "logs", "play", "record", "pause", "resume", "seek", "rate", "stop")
-_WINDOW_S = 3.0  # a guess: declarations take time, and nothing tells when they have arrived
-_PAUSE_S = 0.2  # 15 tries in the window: the first ones may come before the declarations
 _ASK_S = 1.0  # all sides are in this process and answer at once; silence means refusal
 
 
@@ -90,11 +88,11 @@ def probe_access(
         for side in sides:
             stack.callback(side.close)
             side.offer([*keys, agent_token(robot, "0" * 32)])
-        end = time.monotonic() + _WINDOW_S
+        end = time.monotonic() + 3.0
         while time.monotonic() < end:  # declarations take time, and nothing tells when they have arrived
             for side in sides:
                 side.put(keys)
-            time.sleep(_PAUSE_S)
+            time.sleep(0.2)  # the first tries may come before the declarations
         for side in sides:
             for key, other in side.ask(keys):
                 found |= {(side.name, "ask", key, other), (other, "answer", key, side.name)}

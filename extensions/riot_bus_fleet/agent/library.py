@@ -22,13 +22,9 @@ if TYPE_CHECKING:
 
     from riot_bus_fleet.logs.entry import LogEntry
 
-_LONGEST_PATH = 1000
 _MOST_FILES = 500
-_MOST_ROWS = 500
-_END_S = 10.0
 _IDLE, _LONGEST_REST_S = 9, 20.0
 """Rest between two scans, whatever is requested: a multiple of the last scan's duration, and the limit of it."""
-_NAMES = 10_000  # a guess: a wrong name is compared with each, only for a hint
 
 
 class Library:
@@ -68,7 +64,7 @@ class Library:
             self._closing = True
             self._bell.notify_all()
         if self._thread.is_alive():
-            self._thread.join(_END_S)
+            self._thread.join(10.0)
         if not self._thread.is_alive():
             self._catalogue.close()
 
@@ -82,7 +78,7 @@ class Library:
             ConfigError: The query is invalid.
         """
         wanted = parse_query(query)
-        limit = min(max(limit, 0), _MOST_ROWS)
+        limit = min(max(limit, 0), 500)
         number = self._look() if look is None else look
         with self._bell:
             complete = self._done >= number
@@ -101,7 +97,7 @@ class Library:
             ConfigError: The path leads out of the folder, directly or through a link, or is not a log.
         """
         where = "logs"
-        if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
+        if not name or not name.isprintable() or len(name) > 1000:
             raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
         try:
             path = self._inside(self.folder / name, name)
@@ -117,7 +113,7 @@ class Library:
                 if not stat.S_ISREG(each.stat().st_mode) or each.suffix != ENDING:
                     raise ConfigError(f"{name!r} is not a log", where=where, hint=f"their names end with {ENDING}")
         except OSError as error:
-            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
+            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=10_000)]
             hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"
             raise ConfigError(f"cannot open {name!r}: {error.strerror}", where=where, hint=hint) from None
         return found

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.1  # so late a full disk is seen: meanwhile 1 GB/s fill a fifth of the 512 MiB kept free
-_MOST_WARNINGS = 20
 _LONGEST = 500
 """All warnings are in the status, published twice a second: at most 10,000 characters."""
 
@@ -131,7 +130,7 @@ class Operation(ABC, Generic[ServiceT]):
 
     def warn(self, line: str) -> None:
         """Note a warning for the status."""
-        if len(self.warnings) < _MOST_WARNINGS:
+        if len(self.warnings) < 20:  # all are in the status, which is published twice a second
             self.warnings.append(line[:_LONGEST])
         self.changed()
 

@@ -34,7 +34,6 @@ _SILENT_S = 2.0  # four missed messages of progress, which come every 0.5 s
 _LOOK_S = 0.2  # so late Ctrl-C is noticed; `riot agent acl` allows 20 questions for logs a second
 _LOOKING_S = 5.0  # scans may rest for 20 s (library.py): then people get the list so far
 _LARGEST = 1 << 20  # as `LARGEST_PAYLOAD` of commands: anyone may publish at these keys
-_LONGEST_NONCE = 100  # an agent's has 32 digits; anyone may ask, with a payload of any length
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +226,7 @@ class RemoteOperation:
 
     def _prove_presence(self, query: zenoh.Query) -> None:
         with query:
-            nonce = query.payload.to_bytes()[:_LONGEST_NONCE].decode(errors="replace") if query.payload else ""
+            nonce = query.payload.to_bytes()[:100].decode(errors="replace") if query.payload else ""
             query.reply(query.key_expr, prove(self._secret, "controller", nonce))
 
     def _take(self, message: Message) -> None:

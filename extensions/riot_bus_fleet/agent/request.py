@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus_fleet.agent.options import AgentOptions
 
-DEFAULT_GRACE_S = 10.0
-"""How long a controller may be away before it counts as lost: as long as Zenoh may need to notice a broken link."""
 
 Policy = Literal["continue", "pause", "stop"]
 """What becomes of an operation whose controller is lost."""
@@ -33,7 +31,6 @@ _Secret = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=1000)]
 _LIMITS = {float: (0, 1e9), int: (-(1 << 63), (1 << 63) - 1)}  # seconds as in `riot play`; what 64 bits hold
-_MOST_INJECTIONS = 1000  # a guess: each one costs the robot time for every message of its topic
 _MOST_COPIES = 1000  # a guess: a single injection could flood the robot's bus
 _LONGEST_DELAY_S = 3600.0  # a guess: delayed messages take memory until they are due
 
@@ -54,7 +51,7 @@ class Lead(BaseModel):
     watched: bool = False
     who: Annotated[str, Field(max_length=200)] = "an unnamed controller"
     on_lost_controller: Policy = "stop"
-    grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = DEFAULT_GRACE_S
+    grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 10.0
 
     @model_validator(mode="after")
     def _watched(self) -> Lead:
@@ -127,7 +124,7 @@ class PlayRequest(Lead):
         from riot_bus.inject.plan import parse_plan
 
         injections = parse_plan(self.inject, name="inject")
-        if len(injections) > _MOST_INJECTIONS:
+        if len(injections) > 1000:  # each costs time for every message of its topic
             raise ConfigError(f"{len(injections)} injections are too many", where="inject", hint="at most 1000")
         for number, each in enumerate(injections):
             if each.copies > _MOST_COPIES or each.delay > _LONGEST_DELAY_S:

@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _Operation = Play | RecordOperation
-_PROGRESS_S = 0.5  # four within the 2 s (`_SILENT_S`) after which a controller asks by itself
-_LOOK_S = 0.1  # so late changes are told that do not set the event, as a player's
-_WATCH_S = 0.5  # six questions that time out fit into the default grace of 10 s
 _END_S = 20.0  # with the link's 15 s below the 40 s of systemd (riot-agent.service)
 _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and the status
 
@@ -240,7 +237,7 @@ class AgentService:
         """Publish the progress: about twice a second, and whenever the state has changed."""
         last, told, number = "", 0.0, 0
         while not self._closing.is_set():
-            self._news.wait(_LOOK_S)
+            self._news.wait(0.1)  # changes such as a player's do not set the event
             self._news.clear()
             operation = self._operation
             if operation is None:
@@ -248,7 +245,8 @@ class AgentService:
             status = self.status()
             state = f"{operation.lead.operation} {status['operation']['state']} {status['operation']['reason']}"
             now = time.monotonic()
-            if state == last and (not operation.active or now - told < _PROGRESS_S):
+            # Four within the 2 s (`_SILENT_S`) after which a controller asks by itself.
+            if state == last and (not operation.active or now - told < 0.5):
                 continue
             if state != last and not operation.active:
                 self._say(f"{operation.kind} {_outcome(status['operation'])}")
@@ -260,7 +258,7 @@ class AgentService:
 
     def _attend(self) -> None:
         """Watch the controller of the present operation."""
-        while not self._closing.wait(_WATCH_S):
+        while not self._closing.wait(0.5):  # six questions that time out fit into the default grace of 10 s
             with self._lock:
                 operation, watch = self._operation, self._watch
             if operation is None or watch is None or not operation.active:

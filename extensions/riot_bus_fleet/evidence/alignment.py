@@ -19,7 +19,6 @@ _FEWEST_IN_ALL = 40
 _MOST_ROWS = 10_000
 """Most rows of a response in total: more change no verdict, but cost memory and time."""
 
-_FASTER = 1.5  # below, at least half of the means are of the held value alone
 
 HALF_A_STEP = (False, False, True, True)
 """Which variants lie half a step earlier: at a delay of whole steps, jitter decides which row shows the effect."""
@@ -162,7 +161,7 @@ def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Var
 def _is_faster(pieces: Sequence[Piece], topic: str, response: Response) -> bool:
     gaps = [np.diff(pieces[number].times[topic]) for number in response.pieces if topic in pieces[number].times]
     step = float(np.median(np.concatenate(gaps))) if sum(map(len, gaps)) else 0.0
-    return step > 0 and response.step > _FASTER * step
+    return step > 0 and response.step > 1.5 * step  # below, at least half of the means are of the held value alone
 
 
 def _means(values: Floats, place: Ints) -> Floats:

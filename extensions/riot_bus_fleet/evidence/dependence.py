@@ -35,7 +35,6 @@ _OWN = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64)
 """Lags of the response's own past, in messages: all near ones, some far ones."""
 
 _EXACT = 12
-_GROWTH = 1.25
 _MOST_LAGS = 400
 """Lags in messages: the first ones singly, then the mean over stretches that grow by a quarter, up to the horizon."""
 
@@ -55,8 +54,6 @@ _FULL = 0.95
 _ROWS_PER_TERM = 40
 """Messages per term of a fit; with fewer, it would explain them by chance."""
 
-_BEGIN = 8
-"""At most one part in this many of a log, at its start, is left out of the evidence."""
 
 _GROUPS = 10
 """Logs, or stretches of logs if there are fewer, over which a strength has to be consistent."""
@@ -339,7 +336,7 @@ class _Test:
         deviation = float(series.std()) or 1.0
         cut = np.clip(series / deviation, -5.0, 5.0)
         for low, high in self._parts():
-            begin = low + min(self._longest, (high - low) // _BEGIN)
+            begin = low + min(self._longest, (high - low) // 8)
             cut[low:begin] = 0.0  # their past is unknown, and everything starts at once
             cut[begin:high] -= cut[begin:high].mean()
         return cut
@@ -376,7 +373,7 @@ def _stretches(longest: int) -> list[tuple[int, int]]:
     found = [(lag, lag + 1) for lag in range(min(longest, _EXACT))]
     first = len(found)
     while first < longest:
-        last = max(first + 2, round(first * _GROWTH))
+        last = max(first + 2, round(first * 1.25))
         found.append((first, last))
         first = last
     return found

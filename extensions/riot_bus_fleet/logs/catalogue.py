@@ -23,7 +23,6 @@ _APPLICATION = 0x52494F54  # "RIOT"
 _VERSION = 3  # of the tables; `_UPGRADES` leads to it
 _BUSY_S = 30.0  # a guess: another process commits log by log, so it blocks for milliseconds
 _LONGEST = 4096  # letters of a text from a log, as PATH_MAX: bounds what a hostile log stores
-_MOST_METADATA = 1000  # a guess: entries of a log, of which a recorder writes about ten
 _COLUMNS = (
     "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone, "
     "scanned"
@@ -168,7 +167,7 @@ class Catalogue:
             (_text(each.topic), _text(each.key), _text(each.type), _text(each.encoding), each.count, each.originals)
             for each in entry.topics
         ]
-        metadata = [(_text(name), _text(value)) for name, value in entry.metadata.items()][:_MOST_METADATA]
+        metadata = [(_text(name), _text(value)) for name, value in entry.metadata.items()][:1000]
         with self._transaction() as db:
             (number,) = db.execute(statement, tuple(row.values())).fetchone()
             for table in ("topics", "metadata", "scans"):

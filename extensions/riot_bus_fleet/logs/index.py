@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from riot_bus_fleet.logs.stores import Store
 
 _ROBOT = "robot"
-_AHEAD = 4  # threads that are done find another log while the oldest one is awaited
 
 
 @dataclass(slots=True)
@@ -102,7 +101,8 @@ class _Indexing:
                 if known is None or not fresh or (self.scan and not known.scanned):
                     work = pool.submit(describe, store, log, self.robot, scan=self.scan, limits=self.limits)
                     self.reading.append(work)
-                    self._commit(self.jobs + _AHEAD, failures)
+                    # Threads that are done find another log while the oldest one is awaited.
+                    self._commit(self.jobs + 4, failures)
                 else:
                     self._keep(known)
             self._commit(0, failures)

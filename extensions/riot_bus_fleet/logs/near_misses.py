@@ -17,8 +17,6 @@ BINS = 120
 """Number of intervals of a log in a plot of its distance."""
 _TOLD = 10
 """Number of logs that are named among those that were not judged for the same reason."""
-_FAR = 1e17
-"""Distances from here on stand for what cannot be measured, such as a text in place of a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +34,8 @@ class NearMiss:
     @property
     def far(self) -> str:
         """The distance in words."""
-        return "holds" if self.distance <= 0 else f"{self.distance:.3g} away" if self.distance < _FAR else "far away"
+        # For what cannot be measured, such as a text in place of a number.
+        return "holds" if self.distance <= 0 else f"{self.distance:.3g} away" if self.distance < 1e17 else "far away"
 
     @property
     def told(self) -> str:
