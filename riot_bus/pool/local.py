@@ -88,7 +88,6 @@ class WorkerLink(Protocol):
 
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
         """Send a case for execution; `request` holds trial and case."""
-        ...
 
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
         """Return the answer in received data, and ensure that the files of the trial are in its folder.
@@ -96,11 +95,9 @@ class WorkerLink(Protocol):
         Raises:
             Exception: An exception that the trial, or a full disk, has raised.
         """
-        ...
 
     def end(self) -> str | None:
         """End the process and its descendants; return how it has ended, None if its case is not the cause."""
-        ...
 
 
 class WorkerSource(Protocol):
@@ -109,11 +106,9 @@ class WorkerSource(Protocol):
     @property
     def jobs(self) -> int:
         """Number of workers that work at once, unless the cases ask for another number."""
-        ...
 
     def open(self, wake: Callable[[], None]) -> None:
         """Open the source; it has to call `wake` when a new worker is available."""
-        ...
 
     def start(self) -> WorkerLink | None:
         """Return a further worker, None if none is available at the moment.
@@ -121,11 +116,9 @@ class WorkerSource(Protocol):
         Raises:
             EnvironmentFaultError: No worker will ever be available again.
         """
-        ...
 
     def close(self) -> None:
         """Release everything, and end the work of workers that do not end with their links."""
-        ...
 
 
 class _LocalWorker:

@@ -49,17 +49,14 @@ class RunnerFactory(Protocol):
         Args:
             log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
         """
-        ...
 
     def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
         """Return the baseline of a unit, which is measured once; takes the arguments of `unit`."""
-        ...
 
     def in_system(
         self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
     ) -> Baseline:
         """Return the baseline of a unit in nominal runs of the whole system, which is measured once."""
-        ...
 
     def keep_evidence(
         self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
@@ -72,7 +69,6 @@ class RunnerFactory(Protocol):
         Returns:
             False if it did not fail with this signature in a few trials; then nothing is kept.
         """
-        ...
 
     def system(
         self,
@@ -91,11 +87,9 @@ class RunnerFactory(Protocol):
             judged: Unit to judge, and its baseline in nominal runs (from `in_system`).
             timed: Whether causes are inferred from times, which more runs at once than processors would blur.
         """
-        ...
 
     def close(self) -> None:
         """Release everything that runners use."""
-        ...
 
 
 class LocalRunners:

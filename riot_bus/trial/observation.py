@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Unpack
 
 from riot_bus.processes.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.system.system_file import Settle
-from riot_bus.trial.settling import POLL, all_wait, is_at_rest, own_others, own_senders, wait_settled
+from riot_bus.trial.settling import POLL, RestOptions, all_wait, is_at_rest, own_others, own_senders, wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.monitors.model import ResourceSample
     from riot_bus.processes.python_report import MainEnd, ThreadStack
-    from riot_bus.system.system_file import Settle
     from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.processes import TrialProcesses
-from riot_bus.trial.settling import RestOptions
 
 MEASURE_S = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""

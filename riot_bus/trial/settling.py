@@ -23,13 +23,13 @@ import threading
 import time
 from typing import TYPE_CHECKING, Required, TypedDict
 
-from riot_bus.processes.activity import STILL, Activity, Threads
+from riot_bus.processes.activity import STILL, Threads
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.processes.activity import Activity, Idle, Threads
+    from riot_bus.processes.activity import Activity, Idle
 
 POLL = 0.004
 """Seconds between looks at what takes some time."""

@@ -26,7 +26,6 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, MutableMapping, MutableSequence, Sequence
     from contextlib import AbstractContextManager
-    from pathlib import Path
 
     from riot_bus.processes.launcher import ComponentProcess, Launcher
     from riot_bus.system.system_file import RunPace, SystemFile

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from riot_bus.vocabulary.errors import needs_extra
 from riot_bus_bridges.links.link import RetriedLink
 from riot_bus_bridges.links.loop import READ, WRITE
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Sequence
 
     from riot_bus_bridges.links.end import End
@@ -20,20 +21,8 @@ if TYPE_CHECKING:
 _MOST_UNSENT = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
 
 
-class Transport(Protocol):
-    """An open socket or device that never waits."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-
-    def recv(self, most: int, /) -> bytes:
-        """Return available bytes, none at the end. Raises BlockingIOError if nothing is there, OSError if it broke."""
-
-    def send(self, data: bytes, /) -> int:
-        """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
-
-    def close(self) -> None:
-        """Close the stream."""
+Transport: TypeAlias = "socket.socket | _Device"
+"""An open socket or device that never waits."""
 
 
 class Stream:

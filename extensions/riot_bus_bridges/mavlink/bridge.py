@@ -89,8 +89,6 @@ class MavlinkBridge(LinkedBridge):
         self.loop = Loop()
         self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
 
-    # -- life ---------------------------------------------------------------------------------------------------------
-
     def open(self, stack: ExitStack) -> None:
         """Open the links, join the segments, and start to carry frames."""
         stack.callback(self.loop.close)
@@ -122,8 +120,6 @@ class MavlinkBridge(LinkedBridge):
         for link in self._links:
             self._tallies[link.spec.name].end(link)
             link.close()
-
-    # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
         """Return the state of the bridge as JSON values."""
@@ -167,8 +163,6 @@ class MavlinkBridge(LinkedBridge):
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
         return summary_lines(self.status())
-
-    # -- what links need ----------------------------------------------------------------------------------------------
 
     def join(self, end: End) -> None:
         """Take a new end of a link, which gets frames from now on."""

@@ -92,8 +92,6 @@ class Relay:
             self._node.destroy_node()
             rclpy.shutdown(context=self._context)
 
-    # -- from the domain ----------------------------------------------------------------------------------------------
-
     def _spin(self) -> None:
         sizes, wait_set = (-1, -1, -1), None
         while not self._stopping.is_set():
@@ -136,8 +134,6 @@ class Relay:
         for each in ends:
             while each.forward(self._wire) and time.monotonic() < deadline:
                 pass
-
-    # -- from the bridge ----------------------------------------------------------------------------------------------
 
     def _obey(self) -> None:
         while not self._draining and (frame := self._wire.receive()) is not None:
@@ -202,8 +198,6 @@ class Relay:
             if found is not None:
                 self._gone.put(found.close)  # closed by the thread that may be waiting for it
         self._guard.trigger()
-
-    # -- the graph ----------------------------------------------------------------------------------------------------
 
     def _watch(self) -> None:
         graph, changed = GraphSnapshot(self._node), 0.0

@@ -82,8 +82,6 @@ class Ros2Bridge(Bridge):
         self._settled = threading.Event()
         self._thread = threading.Thread(target=self._run, name="riot-bridge", daemon=True)
 
-    # -- life ---------------------------------------------------------------------------------------------------------
-
     def open(self, stack: ExitStack) -> None:
         """Start the node, and wait until what it sees of its domain is bridged."""
         stack.callback(self._node.close)
@@ -112,8 +110,6 @@ class Ros2Bridge(Bridge):
                 raise EnvironmentFaultError("the node does not see its ROS domain", where="bridge")
         if self.failure is not None:
             raise self.failure
-
-    # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
         """Return the state of the bridge as JSON values."""
@@ -145,8 +141,6 @@ class Ros2Bridge(Bridge):
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
         return summary_lines(self.status())
-
-    # -- what comes in ------------------------------------------------------------------------------------------------
 
     def _receive(self, frame: BridgeFrame | None) -> None:
         """Carry what the node sends."""
@@ -201,8 +195,6 @@ class Ros2Bridge(Bridge):
         with self._changed:
             self._dirty = True
             self._changed.notify()
-
-    # -- what is bridged ----------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self.ended.is_set():
@@ -333,8 +325,6 @@ class Ros2Bridge(Bridge):
         for down in self._routes[DownRoute].values():
             down.unsubscribe()
         self._node.finish()
-
-    # -- what goes wrong ----------------------------------------------------------------------------------------------
 
     def _problem(self, topic: str, text: str) -> None:
         self.report_problem(f"{topic}: {text}" if topic else text)

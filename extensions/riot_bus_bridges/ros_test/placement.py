@@ -17,7 +17,6 @@ from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 _LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so a longer text is not a report
 

@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import reason
@@ -15,6 +15,8 @@ from riot_bus.zenoh.session import reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from riot_bus.play.service import PlayService
+    from riot_bus.record.service import CaptureService
     from riot_bus_fleet.agent.request import Lead
 
 _LOG = logging.getLogger(__name__)
@@ -26,29 +28,8 @@ FINAL = ("ended", "stopped", "failed")
 """The states in which an operation is over and holds no resources."""
 
 
-class OperationService(Protocol):
-    """What an operation runs: a player or a recorder."""
-
-    def start(self) -> None:
-        """Begin; return without waiting for the end."""
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the end; return whether it has ended."""
-
-    def pause(self) -> None:
-        """Pause."""
-
-    def resume(self) -> None:
-        """Resume."""
-
-    def stop(self) -> None:
-        """End as soon as possible; does not wait for it."""
-
-    def close(self) -> None:
-        """Stop and release all resources; safe to call twice."""
-
-
-ServiceT = TypeVar("ServiceT", bound=OperationService)
+ServiceT = TypeVar("ServiceT", "PlayService", "CaptureService")
+"""What an operation runs: a player or a recorder."""
 
 
 class Operation(ABC, Generic[ServiceT]):

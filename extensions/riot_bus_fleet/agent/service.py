@@ -87,8 +87,6 @@ class AgentService:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    # -- commands -----------------------------------------------------------------------------------------------------
-
     def status(self) -> dict[str, Any]:
         """Return the status, as JSON values."""
         with self._lock:
@@ -163,8 +161,6 @@ class AgentService:
         """Ask the process that runs this agent to end."""
         self.stopping.set()
 
-    # -- one operation at a time --------------------------------------------------------------------------------------
-
     def _start(self, operation: _Operation) -> None:
         lead = operation.lead
         with self._lock:
@@ -230,8 +226,6 @@ class AgentService:
     def _failed(self, error: RiotError) -> None:
         self.failure = error
         self.shutdown()
-
-    # -- background threads -------------------------------------------------------------------------------------------
 
     def _tell(self) -> None:
         """Publish the progress: about twice a second, and whenever the state has changed."""

@@ -30,15 +30,12 @@ class Store(Protocol):
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs; call `failed` with a line about what could not be looked at."""
-        ...
 
     def excerpt(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Return a local file with at least the summary of a log, and of the same size."""
-        ...
 
     def whole(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Return a local file with all of a log."""
-        ...
 
 
 class FolderStore:
