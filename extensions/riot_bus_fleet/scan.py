@@ -52,9 +52,6 @@ class Scanner:
     def scan(self, path: Path, *, place: str = "", robot: str = "") -> LogScan:
         """Judge a log, which may be larger than memory, by the rule.
 
-        Args:
-            place: Name of the log in the result; its path if empty.
-
         Raises:
             ConfigError: The file is not a log.
         """

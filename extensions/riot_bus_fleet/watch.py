@@ -25,12 +25,7 @@ _NEARER, _LEFT = 0.5, 2.0
 
 
 class RuleWatch:
-    """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
-
-    Attributes:
-        judged: Number of messages at which all fields of the rule were known.
-        nearest: The moment of least distance; None before any was judged.
-    """
+    """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it."""
 
     def __init__(self, rule: ScanRule, *, within: float, registry: TypeRegistry) -> None:
         self.judged = self.unknown = self.met = 0

@@ -152,9 +152,7 @@ def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None 
     """Start a `worker` process.
 
     Args:
-        slot: Number that no other worker has at the same time.
         link: Connection for requests; the worker ends when the other end is closed.
-        cwd: Working folder of the worker; None for that of this process.
     """
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "riot_bus.pool.worker", str(system.resolve()), str(slot)],
@@ -212,10 +210,8 @@ class Pool:
     """Processes that execute trials, one each at a time, and one thread that feeds them.
 
     Args:
-        jobs: Number of trials at once, unless the cases ask for another number.
         keep: Folder in which the files of failing trials are kept.
         workers: Source of workers to use instead of processes of this machine; it then decides on `jobs`.
-        hangs: Known hangs by component, which trials change.
     """
 
     def __init__(

@@ -166,7 +166,6 @@ def measure_in_system(
     """Measure the baseline of a unit in nominal runs of the whole system.
 
     Args:
-        alone: Baseline of the unit alone, whose probe is used here, too.
         driving: Messages that are played to the system instead, if it has no external components.
 
     Raises:
@@ -207,12 +206,7 @@ def _not_passed(runs: Sequence[Outcome]) -> str:
 def in_system_of(
     alone: Baseline, answers: dict[str, int], runs: Sequence[NominalTrial], *, context: Context, idle: Idle
 ) -> Baseline:
-    """Return what nominal runs of the whole system have in common.
-
-    Args:
-        answers: Outputs for the whole log in that, by topic, without topics on which other components publish, too.
-        idle: Activity of the unit before anything comes from outside.
-    """
+    """Return what nominal runs of the whole system have in common."""
     found = baseline_of(runs, idle=idle, log=alone.log, ordered=alone.ordered)
     probed = {topic: count for topic, count in found.probe_answers.items() if topic in alone.probe_answers}
     views = [_probed(one, context, alone.probe) for one in runs if one.probed is not None]

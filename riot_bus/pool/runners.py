@@ -63,9 +63,6 @@ class RunnerFactory(Protocol):
     ) -> bool:
         """Repeat a failing case until it fails with the same signature again, and keep the evidence of that trial.
 
-        Args:
-            in_system: Baseline of the unit in runs of the whole system, if trials are such runs.
-
         Returns:
             False if it did not fail with this signature in a few trials; then nothing is kept.
         """
@@ -97,7 +94,6 @@ class LocalRunners:
 
     Args:
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
-        workers: Function that returns a source of workers to use instead of this machine; called when first needed.
         keep: Folder in which the files of failing trials, and the baselines, are kept.
         fresh: Whether to measure baselines anew instead of reading them there.
     """

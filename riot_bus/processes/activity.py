@@ -77,11 +77,7 @@ STILL = Idle()
 
 
 def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
-    """Return the rates of activity between two moments.
-
-    Args:
-        seconds: Time in between, from which the time that they waited for a processor is subtracted.
-    """
+    """Return the rates of activity between two moments."""
     had = after.had_since(before, seconds=seconds)
     return Idle((after.switches - before.switches) / had, after.ran_since(before) / had)
 

@@ -76,11 +76,7 @@ class _Reader:
 
 @dataclass(slots=True)
 class _Rows:
-    """Executes call frame instructions up to a place in a function.
-
-    Attributes:
-        cfa: Register and offset of the canonical frame address; None if that is an expression.
-    """
+    """Executes call frame instructions up to a place in a function."""
 
     code: int
     data: int

@@ -88,7 +88,6 @@ class Launcher:
 
     Args:
         slot: Number of the trial among those that run at once.
-        quiet: Whether to keep output off the stdout of this process.
         scratch: Folder that is removed at the end, even if this process is killed.
     """
 
@@ -141,7 +140,6 @@ class Launcher:
             teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to
                 `<directory>/<name>.teardown`.
             undoes: Whether to run the teardown only if the component ends with a status other than 0, or is killed.
-            relayed: Whether another program passes on its status; see `ComponentProcess`.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.

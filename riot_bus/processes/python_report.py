@@ -57,11 +57,7 @@ class PythonReport:
         self._known: tuple[int, list[dict[str, object]]] = 0, []
 
     def environment(self, given: Mapping[str, str], *, imports: bool = False) -> dict[str, str]:
-        """Return the variables that make the hook work, for a component with these.
-
-        Args:
-            imports: Whether the hook also writes down what is imported.
-        """
+        """Return the variables that make the hook work, for a component with these."""
         more = {"RIOT_TRIAL_IMPORTS": str(self._imports)} if imports else {}
         return {
             "PYTHONPATH": os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])]),

@@ -29,7 +29,6 @@ class Start(NamedTuple):
 
     Attributes:
         argv: Command that is executed on this machine: the component's own, or one such as `docker run` or `ssh`.
-        engine: Program that runs the component's container, such as `docker`; empty if it runs in none.
         container: Name of the container; empty if it runs in none.
         script: Text on the standard input of `argv`, which then stays open, so that the component ends with the
             connection; None if it has no input.
@@ -125,7 +124,6 @@ class Fork(NamedTuple):
     Attributes:
         env: Environment of the server: that of the component without what differs from trial to trial.
         own: Folder in which the component looks for modules first.
-        words: Further words of its command line, including the name of a script.
     """
 
     interpreter: Sequence[str]

@@ -82,12 +82,7 @@ def children_of(parent: int) -> list[int]:
 
 
 class ForkServer:
-    """A running `fork_server.py`.
-
-    Args:
-        wanted: Description of the server: `interpreter` (a command), `env`, `modules`, `own` (see `forking.Fork`).
-        fixed: Whether addresses are the same each time.
-    """
+    """A running `fork_server.py`."""
 
     def __init__(self, wanted: dict[str, Any], *, fixed: bool) -> None:
         self._link, theirs = socket.socketpair()

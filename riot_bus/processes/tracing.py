@@ -188,11 +188,7 @@ class Tracer:
         self._sanitized: dict[tuple[str, int], bool] = {}
 
     def watch(self, pids: list[int]) -> str:
-        """Watch processes and those that they have started, with later threads but without later processes.
-
-        Returns:
-            Reason why that is impossible; empty on success.
-        """
+        """Watch processes and those that they started, with later threads; return why that fails, if it does."""
         if self._machine is None:
             return f"not for {os.uname().machine} processors"
         left, refused = list(pids), ""

@@ -109,12 +109,7 @@ class Hangs:
 
 
 class HangWatch:
-    """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang.
-
-    Attributes:
-        longest: Longest time that the unit was busy without an output before it continued, in seconds.
-        taken_for: Known hang for which the unit was mistaken before it continued.
-    """
+    """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang."""
 
     def __init__(
         self,

@@ -101,11 +101,9 @@ class TrialNetwork:
 
     Args:
         segments: Names of the segments; empty for one segment for each component, with its name.
-        stall: Seconds after which a component that takes no messages loses its link.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
 
     Attributes:
-        inputs: Messages that were published to components, in order.
         outputs: Collected messages of components, in order of reception.
         now: Function that returns the time of published messages, in nanoseconds.
     """

@@ -54,12 +54,7 @@ def set_in_nodes(
     timeout: float,
     alive: Callable[[], bool],
 ) -> dict[str, str]:
-    """Set parameters through ports; see `set_parameters`.
-
-    Args:
-        ports: The segments of the components inside.
-        timeout: Seconds within which each node has to answer.
-    """
+    """Set parameters through ports; see `set_parameters`."""
     described, where = context.file.external.in_nodes, f"{context.file.path}: external.parameters"
 
     def set_to(node: str, values: Mapping[str, Scalar]) -> dict[str, str]:

@@ -80,11 +80,7 @@ class Observation:
         return self.activity(names), self.others.activity()
 
     def held_up(self, names: Iterable[str], *, since: tuple[Activity, Activity] | None = None) -> Callable[[], float]:
-        """Return a function that tells how many seconds components, or the router here, waited for a processor.
-
-        Args:
-            since: Result of `begin` from when on; None for now.
-        """
+        """Return a function that tells how many seconds components, or the router here, waited for a processor."""
         looked_at = self.threads(names), self.others
         before = since or [threads.activity() for threads in looked_at]
         return lambda: max(now.activity().waited_since(then) for now, then in zip(looked_at, before, strict=True))
@@ -177,7 +173,6 @@ class Observation:
 
         Args:
             since: Result of `begin` before its input; the threads here send and receive.
-            window: Seconds within which no timer of Zenoh's may be due.
         """
         threads, (before, own) = self.threads([name]), since
         return (

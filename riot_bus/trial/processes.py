@@ -70,7 +70,6 @@ class TrialProcesses:
     """The processes of components, and what belongs to each: its container, its bridge to DDS; a context manager.
 
     Args:
-        directory: Folder for their output and for what they write to `{trial_dir}`.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
 
@@ -137,9 +136,6 @@ class TrialProcesses:
         before: Sequence[str] = (),
     ) -> ComponentProcess:
         """Start a component, after what is set up for it.
-
-        Args:
-            before: Words before its command, such as those of a debugger, if the command is executed here.
 
         Raises:
             ConfigError: The component cannot be started so on this machine, or its setup fails.

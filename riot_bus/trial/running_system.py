@@ -42,8 +42,6 @@ class RunningSystem(ABC):
 
     Args:
         reset: Message or command that resets them to their first state; None if they serve one run only.
-        timeout: Seconds after which a component that is still busy counts as hanging.
-        stall: Seconds after which a component that takes no messages loses its link.
     """
 
     setup: TrialSetup
@@ -158,9 +156,6 @@ class RunningSystem(ABC):
 class RealTimeSystem(RunningSystem):
     """Components that run in real time.
 
-    Args:
-        drivers: Names of the external components that drive a run.
-
     Attributes:
         intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
             external ones.
@@ -190,12 +185,7 @@ class RealTimeSystem(RunningSystem):
         }
 
     def begin(self, interceptors: Sequence[object], *, time: int) -> None:
-        """Begin a run; reset the components if they run already.
-
-        Raises:
-            ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: The components cannot be reset.
-        """
+        """Begin a run; reset the components if they run already."""
         bus, self.runs = self.setup.network.bus, self.runs + 1
         if self.runs > 1:
             for observers in self._observers.values():
@@ -274,12 +264,7 @@ class VirtualTimeSystem(RunningSystem):
         return watch
 
     def start(self) -> None:
-        """Start the components, or reset those that run.
-
-        Raises:
-            ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: A component does not start, or cannot be reset.
-        """
+        """Start the components, or reset those that run."""
         self.runs += 1
         if self.runs == 1:
             self._start()

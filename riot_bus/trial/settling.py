@@ -229,7 +229,6 @@ def all_wait(threads: Threads, *, since: Activity, window: float) -> bool:
 
     Args:
         since: Activity before the input; a thread that has not run since is not affected by it.
-        window: Seconds within which no timer of Zenoh's may be due.
     """
     return all(
         waits_for_input(name, call, window=window)

@@ -83,11 +83,7 @@ def _taken(piece: Path) -> IO[bytes] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrialPlace:
-    """The place of a trial: system, launcher, folder, and what is kept between trials.
-
-    Attributes:
-        imports: Modules that Python components import, by program (see `TrialProcesses`); trials fill it.
-    """
+    """The place of a trial: system, launcher, folder, and what is kept between trials."""
 
     LEFT = "left"
     """Name in the folder of what a trial is asked to leave: a folder of evidence, or a recording."""
@@ -111,11 +107,7 @@ class TrialPlace:
 
 
 class TrialSetup:
-    """The parts of one trial; a context manager that leaves nothing behind.
-
-    Attributes:
-        begun: Start of the trial, in seconds of the monotonic clock.
-    """
+    """The parts of one trial; a context manager that leaves nothing behind."""
 
     def __init__(
         self,

@@ -76,7 +76,6 @@ class SystemRun:
 
     Attributes:
         refused: Parameters whose value a running node has refused, each with the reason.
-        alone: View of that component, once the run is over.
         begin: Time from which observed fields count, in nanoseconds.
     """
 
@@ -289,11 +288,7 @@ class OutsideTap:
 
 
 class Probe:
-    """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end.
-
-    Attributes:
-        feeder: Player of the probe; set by `begin`.
-    """
+    """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end."""
 
     def __init__(self, settings: RunSettings, setup: TrialSetup, watching: Callable[[str], Subscribe]) -> None:
         context, network = setup.context, setup.network

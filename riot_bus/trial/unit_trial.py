@@ -70,7 +70,6 @@ class UnitTrial:
     """Runs test cases against one unit.
 
     Attributes:
-        baseline: Behaviour of the unit in nominal trials; without it, only checks that need no baseline apply.
         nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
         evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
             is forked.
@@ -223,9 +222,6 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
 
 def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
     """Return a summary of the behaviour that outputs show, sorted.
-
-    Args:
-        outputs: All outputs of a trial except those of its probe, in their order.
 
     Returns:
         By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by

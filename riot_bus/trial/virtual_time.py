@@ -35,14 +35,7 @@ _NO_SCHEMA = Schema("", "", b"")
 
 
 class VirtualTime:
-    """The time of a run, and an interceptor that holds messages of components until it is their turn.
-
-    Args:
-        names: The components, each with a segment of the same name.
-
-    Attributes:
-        setup: Setup in which the system runs; set before the first run.
-    """
+    """The time of a run, and an interceptor that holds messages of components until it is their turn."""
 
     setup: TrialSetup
 

@@ -41,11 +41,7 @@ class Flow:
 
 
 class Batching(NamedTuple):
-    """Writes several frames at once.
-
-    Attributes:
-        loop: On its thread, frames wait until the handler that sends them has returned.
-    """
+    """Writes several frames at once."""
 
     loop: Loop
     write: Callable[[Sequence[bytes]], int]
@@ -53,10 +49,6 @@ class Batching(NamedTuple):
 
 class End(Peer):
     """Peer of a link: sends frames to it, and keeps counts and known routes of the frames that it sends to riot.
-
-    Args:
-        write: Function that sends one frame to the peer; returns whether it went out, or will.
-        batching: Sender of frames that come together, with one call; None to send each frame by itself.
 
     Attributes:
         flows: Known routes of frames received from the peer, by the header bytes that identify their kind; valid while

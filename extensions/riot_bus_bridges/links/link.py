@@ -51,11 +51,7 @@ class Host(Protocol):
 
 
 class Link:
-    """A link that is open, or trying to be.
-
-    Attributes:
-        where: Actual place of the link, such as the port that it got.
-    """
+    """A link that is open, or trying to be."""
 
     idle: ClassVar[str] = "listening"
     busy: ClassVar[str] = "connected"

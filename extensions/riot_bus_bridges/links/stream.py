@@ -113,11 +113,7 @@ class Stream:
 
 
 class StreamClient(RetriedLink):
-    """Link of one stream, for which the `_try` of a subclass calls `_opened` or `_again`.
-
-    Attributes:
-        lost: Text that is reported when the other end has gone.
-    """
+    """Link of one stream, for which the `_try` of a subclass calls `_opened` or `_again`."""
 
     lost: ClassVar[str]
 

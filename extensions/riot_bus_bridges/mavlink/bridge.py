@@ -38,9 +38,6 @@ _LOG = logging.getLogger(__name__)
 class MavlinkBridge(LinkedBridge):
     """Context manager that carries frames between links and segments while it is open.
 
-    Args:
-        ports: Segments by name; the bridge does not close them.
-
     Raises:
         ConfigError: An option is not usable.
         MissingExtraError: pymavlink is not installed.

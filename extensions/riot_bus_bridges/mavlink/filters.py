@@ -48,9 +48,6 @@ class Filter:
 def filter_of(settings: Mapping[str, str], id_of: Callable[[str], int | None], *, where: str = "") -> Filter:
     """Return the filter that settings describe.
 
-    Args:
-        settings: Comma-separated numbers or message names, by setting (see `FILTER_NAMES`).
-
     Raises:
         ConfigError: A value is neither a number in range nor a known message.
     """

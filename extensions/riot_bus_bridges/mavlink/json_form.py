@@ -58,9 +58,6 @@ class JsonForm:
     def frame(self, payload: bytes, sequence: Callable[[int, int], int]) -> Frame:
         """Return the MAVLink 2 frame that JSON describes; missing fields are zero.
 
-        Args:
-            sequence: Returns the next sequence number of a system and component; the header's is ignored.
-
         Raises:
             PayloadError: The payload is not JSON of this form, or has unknown names or values that do not fit.
         """

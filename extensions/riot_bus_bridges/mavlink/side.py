@@ -49,7 +49,6 @@ class Side:
     the bus are sent to the links; they, too, arrive on one thread at a time, which may be that of the links.
 
     Args:
-        mark: Attached to frames that came over links of this bridge.
         signer: Signer with the key of signed frames; None to pass them on unchanged.
 
     Attributes:

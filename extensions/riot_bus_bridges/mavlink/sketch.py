@@ -33,8 +33,6 @@ class LinkComponent:
 
     Attributes:
         who: Descriptions from their own messages, one for each system and component.
-        url: The link; empty for the unit.
-        link: Name of the link in keys; `unit` for the unit.
         topics: Keys of their messages, each with the number of frames per second.
     """
 
@@ -47,11 +45,7 @@ class LinkComponent:
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """What was heard on the links, as the parts of a system.
-
-    Attributes:
-        unit: The component to be tested; its `who` and `topics` are empty if it was not heard.
-    """
+    """What was heard on the links, as the parts of a system."""
 
     outside: Sequence[LinkComponent]
     unit: LinkComponent

@@ -26,12 +26,7 @@ _MOST = 1024  # speakers, and messages of each: ids that senders may make up; py
 
 @dataclass(slots=True)
 class Speaker:
-    """One component of a system.
-
-    Attributes:
-        link: Name of the link over which it was heard first.
-        kind: Value of `MAV_TYPE` in its heartbeat, None if there was none.
-    """
+    """One component of a system."""
 
     link: str
     kind: int | None = None

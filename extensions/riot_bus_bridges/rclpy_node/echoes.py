@@ -19,11 +19,7 @@ _ENDLESS = 1 << 63  # later than any time of publication, which is an int64 of n
 
 
 class Echoes:
-    """The messages of one topic that were published here and have not come back yet.
-
-    Args:
-        most: Maximum number of remembered messages; a subscription that keeps fewer cannot hold more.
-    """
+    """The messages of one topic that were published here and have not come back yet."""
 
     def __init__(self, most: int, *, clock: Callable[[], int] = time.time_ns) -> None:
         self.most = most

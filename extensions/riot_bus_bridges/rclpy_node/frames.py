@@ -38,10 +38,8 @@ class BridgeFrame(NamedTuple):
     """One frame.
 
     Attributes:
-        endpoint: Number of the publisher, subscription, server or client.
         number: For a message, its time of publication in nanoseconds since the Unix epoch, 0 if unknown; otherwise the
             number that a request and its response share.
-        payload: CDR with its encapsulation, or JSON.
     """
 
     kind: int
@@ -76,11 +74,7 @@ class Outbox:
         self._thread: threading.Thread | None = None
 
     def put(self, *pieces: bytes, patient: bool = True) -> None:
-        """Write bytes or queue them; raises OSError if the other end is gone.
-
-        Args:
-            patient: Whether to wait until there is room; if not, they are queued nevertheless.
-        """
+        """Write bytes or queue them; raises OSError if the other end is gone."""
         size = sum(map(len, pieces))
         with self._lock:
             if self._size and patient:

@@ -29,12 +29,7 @@ class DomainEndpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DomainGraph:
-    """Nodes and endpoints of a domain, without the endpoints of bridges.
-
-    Attributes:
-        matched: Number of subscriptions that match a publisher of ours, by the publisher's number.
-        ready: Numbers of our clients whose server would get a request.
-    """
+    """Nodes and endpoints of a domain, without the endpoints of bridges."""
 
     bridges: Sequence[str] = ()
     nodes: Sequence[str] = ()

@@ -29,11 +29,7 @@ _SOURCE = 'source "$0" && exec "$@"'
 
 
 class NodeProcess:
-    """Process of the node; call `start` once and `close` always.
-
-    Args:
-        received: Called on a separate thread with each frame, and with None when the process has ended.
-    """
+    """Process of the node; call `start` once and `close` always."""
 
     def __init__(self, name: str, options: Ros2BridgeOptions, received: Callable[[BridgeFrame | None], None]) -> None:
         self._name, self._options, self._received = name, options, received

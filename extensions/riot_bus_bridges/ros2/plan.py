@@ -69,7 +69,6 @@ class DomainAnnouncement(NamedTuple):
     """Node or endpoint of the domain that is announced on the segment by a token.
 
     Attributes:
-        kind: Kind of endpoint, None for a node.
         gid: Id that distinguishes otherwise identical endpoints.
     """
 
@@ -85,10 +84,7 @@ class BridgePlan:
     """Everything that a bridge should carry and announce.
 
     Attributes:
-        ups: Topics that have publishers in the domain.
         downs: Topics that have publishers on the segment or subscriptions in the domain.
-        offered: Services that have a server in the domain.
-        wanted: Services that have a server on the segment, and none in the domain.
         foreign: Topics and services whose types or type hashes differ between domain and segment.
     """
 

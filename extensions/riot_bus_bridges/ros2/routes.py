@@ -57,7 +57,6 @@ class BridgeRoute:
     """A topic or service that crosses the bridge.
 
     Attributes:
-        way: Name of the count in the bridge's status.
         token_kind: Kind of the token that announces the endpoints whose messages it carries to the segment.
     """
 

@@ -24,10 +24,7 @@ class Passage:
     Attributes:
         crossed: Number of intercepted messages that had a subscriber in another segment; without service calls, which
             always have a receiver.
-        hits: Number of times that each injection of the plan was carried out; None without a plan.
         errors: Number of messages on which an interceptor failed, and the first error, by name of the interceptor.
-        components: Number of components that connected to each segment, without bridges and what is behind them.
-        domains: ROS domain of each segment; empty without bridges.
         nodes: Regular expression for the processes chosen for the segment `unit`; None if none were.
         started: Processes that were started in that segment, and the others.
     """

@@ -30,12 +30,7 @@ def is_colcon_test(command: Sequence[str]) -> bool:
 def router_per_package(
     given: Mapping[str, str], options: Sequence[str], *, folder: Path, accounts: Path
 ) -> dict[str, str]:
-    """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own.
-
-    Args:
-        folder: Folder to write a file to; only this user should be able to write there.
-        accounts: Folder in which each `riot ros-test` leaves its report.
-    """
+    """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own."""
     plan = folder / "packages.json"
     own = ["--package", "{package}", "--in", "{folder}", "--account", str(accounts), "--"]
     wrap = [*riot_command(), "ros-test", *options, *own]

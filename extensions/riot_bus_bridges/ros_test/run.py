@@ -40,8 +40,6 @@ class RosTest:
     Attributes:
         router: Options of the router; its segments are not those of riot.toml but two on free ports of this machine.
         nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
-        dds: Whether nodes use DDS, so that each segment gets a ROS domain and a bridge.
-        record: Path of a log, or of a folder for logs.
         folder: Working folder of the command; the present one by default.
         account: Folder for the report, if this is one of several `riot ros-test` of one run.
     """

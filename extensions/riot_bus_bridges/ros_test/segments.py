@@ -38,7 +38,6 @@ class ReadySegments:
     """Segments that are ready for a command.
 
     Attributes:
-        domains: ROS domain of each segment; empty without bridges.
         carried: Number of messages that bridges have carried into a domain, by topic; known at the end.
     """
 

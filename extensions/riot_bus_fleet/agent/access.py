@@ -56,7 +56,6 @@ def access_rules(
 
     Args:
         robot: Name of the robot whose agent may be commanded and may answer; `*` for any.
-        certificates: Whether users are common names of certificates (mutual TLS), not users with passwords.
     """
     users: dict[Role, list[str]] = {}
     for role, user in subjects:

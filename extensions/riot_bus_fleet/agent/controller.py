@@ -34,9 +34,6 @@ def drive(
 ) -> bool:
     """Run an operation on a robot and follow it to its end.
 
-    Returns:
-        False if a signal has ended it.
-
     Raises:
         RiotError: The operation was refused, failed, was stopped by another user, or the robot was silent too long.
         DataLossError: The operation ended, but messages were lost.

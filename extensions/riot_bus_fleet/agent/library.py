@@ -28,12 +28,7 @@ _IDLE, _LONGEST_REST_S = 9, 20.0
 
 
 class Library:
-    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else.
-
-    Args:
-        folder: Folder of the logs; nothing outside of it is ever opened.
-        robot: Name of the robot for logs that do not name theirs.
-    """
+    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else."""
 
     def __init__(
         self,

@@ -27,11 +27,7 @@ _ASK_S = 1.0  # with `_WATCH_S`, the default grace of 10 s holds six unanswered 
 
 
 class FleetLink:
-    """Connection that announces an agent, receives its commands and publishes its progress.
-
-    Args:
-        failed: Called with an error that waiting cannot resolve, such as a wrong configuration.
-    """
+    """Connection that announces an agent, receives its commands and publishes its progress."""
 
     def __init__(
         self,

@@ -90,9 +90,6 @@ def list_logs(
 ) -> dict[str, Any]:
     """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later.
 
-    Args:
-        arguments: `query`, `offset` and `limit` of the agent's command `logs`.
-
     Raises:
         EnvironmentFaultError: No router or no such robot answers.
         RiotError: The agent answers with an error.
@@ -179,8 +176,6 @@ class RemoteOperation:
         """Follow the operation to its end, through breaks of the link.
 
         Args:
-            told: Called with each new status, or with None and the seconds of silence.
-            give_up: Seconds without an answer after which to give up.
             interrupted: Function that is called often; once it returns true, the robot is stopped, then followed.
 
         Raises:

@@ -26,12 +26,7 @@ HALF_A_STEP = (False, False, True, True)
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One log, or a stretch of one.
-
-    Attributes:
-        times: Times of each topic's messages, in seconds, ascending.
-        values: Values of each field (`topic:path`) in the messages of its topic; NaN where it is missing.
-    """
+    """One log, or a stretch of one."""
 
     times: Mapping[str, Floats]
     values: Mapping[str, NDArray[Any]]

@@ -32,12 +32,7 @@ _FEW = 3
 
 @dataclass(frozen=True, slots=True)
 class FieldEvidence:
-    """Evidence from the logs on whether one field follows another.
-
-    Attributes:
-        dependence: Result of the test; None if it was not tested.
-        reason: Reason why it was not tested.
-    """
+    """Evidence from the logs on whether one field follows another."""
 
     source: str
     target: str
@@ -63,7 +58,6 @@ class TopicEdge:
 
     Attributes:
         source: The topic that is read; empty if all topics were tried and none seems to be read.
-        told: Source of this knowledge; `inferred` if it is only the dependence in the logs.
     """
 
     source: str

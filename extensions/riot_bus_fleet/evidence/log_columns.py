@@ -39,12 +39,7 @@ _TEXTS = frozenset({"string", "bytes"})
 
 @dataclass(slots=True)
 class LogColumns:
-    """Numbers that were read from logs.
-
-    Attributes:
-        topics: Number of messages of each topic in the logs.
-        keys: Zenoh key of each topic (for a ROS bag, its name).
-    """
+    """Numbers that were read from logs."""
 
     pieces: list[Piece] = field(default_factory=list)
     topics: dict[str, int] = field(default_factory=dict)

@@ -96,9 +96,6 @@ def default_catalogue() -> Path:
 class Catalogue:
     """Catalogue of logs; a context manager. It is safe for use by several threads and several processes.
 
-    Args:
-        path: Path of the file, created with its folder if needed; None to keep all in memory.
-
     Raises:
         ConfigError: The file is not a catalogue, or does not exist.
     """

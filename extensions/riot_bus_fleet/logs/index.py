@@ -27,12 +27,7 @@ _ROBOT = "robot"
 
 @dataclass(slots=True)
 class IndexReport:
-    """Result of indexing.
-
-    Attributes:
-        fresh: Number of new or changed logs among these, which were read.
-        damaged: Number of fresh logs of which something is missing, or that are not logs.
-    """
+    """Result of indexing."""
 
     logs: int = 0
     fresh: int = 0
@@ -58,9 +53,6 @@ def index(
 
     Args:
         robot: Robot of logs that do not name one; by default the name of the folder below the root.
-        scan: Read all of each log of which only the summary was read so far, to find damage that the summary does
-            not show.
-        progress: Called with the number of logs so far and the current one.
         stop: Asked before each log whether to stop; what was read by then is kept.
 
     Raises:
