@@ -124,7 +124,7 @@ class BusHost:
         as_json: bool = False,
     ) -> int:
         """Route and bridge in one process."""
-        from riot_bus_bridges.host.own_router import run_own_router
+        from riot_bus_bridges.host.running import run_own_router
 
         options = RouterOptions(**asdict(asked))
         start = partial(_start, program) if program else None

@@ -7,17 +7,22 @@ import signal
 import subprocess
 import threading
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Self
+from functools import partial
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from riot_bus.control.exposure import bridge_warnings
-from riot_bus.control.signals import ended_by_signals
+from riot_bus.control.signals import END_S, ended_by_signals, force_end_after, let_run
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus_bridges.bridging import LinkedBridge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from riot_bus.control.router_flags import RouterOptions
+    from riot_bus.control.router_service import RouterService
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge
+    from riot_bus_bridges.host.inner import InnerPort
 
 
 class Program:
@@ -100,3 +105,46 @@ def run_bridge(
     if bridge.failure is not None:
         raise bridge.failure
     return status or 0
+
+
+BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
+
+
+def run_own_router(
+    options: RouterOptions,
+    bridge_of: Callable[[Mapping[str, InnerPort]], BridgeT],
+    foreground: Foreground,
+    *,
+    program: Callable[[BridgeT], Program] | None = None,
+) -> int:
+    """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
+
+    Raises:
+        RiotError: The router or bridge does not start, has failed, or messages were lost.
+    """
+    from riot_bus.control.router_process import report_end, router_of
+    from riot_bus_bridges.host.inner import InnerPort
+
+    with router_of(options, warn=foreground.warn) as service:
+        with ExitStack() as closing, service:
+            bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            service.bus.show(bridge.links)
+            looks = _looks(service, bridge)
+            start = None if program is None else partial(program, bridge)
+            status = run_bridge(bridge, foreground, program=start, look=partial(next, looks))
+            closing.callback(let_run)
+            force_end_after(END_S)
+        report_end(service, foreground)
+    return status
+
+
+def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
+    from riot_bus.control.router_process import Upkeep
+
+    service.watch()  # it takes longer than all the rest
+    upkeep = Upkeep()
+    while True:
+        upkeep()
+        if service.stopping.is_set():
+            bridge.stop()
+        yield

@@ -72,7 +72,7 @@ class MavlinkBridge(LinkedBridge):
             for name, port in ports.items()
         }
         if options.mirror is not None:
-            from riot_bus_bridges.mavlink.json_form import JsonForm
+            from riot_bus_bridges.mavlink.mirror import JsonForm
 
             form = JsonForm(dialect)
             for number, side in enumerate(self._sides.values()):

@@ -21,10 +21,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from .calls import DomainClient, Server
+from .endpoints import DomainClient, Publisher, Server, Subscription, Topics
 from .frames import BridgeFrameKind
 from .snapshot import GraphSnapshot
-from .topics import Publisher, Subscription, Topics
 
 if TYPE_CHECKING:
     from .frames import BridgeFrame, Wire
