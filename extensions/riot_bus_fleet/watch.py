@@ -73,7 +73,6 @@ def watch_rule(
     within: float,
     say: Callable[[str], None],
     config: Mapping[str, Any] | None = None,
-    seconds: float | None = None,
 ) -> RuleWatch:
     """Compare the messages that pass a router with a rule until a signal arrives.
 
@@ -97,7 +96,7 @@ def watch_rule(
         for topic in rule.read:
             client.subscribe(registry.key_expression(topic), report)
         say(f"watching {', '.join(rule.read)} for {rule.text}")
-        stop.wait(seconds)
+        stop.wait()
     if client.lost:
         say(f"{client.lost.total()} messages came too fast and were not judged")
     return watch

@@ -42,10 +42,6 @@ class Activity:
         # it is a divisor, and near 0 if all time was spent waiting; then rates had no bound
         return max(seconds - self.waited_since(before), seconds * 0.1)
 
-    def share_since(self, before: Activity, *, seconds: float) -> float:
-        """Return the time for which they ran, relative to the result of `had_since`."""
-        return self.ran_since(before) / self.had_since(before, seconds=seconds)
-
     def waited_since(self, before: Activity) -> float:
         """Return the seconds for which the thread that waited longest has waited for a processor."""
         return max((times[1] - before.of(thread)[1] for thread, times in self.threads.items()), default=0) / 1e9

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from riot_bus.processes.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.system.system_file import Settle
-from riot_bus.trial.settling import POLL, RestOptions, all_wait, is_at_rest, own_others, own_senders, wait_settled
+from riot_bus.trial.settling import OWN, POLL, RestOptions, all_wait, is_at_rest, wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -36,7 +36,7 @@ class Observation:
 
     def __init__(self, processes: TrialProcesses, network: TrialNetwork) -> None:
         self.idle = STILL
-        self.senders, self.others = own_senders(), own_others()
+        self.senders, self.others = OWN.senders, OWN.others
         self._processes, self._network = processes, network
         self._families: dict[tuple[int, ...], Threads] = {}
         self._samples: dict[str, list[ResourceSample]] = {}
@@ -185,7 +185,7 @@ class Observation:
 
     def sample_resources(self, name: str) -> Sequence[ResourceSample]:
         """Note the resources that a component uses now; return all that were noted."""
-        bridge = self._processes.bridge_of(name)
+        bridge = self._processes.bridges.get(name)
         ours = families([bridge.pid]) if bridge is not None else ()
         own = [pid for pid in self.threads([name]).pids if pid not in ours]
         samples = self._samples.setdefault(name, [])

@@ -97,8 +97,8 @@ class TrialProcesses:
         self._file, self._launcher, self._directory = context.file, launcher, directory
         self._imports = {} if imports is None else imports
         self._starts: dict[str, Start] = {}
-        self._folders: dict[str, Path] = {}
-        self._bridges: dict[str, ComponentProcess] = {}
+        self.folders: dict[str, Path] = {}
+        self.bridges: dict[str, ComponentProcess] = {}
         self._inside: dict[str, Sequence[int]] = {}
         self._commands: dict[str, _Commands] = {}
 
@@ -159,7 +159,7 @@ class TrialProcesses:
             env = env | self.python.environment(env, imports=self._program(name) not in self._imports)
         if component.only is not None:
             env = env | only_some(env, component.only, plan=self._directory / f"{name}.only")
-        cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
+        cwd = self.folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
         start = self._starts[name] = start_of(
             filled,
             called,
@@ -177,11 +177,11 @@ class TrialProcesses:
         if not (asked or before or component.only) and component.is_process:
             varying = {key for key, value in filled.env.items() if component.env[key] != value}
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
-        bridge = self._bridges.get(name)
+        bridge = self.bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
             number, title = self.placeholders.domain(name), f"{name}.bridge"
             nodes = {str(each.node) for each in self._file.external.in_nodes.values()}
-            self._bridges[name] = start_bridge(
+            self.bridges[name] = start_bridge(
                 self._launcher,
                 title,
                 endpoint=endpoint,
@@ -278,10 +278,6 @@ class TrialProcesses:
                 )
         return f"is not ready: {check.ready[0]!r}{check.told or ' has not ended'}"
 
-    def folder_of(self, name: str) -> Path:
-        """Return where a component's code is: its working folder."""
-        return self._folders[name]
-
     def execute(self, name: str, command: Sequence[str], *, timeout: float) -> None:
         """Execute a command of riot.toml that belongs to no component, such as a reset, to its end.
 
@@ -347,7 +343,7 @@ class TrialProcesses:
         for name in names:
             found.append(self.started[name].pid)
             found += self._inside.get(name, ())
-            found += [self._bridges[name].pid] if name in self._bridges else []
+            found += [self.bridges[name].pid] if name in self.bridges else []
         return tuple(found)
 
     def excess(self, name: str) -> tuple[str, str] | None:
@@ -359,13 +355,9 @@ class TrialProcesses:
         most = amount_text(what, getattr(limits, what))
         return what, f"it had {what} of {amount_text(what, had)}, and [components.{name}] limits it to {most}"
 
-    def bridge_of(self, name: str) -> ComponentProcess | None:
-        """Return the bridge of a component to DDS; None if it has none."""
-        return self._bridges.get(name)
-
     def runs(self, name: str) -> bool:
         """Return whether a component runs, and its bridge if it has one."""
-        processes = [self.started[name], *([self._bridges[name]] if name in self._bridges else [])]
+        processes = [self.started[name], *([self.bridges[name]] if name in self.bridges else [])]
         return all(map(self._launcher.alive, processes))
 
     def check_way(self, name: str) -> None:
@@ -374,7 +366,7 @@ class TrialProcesses:
         Raises:
             EnvironmentFaultError: The bridge or connection has ended.
         """
-        start, process, bridge = self._starts[name], self.started[name], self._bridges.get(name)
+        start, process, bridge = self._starts[name], self.started[name], self.bridges.get(name)
         if bridge is not None and not self._launcher.alive(bridge):
             ended, what = bridge, "the bridge to DDS"
         elif start.lost is not None and process.status == start.lost:

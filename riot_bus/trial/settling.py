@@ -49,14 +49,19 @@ _PRIVATE, _COMMAND, _WAITS = 0x80, 0x7F, (0, 9)
 
 
 class _Own(threading.local):
-    """Open files of the threads of this process, for each thread that reads them: there are a hundred threads."""
+    """Threads of this process, for each thread that reads them: files stay open, and there are a hundred threads.
+
+    Attributes:
+        senders: Zenoh's threads that send. A transmission that was not yet carried out leaves its thread runnable.
+        others: All threads but the one that asks.
+    """
 
     def __init__(self) -> None:
         self.senders = Threads([os.getpid()], names=_SENDERS)
         self.others = Threads([os.getpid()], but=threading.get_native_id())
 
 
-_own = _Own()
+OWN = _Own()
 
 
 class RestOptions(TypedDict, total=False):
@@ -67,16 +72,6 @@ class RestOptions(TypedDict, total=False):
     since: Activity | None
     hangs: Callable[[], bool]
     rests: Callable[[], bool] | None
-
-
-def own_senders() -> Threads:
-    """Return Zenoh's threads of this process that send."""
-    return _own.senders
-
-
-def own_others() -> Threads:
-    """Return all threads of this process but the one that asks."""
-    return _own.others
 
 
 def wait_sent(senders: Threads, *, timeout: float) -> bool:
@@ -193,7 +188,7 @@ class _Calm:
         if not self._idle.switches:
             return True
         allowed = _MORE_TIME * self._idle.ran + _SLACK
-        if seen.share_since(self._begun, seconds=now - self.since) <= allowed:
+        if seen.ran_since(self._begun) <= allowed * seen.had_since(self._begun, seconds=now - self.since):
             return True
         self._begin(seen)
         return False

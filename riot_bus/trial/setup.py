@@ -198,7 +198,7 @@ class TrialSetup:
             name,
             process.status,
             process.errors(),
-            self.processes.folder_of(name),
+            self.processes.folders[name],
             component.tracebacks == "fail",
             printed=process.printed(),
             stack=process.stack,

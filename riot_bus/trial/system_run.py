@@ -17,7 +17,6 @@ from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.system.system_file import RunPace, Settle
 from riot_bus.trial.baseline import UNKNOWN, Baseline
-from riot_bus.trial.node_parameters import set_parameters
 from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.running_system import VirtualTimeSystem
 from riot_bus.trial.settling import POLL
@@ -116,7 +115,7 @@ class SystemRun:
             if self._settings.record:
                 stack.enter_context(self._recording(setup))
             system.start()
-            self.refused = set_parameters(setup, self._inside, parameters_of(self._case))
+            self.refused = setup.readiness.set_parameters(self._inside, parameters_of(self._case))
             if self.probe:
                 self.probe.begin()
             begun = setup.observation.begin(self._inside)

@@ -18,7 +18,7 @@ import numpy as np
 
 from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
 from riot_bus_fleet.evidence.alignment import Piece, Variants, held_variants, response_of, topic_of
-from riot_bus_fleet.evidence.dependence import Dependence, dependences
+from riot_bus_fleet.evidence.dependence import ALPHA, Dependence, dependences
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Progress
@@ -93,7 +93,7 @@ class Backtracked:
     missing: list[str] = field(default_factory=list)
     loops: list[tuple[str, ...]] = field(default_factory=list)
     unseen: list[str] = field(default_factory=list)
-    alpha: float = 0.01
+    alpha: float = ALPHA
     tested: int = 0
 
 
@@ -105,8 +105,6 @@ def backtrack(
     externals: Mapping[str, str],
     recorded: Collection[str] = (),
     horizon: float = 2.0,
-    draws: int = 199,
-    alpha: float = 0.01,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Backtracked:
@@ -116,11 +114,10 @@ def backtrack(
         externals: External topics, and who says so; if empty, topics to which nothing recorded leads are taken.
         recorded: Topics of the logs that have no numeric field; those of `pieces` need not be named.
         horizon: Longest delay of one step that is tested, in seconds.
-        alpha: Accepted chance that any source is named wrongly, per field whose sources are tested.
     """
-    tests = _PairTests(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+    tests = _PairTests(pieces, recorded, horizon=horizon, seed=seed)
     traversal = _Traversal(tests, graph, externals, progress)
-    result = Backtracked(dict.fromkeys(targets, ""), alpha=alpha)
+    result = Backtracked(dict.fromkeys(targets, ""), alpha=ALPHA)
     for name in targets:
         found = response_of(pieces, name)
         result.targets[name] = found if isinstance(found, str) else ""
@@ -162,19 +159,10 @@ def _ranked(found: Iterable[FieldEvidence]) -> list[FieldEvidence]:
 class _PairTests:
     """Tests fields against fields, each pair once."""
 
-    def __init__(
-        self,
-        pieces: Sequence[Piece],
-        recorded: Collection[str],
-        *,
-        horizon: float,
-        draws: int,
-        alpha: float,
-        seed: int,
-    ) -> None:
+    def __init__(self, pieces: Sequence[Piece], recorded: Collection[str], *, horizon: float, seed: int) -> None:
         self.pieces = pieces
         self.tested = 0
-        self._test = partial(dependences, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+        self._test = partial(dependences, horizon=horizon, seed=seed)
         topics = sorted({*recorded, *(topic for piece in pieces for topic in piece.times)})
         self.fields: dict[str, list[str]] = {topic: [] for topic in topics}
         for name in sorted({name for piece in pieces for name in piece.values}):

@@ -27,6 +27,9 @@ from riot_bus_fleet.evidence.alignment import HALF_A_STEP, Response, Variants
 Follows = Literal["level", "spread"]
 """Aspect of a response that follows a candidate: its value, or how much it varies."""
 
+ALPHA = 0.01
+"""Accepted chance that any source of a field is named wrongly."""
+
 _ROUNDS = 12
 _IDLE = 0.25
 """Candidates with more of their null distribution above them are not tested again, which saves most of the time."""
@@ -101,7 +104,7 @@ def dependences(
     *,
     horizon: float = 2.0,
     draws: int = 199,
-    alpha: float = 0.01,
+    alpha: float = ALPHA,
     seed: int = 0,
 ) -> list[Dependence]:
     """Find what a response follows among candidates.
