@@ -63,9 +63,6 @@ def start_of(
         env: Variables that riot.toml gives it, and those of the surroundings; a container or another machine adds
             its own.
         there: Endpoint from the component's view: the same, unless it runs on another machine.
-
-    Raises:
-        ConfigError: The component cannot be started so on this machine.
     """
     if component.container is not None:
         run, remove = container_commands(component.container, called, command=argv, env=env, folder=folder, cwd=cwd)

@@ -136,12 +136,7 @@ class RunningSystem(ABC):
         self.setup.readiness.wait_ready(self._names)
 
     def _reset_components(self, reset: Reset, publish: Callable[[Message], bool], *, where: str) -> None:
-        """Reset components to their first state, by the command or by the message that riot.toml names.
-
-        Raises:
-            ConfigError: The command fails, or no component has subscribed to the message.
-            EnvironmentFaultError: The command cannot be executed, or takes too long.
-        """
+        """Reset components to their first state, by the command or by the message that riot.toml names."""
         where = f"{self._place.context.file.path}: {where}"
         if reset.topic is None:
             self.setup.processes.execute("reset", reset.command, timeout=self._timeout)

@@ -164,11 +164,7 @@ class VirtualTime:
 
 
 class _ClockMessages:
-    """Messages that publish the time on the clock topic.
-
-    Raises:
-        ConfigError: The topic does not stand for a single key.
-    """
+    """Messages that publish the time on the clock topic."""
 
     def __init__(self, clock: VirtualClock, setup: TrialSetup, messages: Sequence[Message]) -> None:
         registry, where = setup.context.registry, f"{setup.context.file.path}: system.clock.topic"

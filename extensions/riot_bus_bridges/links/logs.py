@@ -46,11 +46,7 @@ class _LogLink(Link):
 
 
 class TelemetryLogSource(_LogLink):
-    """Sends the frames of a log as if they came now, paced by the log's timestamps.
-
-    Raises:
-        EnvironmentFaultError: The file cannot be read.
-    """
+    """Sends the frames of a log as if they came now, paced by the log's timestamps."""
 
     busy = "reading"
 
@@ -112,11 +108,7 @@ class TelemetryLogSource(_LogLink):
 
 
 class TelemetryLogSink(_LogLink):
-    """Appends all frames that are sent to it, each with its time.
-
-    Raises:
-        EnvironmentFaultError: The file cannot be written.
-    """
+    """Appends all frames that are sent to it, each with its time."""
 
     busy = "writing"
 

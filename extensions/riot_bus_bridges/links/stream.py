@@ -158,11 +158,7 @@ class _Device:
 
 
 class SerialLink(StreamClient):
-    """Opens a device, and reopens it after it was unplugged.
-
-    Raises:
-        MissingExtraError: pyserial is not installed.
-    """
+    """Opens a device, and reopens it after it was unplugged."""
 
     lost, retry = "unplugged", 1.0
 

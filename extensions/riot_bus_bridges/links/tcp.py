@@ -37,11 +37,7 @@ def _configured(made: socket.socket, silence: float) -> socket.socket:
 
 
 class TcpServer(Link):
-    """Listens for clients, each of which becomes an end of the link.
-
-    Raises:
-        EnvironmentFaultError: It cannot listen there.
-    """
+    """Listens for clients, each of which becomes an end of the link."""
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)

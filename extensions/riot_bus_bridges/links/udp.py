@@ -101,11 +101,7 @@ class _UdpLink(Link):
 
 
 class UdpServer(_UdpLink):
-    """Listens, and sends to all addresses that have sent something lately.
-
-    Raises:
-        EnvironmentFaultError: It cannot listen there.
-    """
+    """Listens, and sends to all addresses that have sent something lately."""
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)

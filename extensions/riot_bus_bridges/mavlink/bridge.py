@@ -36,12 +36,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class MavlinkBridge(LinkedBridge):
-    """Context manager that carries frames between links and segments while it is open.
-
-    Raises:
-        ConfigError: An option is not usable.
-        MissingExtraError: pymavlink is not installed.
-    """
+    """Context manager that carries frames between links and segments while it is open."""
 
     def __init__(
         self,

@@ -58,9 +58,6 @@ def bridged_domains(
     """Join a ROS domain to each segment until the context ends; messages in transit then are still forwarded.
 
     Yields counts that are filled at the end: how many messages of each topic a bridge has carried into its domain.
-
-    Raises:
-        EnvironmentFaultError: A bridge does not start, such as for lack of rclpy.
     """
     bridges = [
         start_bridge(launcher, f"bridge-{segment}", endpoint=endpoints[segment], domain=domain, folder=folder)

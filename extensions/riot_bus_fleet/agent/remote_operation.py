@@ -88,12 +88,7 @@ def ask_robot(
 def list_logs(
     endpoint: str, robot: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
 ) -> dict[str, Any]:
-    """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later.
-
-    Raises:
-        EnvironmentFaultError: No router or no such robot answers.
-        RiotError: The agent answers with an error.
-    """
+    """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later."""
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         deadline = time.monotonic() + _LOOKING_S

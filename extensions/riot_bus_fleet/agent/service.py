@@ -110,12 +110,7 @@ class AgentService:
         return self._proved(self.status(), nonce)
 
     def play(self, payload: bytes) -> None:
-        """Begin to play.
-
-        Raises:
-            ConfigError: The request is wrong, or refused.
-            EnvironmentFaultError: The agent is busy.
-        """
+        """Begin to play."""
         request = parse_request(PlayRequest, payload)
         self._allowed("play")
         files = self.library.resolve_all(request.logs)
@@ -124,12 +119,7 @@ class AgentService:
         self._start(Play(request, request.logs, files, self.options, self._news.set))
 
     def record(self, payload: bytes) -> None:
-        """Begin to record.
-
-        Raises:
-            ConfigError: The request is wrong, or refused.
-            EnvironmentFaultError: The agent is busy, or the disk too full.
-        """
+        """Begin to record."""
         request = parse_request(RecordRequest, payload)
         self._allowed("record")
         check_room(self.options)
