@@ -19,7 +19,6 @@ from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.flags import Flag
 
 _LOG = logging.getLogger(__name__)
-_MOST_PROBLEMS = 1000  # a guess: bounds what peers can make a bridge print and keep for its status
 
 
 class Bridge(ABC):
@@ -74,7 +73,7 @@ class Bridge(ABC):
 
     def report_problem(self, line: str) -> None:
         """Warn of a problem, unless it has been reported before."""
-        if line not in self.problems and len(self.problems) < _MOST_PROBLEMS:
+        if line not in self.problems and len(self.problems) < 1000:  # peers can make up any number
             self.problems[line] = None
             with suppress(OSError):  # the reader of the warnings is gone; bridging continues
                 self._warn(f"warning: {line}")

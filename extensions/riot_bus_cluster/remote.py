@@ -154,7 +154,7 @@ def _waited_for() -> Callable[[], bool]:
 
 @contextmanager
 def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) -> Iterator[list[str]]:
-    """Hold the scarce resources that a trial needs, across all workers, as `trial.scarce` does on one machine.
+    """Hold the scarce resources that a trial needs, across all workers, as `trial.setup.held` does on one machine.
 
     A worker that dies holds them until its leases expire: nothing of its trial runs by then.
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import msgpack  # type: ignore[import-untyped]
 
 from riot_bus.pool.wire import TrialAnswer, read_answer
-from riot_bus.trial.scarce import needed
+from riot_bus.trial.setup import needed
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict

@@ -41,9 +41,7 @@ class LogAnswer:
 
     Attributes:
         answer: `fixed`: no trial failed. `failed`: at least one did. `error`: no verdict was possible.
-        detail: The reason.
         failed: Trials that failed as the test case says, or in any way if it does not say.
-        trials: Number of trials on this log.
         injected: Messages that were changed.
         messages: Messages that were played.
     """
@@ -59,14 +57,7 @@ class LogAnswer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOptions:
-    """How each log is tried.
-
-    Attributes:
-        times: Fresh trials of each log.
-        start: Seconds of each log that are left out at its beginning.
-        duration: Seconds of each log; None for all.
-        again: Whether to try logs again that have an answer already.
-    """
+    """How each log is tried."""
 
     times: int = 1
     start: float = 0.0
@@ -80,16 +71,6 @@ def run_over(
     """Replay a test case over logs, several at once.
 
     Answers are kept in the output folder, so a second run continues the first. Logs without a verdict are tried again.
-
-    Args:
-        workspace: The workspace; its `jobs` is the number of logs that are tried at once.
-        template: The test case.
-        unit: The unit to which the logs are played.
-        logs: Catalogue entries of the logs.
-        options: Trials and part of each log.
-
-    Returns:
-        An answer for each log, in their order.
     """
     store = _Answers(workspace.out / "fleet" / "answers.jsonl")
     scope = [workspace.fingerprint, unit, template.digest(), workspace.seed, options.times, options.start]

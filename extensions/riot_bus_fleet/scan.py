@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Progress
     from riot_bus_fleet.logs.entry import LogEntry
 
-_MEMORY = 1 << 27
 _CANDIDATES = 64
 """Moments kept for each near miss while a log is read: those of one approach are next to one another."""
 _APART_NS = 10**9
@@ -45,11 +44,7 @@ class _Rows(NamedTuple):
 
 
 class Scanner:
-    """Judges logs by one rule.
-
-    Args:
-        near: Moments of each log that are kept.
-    """
+    """Judges logs by one rule."""
 
     def __init__(self, rule: ScanRule, *, near: int = 3) -> None:
         self._rule, self._near = rule, near
@@ -96,7 +91,7 @@ class Scanner:
             return self._rows_of_messages(reader, registry)
         places = {name: place_of(name, topics) for name in self._rule.names}
         selectors = {name: f"{place.topic}:{place.path}" for name, place in places.items()}
-        parts = column_parts(reader, list(dict.fromkeys(selectors.values())), memory=_MEMORY, registry=registry)
+        parts = column_parts(reader, list(dict.fromkeys(selectors.values())), memory=1 << 27, registry=registry)
         last = topics[-1] if topics else None
         return _rows_of_columns(parts, places, selectors, last)
 
@@ -137,11 +132,7 @@ def scan_logs(
     """Judge logs by a rule.
 
     Args:
-        source: Folder of a finding, or a rule file.
-        logs: Catalogue entries of the logs, which may be anywhere.
-        near: Number of moments to report for each log.
         within: Distance below which a moment is a near miss, in nominal spreads of the rule's fields.
-        progress: Function that is called after each log.
 
     Raises:
         ConfigError: There is no rule.
@@ -185,9 +176,7 @@ def _rows_of_columns(
     """Yield moments part by part: at each message of the topics, each field from the latest message of its topic.
 
     Args:
-        parts: Columns of the selectors, by time.
         places: For each name the message of its topic that it refers to.
-        selectors: The field selector of each name.
         last: Topic whose messages are counted where a field is not known; None for all.
     """
     recent: dict[str, _Recent] = {name: _Recent() for name in places}

@@ -25,17 +25,7 @@ _NEARER, _LEFT = 0.5, 2.0
 
 
 class RuleWatch:
-    """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
-
-    Args:
-        within: Distance at which warnings begin, in nominal spreads.
-
-    Attributes:
-        judged: Number of messages at which all fields of the rule were known.
-        unknown: Number of other messages of the rule's topics.
-        met: Number of messages at which the rule was met.
-        nearest: The moment of least distance; None before any was judged.
-    """
+    """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it."""
 
     def __init__(self, rule: ScanRule, *, within: float, registry: TypeRegistry) -> None:
         self.judged = self.unknown = self.met = 0
@@ -83,17 +73,11 @@ def watch_rule(
     within: float,
     say: Callable[[str], None],
     config: Mapping[str, Any] | None = None,
-    seconds: float | None = None,
 ) -> RuleWatch:
     """Compare the messages that pass a router with a rule until a signal arrives.
 
     Args:
-        source: Folder of a finding, or a rule file.
-        endpoint: Endpoint on which the router listens.
         within: Distance at which warnings begin, in nominal spreads.
-        say: Function that is called with each line.
-        config: Further Zenoh configuration of the client.
-        seconds: Maximum time in seconds; None for no limit.
 
     Raises:
         ConfigError: There is no rule.
@@ -112,7 +96,7 @@ def watch_rule(
         for topic in rule.read:
             client.subscribe(registry.key_expression(topic), report)
         say(f"watching {', '.join(rule.read)} for {rule.text}")
-        stop.wait(seconds)
+        stop.wait()
     if client.lost:
         say(f"{client.lost.total()} messages came too fast and were not judged")
     return watch

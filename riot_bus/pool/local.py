@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import TestCase
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 64 << 10
-"""Free bytes of a disk below which a component may have failed because it could not write."""
 _DEATHS = 3
 """Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
 _ENDS_WITHIN_S = TORN_DOWN_WITHIN_S + 10.0  # a worker ends its components first: seconds, even on a loaded machine
@@ -90,7 +88,6 @@ class WorkerLink(Protocol):
 
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
         """Send a case for execution; `request` holds trial and case."""
-        ...
 
     def read(self, data: bytes, directory: Path) -> TrialAnswer:
         """Return the answer in received data, and ensure that the files of the trial are in its folder.
@@ -98,11 +95,9 @@ class WorkerLink(Protocol):
         Raises:
             Exception: An exception that the trial, or a full disk, has raised.
         """
-        ...
 
     def end(self) -> str | None:
         """End the process and its descendants; return how it has ended, None if its case is not the cause."""
-        ...
 
 
 class WorkerSource(Protocol):
@@ -111,11 +106,9 @@ class WorkerSource(Protocol):
     @property
     def jobs(self) -> int:
         """Number of workers that work at once, unless the cases ask for another number."""
-        ...
 
     def open(self, wake: Callable[[], None]) -> None:
         """Open the source; it has to call `wake` when a new worker is available."""
-        ...
 
     def start(self) -> WorkerLink | None:
         """Return a further worker, None if none is available at the moment.
@@ -123,11 +116,9 @@ class WorkerSource(Protocol):
         Raises:
             EnvironmentFaultError: No worker will ever be available again.
         """
-        ...
 
     def close(self) -> None:
         """Release everything, and end the work of workers that do not end with their links."""
-        ...
 
 
 class _LocalWorker:
@@ -161,10 +152,7 @@ def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None 
     """Start a `worker` process.
 
     Args:
-        system: Path of riot.toml.
-        slot: Number that no other worker has at the same time.
         link: Connection for requests; the worker ends when the other end is closed.
-        cwd: Working folder of the worker; None for that of this process.
     """
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "riot_bus.pool.worker", str(system.resolve()), str(slot)],
@@ -186,13 +174,7 @@ def how_ended(process: subprocess.Popen[bytes]) -> str:
 
 
 class LocalWorkers:
-    """Worker processes of this machine, each started when there is a case for it.
-
-    Args:
-        system: Path of riot.toml.
-        jobs: Number of workers that work at once, unless the cases ask for another number.
-        keep: Folder that contains the folders of trials.
-    """
+    """Worker processes of this machine, each started when there is a case for it."""
 
     def __init__(self, system: Path, jobs: int, keep: Path) -> None:
         self.jobs = jobs
@@ -227,15 +209,9 @@ class _PoolWorker:
 class Pool:
     """Processes that execute trials, one each at a time, and one thread that feeds them.
 
-    A worker is started when there is a case for it, and runs until the pool is closed. A worker that dies is replaced,
-    and its case is executed again.
-
     Args:
-        system: Path of riot.toml.
-        jobs: Number of trials at once, unless the cases ask for another number.
         keep: Folder in which the files of failing trials are kept.
         workers: Source of workers to use instead of processes of this machine; it then decides on `jobs`.
-        hangs: Known hangs by component, which trials change.
     """
 
     def __init__(
@@ -302,8 +278,6 @@ class Pool:
         """Run many trials; outcomes in the order of the cases.
 
         Args:
-            trial: Trial that executes each case.
-            cases: Test cases, one for each trial.
             ended: Function called with number and outcome of each ended case, on a thread that no signal interrupts.
             into: Target of what a case is asked to leave; None to drop it.
             most: Number of trials at once; 0 for the present number of jobs, which varies in a cluster.
@@ -429,7 +403,8 @@ class Pool:
             task.fail(error)
 
     def _finish(self, task: _Task, outcome: Outcome) -> None:
-        if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < _ROOM:
+        # Bytes: a component may have failed because it could not write.
+        if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < 64 << 10:
             outcome = replace(outcome, verdict=Verdict.ERROR, detail=f"the disk is full: {self.keep}")
         if task.directory is not None:
             left = task.directory / TrialPlace.LEFT
@@ -463,8 +438,6 @@ class LocalRunner:
     Args:
         slots: Function that returns how many trials run at once, given the share of a processor that earlier trials
             took, 0 if there were none.
-        into: Target of what a case is asked to leave.
-        batch: Number of cases worth asking for at once; 0 for the number of trials that run at once.
     """
 
     def __init__(

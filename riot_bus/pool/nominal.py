@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome
 
-_MUCH_SLOWER = 2.0  # the order of the log costs no more than as much time again; as docs/riot-toml.md says of `order`
 _TRIALS = 3
 """Number of nominal trials. What only some of them show, such as the output of a rare timer, is not expected."""
 _HELD_OUT = 4
@@ -153,7 +152,7 @@ def _keeps_order(context: Context, unit: str, pool: Pool, log: Sequence[Message]
     outcomes = pool.map(trial, [replace(case, ordered=way) for way in ways])
     _check_starts(outcomes)
     kept, free = ([one.seconds for one in outcomes[first::2] if _passes(one)] for first in (1, 0))
-    return not kept or not free or min(kept) <= _MUCH_SLOWER * min(free)  # times of failed trials do not count
+    return not kept or not free or min(kept) <= 2.0 * min(free)  # times of failed trials do not count
 
 
 def needs_baseline(monitor: str) -> bool:
@@ -167,11 +166,6 @@ def measure_in_system(
     """Measure the baseline of a unit in nominal runs of the whole system.
 
     Args:
-        context: Context of the system.
-        unit: Name of the unit.
-        pool: Pool that executes the runs.
-        alone: Baseline of the unit alone, whose probe is used here, too.
-        pace: Duration and speed of external components.
         driving: Messages that are played to the system instead, if it has no external components.
 
     Raises:
@@ -212,15 +206,7 @@ def _not_passed(runs: Sequence[Outcome]) -> str:
 def in_system_of(
     alone: Baseline, answers: dict[str, int], runs: Sequence[NominalTrial], *, context: Context, idle: Idle
 ) -> Baseline:
-    """Return what nominal runs of the whole system have in common.
-
-    Args:
-        alone: Baseline of the unit alone.
-        answers: Outputs for the whole log in that, by topic, without topics on which other components publish, too.
-        runs: Observations of the runs.
-        context: Context of the system.
-        idle: Activity of the unit before anything comes from outside.
-    """
+    """Return what nominal runs of the whole system have in common."""
     found = baseline_of(runs, idle=idle, log=alone.log, ordered=alone.ordered)
     probed = {topic: count for topic, count in found.probe_answers.items() if topic in alone.probe_answers}
     views = [_probed(one, context, alone.probe) for one in runs if one.probed is not None]
@@ -230,13 +216,7 @@ def in_system_of(
 
 
 def why_not_told(baseline: Baseline, monitor: str, signature: str) -> str:
-    """Return why a failure of a unit cannot be detected in runs of the whole system; empty if it can be.
-
-    Args:
-        baseline: Baseline of the unit in nominal runs of the whole system.
-        monitor: Monitor that has found the failure in trials of the unit alone.
-        signature: Signature of the failure.
-    """
+    """Return why a failure of a unit cannot be detected in runs of the whole system; empty if it can be."""
     if not baseline.trials:
         return baseline.mute[0] if baseline.mute else "nominal runs of the whole system are not known"
     if signature in baseline.alarms:

@@ -30,19 +30,14 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner, TestCase
 
-_EVIDENCE_TRIALS = 5
-_MOST_SLOTS = 4
-"""Trials at once for each processor: more of them cost memory, and wake up at the same time."""
-
 
 def slots_for(busy: float, processors: int) -> int:
     """Return how many trials run at once if each takes a share of a processor: at least one on each processor.
 
     Args:
         busy: Processor time of a trial in seconds per second; 0 if that is not known.
-        processors: Number of processors.
     """
-    return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
+    return max(processors, min(4 * processors, int(processors / busy))) if busy > 0 else processors
 
 
 class RunnerFactory(Protocol):
@@ -52,37 +47,25 @@ class RunnerFactory(Protocol):
         """Return a runner for trials of a unit alone.
 
         Args:
-            unit: Name of the unit.
             log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
         """
-        ...
 
     def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
         """Return the baseline of a unit, which is measured once; takes the arguments of `unit`."""
-        ...
 
     def in_system(
         self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
     ) -> Baseline:
         """Return the baseline of a unit in nominal runs of the whole system, which is measured once."""
-        ...
 
     def keep_evidence(
         self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
     ) -> bool:
         """Repeat a failing case until it fails with the same signature again, and keep the evidence of that trial.
 
-        Args:
-            unit: Name of the unit.
-            case: The failing test case.
-            signature: Signature of the failure.
-            folder: Folder for the evidence.
-            in_system: Baseline of the unit in runs of the whole system, if trials are such runs.
-
         Returns:
             False if it did not fail with this signature in a few trials; then nothing is kept.
         """
-        ...
 
     def system(
         self,
@@ -96,17 +79,14 @@ class RunnerFactory(Protocol):
         """Return a runner for runs of the whole system.
 
         Args:
-            pace: Duration and speed of external components.
             observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
             record: File that gets every message of a run; None for none.
             judged: Unit to judge, and its baseline in nominal runs (from `in_system`).
             timed: Whether causes are inferred from times, which more runs at once than processors would blur.
         """
-        ...
 
     def close(self) -> None:
         """Release everything that runners use."""
-        ...
 
 
 class LocalRunners:
@@ -114,7 +94,6 @@ class LocalRunners:
 
     Args:
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
-        workers: Function that returns a source of workers to use instead of this machine; called when first needed.
         keep: Folder in which the files of failing trials, and the baselines, are kept.
         fresh: Whether to measure baselines anew instead of reading them there.
     """
@@ -199,7 +178,7 @@ class LocalRunners:
         """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""
         baseline, pace = self._baselines.get(unit, UNKNOWN), self._context.file.system.trial_run
         partial = folder.with_suffix(".partial")
-        for attempt in range(_EVIDENCE_TRIALS):
+        for attempt in range(5):
             shutil.rmtree(partial, ignore_errors=True)
             alone, whole = UnitTrial(unit, baseline, evidence=True), SystemTrial(pace, evidence=True)
             if in_system is not None and in_system.trials:

@@ -121,11 +121,8 @@ class TrialBatch:
         """Return the request that asks a worker to execute a case.
 
         Args:
-            case: The test case.
             directory: Folder in which it may leave files; a relative path is below the worker's working folder.
-            whole: Whether the request contains the shared data.
             imports: Modules that Python components import, by program, without those that the worker knows.
-            hangs: Known hangs, by component.
         """
         messages = self._told(case.messages)
         return _pack(
@@ -169,7 +166,6 @@ class TrialRequest:
         """Read a request.
 
         Args:
-            data: Bytes of the request.
             known: Shared data of earlier requests, by hash; that of this request is added.
 
         Raises:
@@ -270,11 +266,7 @@ def pack_baseline(key: str, baseline: Baseline) -> bytes:
 
 
 def read_baseline(data: bytes) -> tuple[str, Baseline]:
-    """Return the key of a baseline, and the baseline.
-
-    Raises:
-        ValueError: The data is not a baseline.
-    """
+    """Return the key of a baseline, and the baseline; raises ValueError if the data is not a baseline."""
     try:
         found = _unpack(data)
         baseline: Baseline = _adapter(Baseline).validate_python(found["baseline"])

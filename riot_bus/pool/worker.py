@@ -39,9 +39,6 @@ if TYPE_CHECKING:
     from riot_bus.pool.wire import Trial
     from riot_bus.vocabulary.message import Message
 
-_ENDS_WITHIN_S = 15.0
-"""Time that a trial with dead components needs at most to remove its segments, even on a loaded machine."""
-
 
 class TrialWorker:
     """Executes requests."""
@@ -101,7 +98,7 @@ def _receive(link: Connection, requests: queue.SimpleQueue[bytes | None], launch
             requests.put(link.recv_bytes())
     requests.put(None)
     launcher.close()
-    threading.Event().wait(_ENDS_WITHIN_S)
+    threading.Event().wait(15.0)  # for a trial with dead components to remove its segments, even on a loaded machine
     os._exit(1)
 
 

@@ -42,10 +42,6 @@ class Activity:
         # it is a divisor, and near 0 if all time was spent waiting; then rates had no bound
         return max(seconds - self.waited_since(before), seconds * 0.1)
 
-    def share_since(self, before: Activity, *, seconds: float) -> float:
-        """Return the time for which they ran, relative to the result of `had_since`."""
-        return self.ran_since(before) / self.had_since(before, seconds=seconds)
-
     def waited_since(self, before: Activity) -> float:
         """Return the seconds for which the thread that waited longest has waited for a processor."""
         return max((times[1] - before.of(thread)[1] for thread, times in self.threads.items()), default=0) / 1e9
@@ -77,13 +73,7 @@ STILL = Idle()
 
 
 def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
-    """Return the rates of activity between two moments.
-
-    Args:
-        before: Activity up to the first moment.
-        after: Activity up to the second moment.
-        seconds: Time in between, from which the time that they waited for a processor is subtracted.
-    """
+    """Return the rates of activity between two moments."""
     had = after.had_since(before, seconds=seconds)
     return Idle((after.switches - before.switches) / had, after.ran_since(before) / had)
 
@@ -96,7 +86,6 @@ class Threads:
     Args:
         pids: Ids of the processes; ended ones count as inactive.
         names: Prefixes of the names of the threads; others are left out.
-        but: Id of a thread that is left out.
     """
 
     def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",), but: int = 0) -> None:
@@ -207,10 +196,7 @@ class Threads:
             os.close(file)
 
     def _find(self) -> None:
-        """Open the files of new threads, and close those of ended ones.
-
-        Listing them is left out where their number is the same and none was seen to have ended.
-        """
+        """Open the files of new threads, and close those of ended ones."""
         counts = tuple(map(_threads_of, self.pids))
         if counts == self._counts and self._names == (b"",):
             return

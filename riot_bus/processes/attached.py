@@ -23,12 +23,7 @@ def attached_command(port: int) -> list[str]:
 
 
 def connected(port: int, *, to: int) -> list[int]:
-    """Return the ids of the processes on this machine that are connected to a TCP port, as far as this user may know.
-
-    Args:
-        port: Number of the port.
-        to: Id of the process that listens on the port, which is left out.
-    """
+    """Return the processes on this machine that are connected to a TCP port of `to`, as far as this user may know."""
     import psutil
 
     found = [

@@ -46,14 +46,6 @@ def container_commands(
     The first one runs it to its end, with its output and status; its process 1 forwards signals. It has to be executed
     with the variables, whose values are on no command line, as every user of this machine sees those.
 
-    Args:
-        container: Settings of the container in riot.toml, with placeholders filled in.
-        name: Name that the container gets, unique on this machine.
-        command: Command that replaces the image's own one; empty for the latter.
-        env: Variables that the container gets in addition to those of its image.
-        folder: Folder of the trial, visible in the container under the same path.
-        cwd: Folder that paths start from.
-
     Raises:
         ConfigError: There is no program that runs containers, or the compose file cannot be read.
         EnvironmentFaultError: The program that reads compose files does not answer.

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 _PT_LOAD, _PT_EH_FRAME = 1, 0x6474E550
 _SHT_SYMTAB, SHT_DYNSYM = 2, 11
-_FUNCTIONS = (2, 10)  # STT_FUNC, STT_GNU_IFUNC
 _SEARCH_TABLE = b"\x01\x1b\x03\x3b"  # version 1; what all linkers write
 _KINDS = {0: "Q", 2: "H", 3: "I", 4: "Q", 10: "h", 11: "i", 12: "q"}
 _CLONE = re.compile(r"(\.(cold|part|isra|constprop|lto_priv|llvm)(\.\d+)*)+$|17h[0-9a-f]{16}(?=E$)")
@@ -29,7 +28,6 @@ class CallFrame(NamedTuple):
     """How to unwind from a place in a function to its caller.
 
     Attributes:
-        begin: Address at which the function, or this part of it, begins.
         register: Register whose value plus `offset` is the caller's stack pointer.
         saved: Offsets of saved registers from that stack pointer; None for registers whose value is lost.
         return_register: Number of the register that holds the return address, or as which it is saved.
@@ -78,12 +76,7 @@ class _Reader:
 
 @dataclass(slots=True)
 class _Rows:
-    """Executes call frame instructions up to a place in a function.
-
-    Attributes:
-        cfa: Register and offset of the canonical frame address; None if that is an expression.
-        saved: Offsets of saved registers from that address; None for registers whose value is lost.
-    """
+    """Executes call frame instructions up to a place in a function."""
 
     code: int
     data: int
@@ -153,12 +146,7 @@ class _Rows:
 
 
 class ElfFile:
-    """A 64-bit little-endian ELF file, as far as native stacks need it.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is not a file of this format.
-    """
+    """A 64-bit little-endian ELF file, as far as native stacks need it."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -210,7 +198,7 @@ class ElfFile:
         found = []
         for table, names in self.tables(_SHT_SYMTAB) or self.tables(SHT_DYNSYM):
             for name, info, _, section, value, size in struct.iter_unpack("<IBBHQQ", table):
-                if section and info & 0xF in _FUNCTIONS:
+                if section and info & 0xF in (2, 10):  # STT_FUNC, STT_GNU_IFUNC
                     found.append((value, size, names[name : names.find(b"\0", name)].decode(errors="replace")))
         return sorted(found)
 

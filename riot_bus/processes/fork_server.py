@@ -40,12 +40,7 @@ FIRST = frozenset({"gevent", "eventlet"})  # they patch parts of the standard li
 
 
 def load(names: Iterable[str], own: str) -> str:
-    """Import the installed ones of some modules; return why nothing can be forked then, empty if it can.
-
-    Args:
-        names: Modules that the component imports, in their order.
-        own: Folder in which the component looks for modules first.
-    """
+    """Import the installed ones of some modules; return why nothing can be forked then, empty if it can."""
     wanted = [name for name in names if is_installed(name.partition(".")[0], own)]
     if early := FIRST.intersection(wanted):
         return f"it imports {', '.join(sorted(early))}, which must come before all others"
@@ -142,12 +137,7 @@ def become(request: dict[str, Any]) -> None:
 
 
 def run(module: str | None, words: list[str]) -> None:
-    """Run a module, or the script that is the first word, as the main program.
-
-    Args:
-        module: Name of the module, None for a script.
-        words: Further words of the command line, including the name of a script.
-    """
+    """Run a module, or the script that is the first word, as the main program."""
     safe = bool(getattr(sys.flags, "safe_path", False))
     main = sys.modules["__main__"] = types.ModuleType("__main__")
     main.__dict__["__builtins__"] = __builtins__

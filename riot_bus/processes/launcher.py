@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.processes.forking import Fork
+from riot_bus.processes.starts import Fork
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -88,7 +88,6 @@ class Launcher:
 
     Args:
         slot: Number of the trial among those that run at once.
-        quiet: Whether to keep output off the stdout of this process.
         scratch: Folder that is removed at the end, even if this process is killed.
     """
 
@@ -135,19 +134,12 @@ class Launcher:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
 
         Args:
-            name: Name of the component.
-            argv: Command of the component.
-            env: Whole environment of the component.
-            cwd: Working folder of the component.
             directory: Folder for its output; None for the output of this process, unless that is `quiet`.
-            fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: Description of its fork server, or the reason why it has none; None to execute its command.
-            limits: Resource limits (see `resource_limits.Guard`); None for no limits.
             script: Text on its standard input, which then stays open until it or riot ends; None for no input.
             teardown: Command that is run when the component or riot has ended, for whatever reason. Its output goes to
                 `<directory>/<name>.teardown`.
             undoes: Whether to run the teardown only if the component ends with a status other than 0, or is killed.
-            relayed: Whether another program passes on its status; see `ComponentProcess`.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.

@@ -19,12 +19,7 @@ STARTED = ".started"
 
 @dataclass(frozen=True, slots=True)
 class StartedProcesses:
-    """Numbers of processes that Python has started, by name.
-
-    Attributes:
-        chosen: Processes with a chosen name.
-        others: The other ones.
-    """
+    """Numbers of processes that Python has started, by name."""
 
     chosen: Mapping[str, int]
     others: Mapping[str, int]
@@ -53,8 +48,6 @@ def only_some(given: Mapping[str, str], only: str, *, plan: Path) -> dict[str, s
     """Return the variables with which a process starts only some of its child processes.
 
     Args:
-        given: Variables of the process.
-        only: Regular expression for the whole name of the processes that are started.
         plan: File to write, in a folder to which only this user should be able to write; a file next to it reports
             what would have been started.
     """

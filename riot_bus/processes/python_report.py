@@ -21,13 +21,10 @@ _OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))
 
 _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
 _LARGEST = 1 << 20
-_POLL = 0.005
 _SAFE_S = 0.5
 """Seconds to wait for the answer of a main thread, which comes if it returns to Python code."""
 _WHOLE = re.compile(r"( in (<module>|_run_module_as_main)|\nall threads)\n$")
 """End of a complete report: the main thread comes last, or a line that the hook adds."""
-_STILL = 10
-"""Polls without new text after which the text is taken as it is: on a loaded machine it comes in pieces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +41,6 @@ class ThreadStack:
 
     Attributes:
         functions: Functions of the component's own code, the innermost first; those of libraries are left out.
-        text: The stack as Python wrote it.
     """
 
     functions: tuple[str, ...]
@@ -61,12 +57,7 @@ class PythonReport:
         self._known: tuple[int, list[dict[str, object]]] = 0, []
 
     def environment(self, given: Mapping[str, str], *, imports: bool = False) -> dict[str, str]:
-        """Return the variables that make the hook work, for a component with these.
-
-        Args:
-            given: The variables that the component has besides.
-            imports: Whether the hook also writes down what is imported.
-        """
+        """Return the variables that make the hook work, for a component with these."""
         more = {"RIOT_TRIAL_IMPORTS": str(self._imports)} if imports else {}
         return {
             "PYTHONPATH": os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])]),
@@ -127,8 +118,9 @@ class PythonReport:
             os.kill(pid, number)
         deadline, text = time.monotonic() + seconds, ""
         still = 0
-        while time.monotonic() < deadline and still < (1 if _WHOLE.search(text) else _STILL):
-            time.sleep(_POLL)
+        # On a loaded machine, the text comes in pieces.
+        while time.monotonic() < deadline and still < (1 if _WHOLE.search(text) else 10):
+            time.sleep(0.005)
             now = _text_of(path, begin=before)
             still = still + 1 if now and now == text else 0
             text = now

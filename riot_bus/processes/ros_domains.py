@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 
 _DOMAINS = range(1, 101)
-_LOCK_PORT = 32_768
-"""A domain is taken by binding this port plus its number, as ROS's domain_coordinator and colcon's do."""
 _DDS_PORT, _PORTS_OF_DOMAIN = 7400, 250
 """First port, and distance between domains, of the ports on which participants discover each other."""
 
@@ -80,7 +78,7 @@ def free_domains(count: int) -> Iterator[list[int]]:
 @contextmanager
 def _taken(number: int) -> Iterator[None]:
     with socket.socket() as lock, socket.socket(type=socket.SOCK_DGRAM) as probe:
-        lock.bind(("", _LOCK_PORT + number))
+        lock.bind(("", 32_768 + number))  # as ROS's domain_coordinator and colcon's do
         probe.bind(("", _DDS_PORT + _PORTS_OF_DOMAIN * number))
         probe.close()
         yield

@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from typing import Any
 
 
-ADDR_NO_RANDOMIZE = 0x0040000
-STARTS_WITHIN_S = 60.0
-"""Time limit for the imports of a fork server, sufficient also on a loaded machine."""
+ADDR_NO_RANDOMIZE = 0x0040000  # of personality(2)
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -84,16 +82,11 @@ def children_of(parent: int) -> list[int]:
 
 
 class ForkServer:
-    """A running `fork_server.py`.
-
-    Args:
-        wanted: Description of the server: `interpreter` (a command), `env`, `modules`, `own` (see `forking.Fork`).
-        fixed: Whether addresses are the same each time.
-    """
+    """A running `fork_server.py`."""
 
     def __init__(self, wanted: dict[str, Any], *, fixed: bool) -> None:
         self._link, theirs = socket.socketpair()
-        self._link.settimeout(STARTS_WITHIN_S)
+        self._link.settimeout(60.0)  # for its imports, also on a loaded machine
         self._process = subprocess.Popen(
             [*wanted["interpreter"], os.path.join(os.path.dirname(os.path.abspath(__file__)), "fork_server.py")],
             env=wanted["env"],

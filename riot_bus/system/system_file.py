@@ -41,8 +41,6 @@ _PLACEHOLDERS = (
     "domain",
     "free_port",
 )
-_NEAR = 0.8
-"""Likeness of a misspelt placeholder: `{speeed}` and `{enpoint}`, but not `{feed}` or `{port}`."""
 
 
 class _Table(BaseModel):
@@ -520,11 +518,7 @@ class SystemFile(_Table):
         return [*_texts(component), *map(self.text_of, component.files)]
 
     def text_of(self, name: str) -> str:
-        """Return the text of a file in which placeholders are filled in.
-
-        Raises:
-            ConfigError: It cannot be read.
-        """
+        """Return the text of a file in which placeholders are filled in; raises ConfigError if it cannot be read."""
         try:
             return (self.root / name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
@@ -623,7 +617,8 @@ def _misspelt(text: str) -> tuple[str, str] | None:
         word, more = found.groups()
         if word == "free_port" and more is not None and not FREE_PORT.fullmatch(found[0]):
             return f"{found[0]!r} is not a placeholder", "the name has letters, digits and _, 40 at most"
-        near = [] if word in _PLACEHOLDERS else get_close_matches(word, _PLACEHOLDERS, n=1, cutoff=_NEAR)
+        # Near are `{speeed}` and `{enpoint}`, but not `{feed}` or `{port}`.
+        near = [] if word in _PLACEHOLDERS else get_close_matches(word, _PLACEHOLDERS, n=1, cutoff=0.8)
         if near:
             return f"{found[0]!r} is not a placeholder", f"did you mean {{{near[0]}}}? If not, write it {{{found[0]}}}"
     return None

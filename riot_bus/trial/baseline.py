@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.processes.python_report import ThreadStack
     from riot_bus.vocabulary.message import Message
 
-_PROBE = 16
-"""Least number of messages of a probe: small, since each passing trial spends time on them."""
-
 
 class Growth(NamedTuple):
     """Increase of a unit's memory in bytes, open files and threads from the start to the end of a trial."""
@@ -50,8 +47,6 @@ class NominalTrial:
     Attributes:
         log_answers: Number of outputs while the log was played, by topic.
         probe_answers: Number of outputs while the probe was played after the log, by topic.
-        main_ended: Whether a Python main thread had ended.
-        status: Exit status, None if the unit still ran.
         mute: Monitors that miss the violation in a copy of the trial made to violate them, and why.
         probed: Index of the first output after the start of the probe; None if there was no probe.
     """
@@ -73,16 +68,12 @@ class Baseline:
 
     Attributes:
         trials: Number of nominal trials; 0 if nothing is known, so that nothing can be concluded.
-        probe: Some messages of the log that a live unit answers.
         log_answers: Least number of outputs for the whole log, by topic; topics without any are left out.
         probe_answers: Least number of outputs for the probe after the log, by topic; topics without any are left out.
         at_rest: Functions in which Python threads stood at rest, with the least number of threads in each.
         threads: Functions in which Python threads began, with the least number of threads of each.
-        main_ends: Whether the main thread ends although the process continues.
-        ends: Whether the unit ends by itself with status 0.
         mute: Monitors that miss the violation in a copy of each trial made to violate them, and why.
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
-        mined: Mined rules that all answers to the probe follow.
         alarms: Signatures of violations in nominal trials that were judged by this baseline.
         busy: Processor time of nominal trials in seconds per second; 0 if it is not known.
     """
@@ -125,7 +116,6 @@ class Baseline:
         """Return the functions in which threads stand now, but no thread stands at rest.
 
         Args:
-            stacks: Present stacks of the threads.
             anywhere: Whether threads such as new ones count even if no thread is missing from its place at rest.
         """
         standing = Counter(stack.functions[0] for stack in stacks)
@@ -150,11 +140,7 @@ class Baseline:
         return found
 
     def excess(self, growth: Growth, *, input_bytes: int) -> float:
-        """Return the growth that neither nominal growth nor the input explains, as a share of what is allowed above it.
-
-        Returns:
-            The largest share among memory, files and threads; 0 if nothing is known.
-        """
+        """Return the growth that neither nominal growth nor input explains, as a share of what is allowed above it."""
         if not self.trials:
             return 0.0
         more = (now - max(0, usual) for now, usual in zip(growth, self.growth, strict=True))
@@ -178,7 +164,7 @@ def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
     """
     counts = Counter(message.key for message in log)
     some = [message for message in log if counts[message.key] > 1] or log
-    first = max(0, len(some) - _PROBE)
+    first = max(0, len(some) - 16)  # few: each passing trial spends time on them
     last = {message.key: number for number, message in enumerate(some)}
     return tuple(message for number, message in enumerate(some) if number >= first or last[message.key] == number)
 

@@ -31,14 +31,8 @@ DEBUGGER = (
 """Prefix of a component's command that prints the native stack when a signal ends the component."""
 
 
-def write_evidence(
-    folder: Path, view: TrialView, violations: Sequence[Violation], *, context: Context
-) -> dict[str, int]:
-    """Write the evidence of a trial into files of a folder, each bounded in size.
-
-    Returns:
-        The size of each file in bytes, by name.
-    """
+def write_evidence(folder: Path, view: TrialView, violations: Sequence[Violation], *, context: Context) -> None:
+    """Write the evidence of a trial into files of a folder, each bounded in size."""
     folder.mkdir(parents=True, exist_ok=True)
     for component in view.components:
         texts = {"stdout": component.printed, "stderr": component.errors, "stacks": component.signs.stacks}
@@ -58,7 +52,6 @@ def write_evidence(
         **_surroundings(context, [each.name for each in view.components]),
     }
     (folder / "trial.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    return {path.name: path.stat().st_size for path in sorted(folder.iterdir())}
 
 
 def _surroundings(context: Context, names: Sequence[str]) -> dict[str, object]:

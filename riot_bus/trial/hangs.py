@@ -10,30 +10,32 @@ known with each other and with later commands.
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+from riot_bus.processes.python_report import deepest_common
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Sequence
+
+    from riot_bus.processes.activity import Activity
     from riot_bus.processes.python_report import ThreadStack
+    from riot_bus.trial.baseline import Baseline
+
 
 HangStacks: TypeAlias = frozenset[tuple[str, ...]]
 """Stacks of the threads that stand where no thread stands at rest; empty for a program that is not Python."""
 _PATIENCE, _TIMES = 0.75, 3.0
 _BLIND = 0.3
 """Least patience if there are no stacks that tell a hang from work, as a share of the timeout."""
-_SHARE = 0.1
-"""Largest share of the time of all trials that may be spent on waiting for known hangs to the timeout."""
+_STEP, LOOKS = 0.25, 3
+"""Seconds between two looks at the stacks, and the number of looks that have to agree. A look takes some milliseconds
+of the unit's time."""
 
 
 def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
-    """Return the stacks that identify a hang.
-
-    Args:
-        stacks: Stacks of the unit's threads.
-        blocked: Functions in which threads stand, but no thread stands at rest.
-    """
+    """Return the stacks that identify a hang."""
     return frozenset(stack.functions for stack in stacks if stack.functions[0] in blocked)
 
 
@@ -50,12 +52,7 @@ class KnownHangs:
     longest: float = 0.0
 
     def changed(self, told: KnownHangs, found: KnownHangs) -> KnownHangs:
-        """Return the known hangs with those that a process has added, and without those that it has removed.
-
-        Args:
-            told: Known hangs that the process was given.
-            found: Known hangs that the process returned.
-        """
+        """Return the known hangs with those that a process has added, and without those that it has removed."""
         gone = set(told.places) - set(found.places)
         places = {*self.places, *found.places} - gone
         return KnownHangs(tuple(sorted(places)), max(self.longest, found.longest))
@@ -84,19 +81,13 @@ class Hangs:
             return KnownHangs(tuple(sorted(tuple(sorted(place)) for place in self._known)), self._longest)
 
     def is_known(self, place: HangStacks, *, busy: float, timeout: float) -> bool:
-        """Return whether a unit is in a known hang.
-
-        Args:
-            place: Stacks that identify the hang.
-            busy: Time that the unit has been busy without an output, in seconds.
-            timeout: Seconds after which the unit counts as hanging in any case.
-        """
+        """Return whether a unit is in a known hang."""
         patience = max(_PATIENCE if place else _BLIND * timeout, _TIMES * self._longest)
         return place in self._known and busy >= patience
 
     def may_wait(self, timeout: float) -> bool:
         """Return whether hangs took so little time so far that riot can wait for a known one to the timeout."""
-        return self._waited + timeout <= _SHARE * self._trials
+        return self._waited + timeout <= 0.1 * self._trials  # of the time of all trials
 
     def add(self, place: HangStacks, *, waited: float) -> None:
         """Add a hang that was waited for to the timeout, for `waited` seconds."""
@@ -108,7 +99,6 @@ class Hangs:
         """Note the end of a trial.
 
         Args:
-            seconds: Duration of the trial in seconds.
             busy: Longest time that the unit was busy without an output before it continued, in seconds; 0 if it hung.
             taken_for: Known hang for which the unit was mistaken before it continued.
         """
@@ -116,3 +106,60 @@ class Hangs:
             self._trials += seconds
             self._longest = max(self._longest, busy)
             self._known -= {taken_for}
+
+
+class HangWatch:
+    """Tells, when called repeatedly while riot waits for a unit, whether the unit is in a known hang."""
+
+    def __init__(
+        self,
+        hangs: Hangs,
+        baseline: Baseline,
+        *,
+        outputs: Callable[[], int],
+        activity: Callable[[], Activity],
+        stacks: Callable[[], Sequence[ThreadStack]],
+        timeout: float,
+    ) -> None:
+        self.known, self.longest = False, 0.0
+        self.taken_for: HangStacks | None = None
+        self._hangs, self._baseline, self._count = hangs, baseline, outputs
+        self._activity, self._unit_stacks = activity, stacks
+        self._timeout, self._waits = timeout, hangs.may_wait(timeout)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._next = time.monotonic() + _STEP
+        self._outputs = self._count()
+        self._since: tuple[float, Activity] | None = None
+        self._busy = 0.0
+        self._stands: HangStacks | None = None
+        self._looks: list[Sequence[ThreadStack]] = []
+
+    def went_on(self) -> None:
+        """Note that the unit has continued."""
+        self.longest, self.taken_for = max(self.longest, self._busy), self._stands or self.taken_for
+        self._restart()
+
+    def __call__(self) -> bool:
+        """Return whether the unit is in a known hang."""
+        now = time.monotonic()
+        if self.known or now < self._next:
+            return self.known
+        if self._count() != self._outputs:
+            self.went_on()
+            return False
+        self._next, seen = now + _STEP, self._activity()
+        if self._since is None:
+            self._since = now, seen
+            return False
+        begin, before = self._since
+        self._busy = now - begin - seen.waited_since(before)  # a loaded machine is not a hang
+        if self._hangs:
+            self._looks = [*self._looks, self._unit_stacks()][-LOOKS:]
+            stacks = deepest_common(self._looks)
+            place = hang_stacks(stacks, self._baseline.blocked(stacks, anywhere=True))
+            agreed = len(self._looks) == LOOKS
+            if agreed and self._hangs.is_known(place, busy=self._busy, timeout=self._timeout):
+                self.known, self._stands = not self._waits, place
+        return self.known

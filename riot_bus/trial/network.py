@@ -1,7 +1,4 @@
-"""The network of one trial: its segments, what is published to components, and what they publish.
-
-Segments stay open between trials: opening, joining and closing them took a third of a short trial.
-"""
+"""The network of one trial: its segments, what is published to components, and what they publish."""
 
 from __future__ import annotations
 
@@ -104,13 +101,9 @@ class TrialNetwork:
 
     Args:
         segments: Names of the segments; empty for one segment for each component, with its name.
-        intercept: Key expressions that are cut and passed through `pipeline`.
-        stall: Seconds after which a component that takes no messages loses its link.
         attach: Components of the trial; if one runs already, its segment listens on the address that it connects to.
-        kept: Network that is kept between trials; without it, segments are opened and closed.
 
     Attributes:
-        inputs: Messages that were published to components, in order.
         outputs: Collected messages of components, in order of reception.
         now: Function that returns the time of published messages, in nanoseconds.
     """
@@ -223,8 +216,6 @@ class TrialNetwork:
         """Publish an input; it waits if receivers are slow.
 
         Args:
-            segment: Name of the segment.
-            message: Message to publish.
             batched: Whether messages that follow at once may share a packet with it, even if it is an express message.
                 A packet for each took half of the time of a trial with thousands of messages.
         """

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Unpack
 
 from riot_bus.processes.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.system.system_file import Settle
-from riot_bus.trial.settling import POLL, all_wait, is_at_rest, own_others, own_senders, wait_settled
+from riot_bus.trial.settling import OWN, POLL, RestOptions, all_wait, is_at_rest, wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.monitors.model import ResourceSample
     from riot_bus.processes.python_report import MainEnd, ThreadStack
-    from riot_bus.system.system_file import Settle
     from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.processes import TrialProcesses
-from riot_bus.trial.settling import RestOptions
 
 MEASURE_S = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
@@ -26,9 +24,6 @@ _MEASURED = 3
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
-_LITTLE = 0.03
-"""Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
-_ALIKE = 0.2  # timers do about the same each time, a start does not; a guess
 
 
 class Observation:
@@ -41,7 +36,7 @@ class Observation:
 
     def __init__(self, processes: TrialProcesses, network: TrialNetwork) -> None:
         self.idle = STILL
-        self.senders, self.others = own_senders(), own_others()
+        self.senders, self.others = OWN.senders, OWN.others
         self._processes, self._network = processes, network
         self._families: dict[tuple[int, ...], Threads] = {}
         self._samples: dict[str, list[ResourceSample]] = {}
@@ -85,14 +80,7 @@ class Observation:
         return self.activity(names), self.others.activity()
 
     def held_up(self, names: Iterable[str], *, since: tuple[Activity, Activity] | None = None) -> Callable[[], float]:
-        """Return a function that tells how many seconds components, or the router here, waited for a processor.
-
-        A wait counts when it is over: see `wants_processor`.
-
-        Args:
-            names: Names of the components.
-            since: Result of `begin` from when on; None for now.
-        """
+        """Return a function that tells how many seconds components, or the router here, waited for a processor."""
         looked_at = self.threads(names), self.others
         before = since or [threads.activity() for threads in looked_at]
         return lambda: max(now.activity().waited_since(then) for now, then in zip(looked_at, before, strict=True))
@@ -141,10 +129,8 @@ class Observation:
         has declared, and of several subscribers of a key, only the first one is waited for elsewhere.
 
         Args:
-            names: Names of the components.
             known: Earlier measurements of components that were started in the same way. With three of them, these only
                 have to stand still as after an input; else the new one is added.
-            deadline: Time limit, in seconds of the monotonic clock.
         """
         if len(known) >= _MEASURED:
             self.idle = sorted(known, key=lambda each: each.switches)[_MEASURED // 2]
@@ -158,8 +144,9 @@ class Observation:
             self.include_started(names)
             now = self.measure_idle(names, seconds=MEASURE_S)
             self.idle = now if last is None else now.or_more(last)
-            alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
-            if (now.ran <= _LITTLE or alike) and not self.wants_processor(names):
+            alike = last is not None and abs(now.switches - last.switches) <= 0.2 * now.switches
+            # A program that starts takes most of a processor, Zenoh's threads a tenth of this share.
+            if (now.ran <= 0.03 or alike) and not self.wants_processor(names):
                 known.append(self.idle)
                 return
             last = now
@@ -185,9 +172,7 @@ class Observation:
         True for Python programs only: any other program that is ending is quiet, too, while it closes its session.
 
         Args:
-            name: Name of the component.
             since: Result of `begin` before its input; the threads here send and receive.
-            window: Seconds within which no timer of Zenoh's may be due.
         """
         threads, (before, own) = self.threads([name]), since
         return (
@@ -200,7 +185,7 @@ class Observation:
 
     def sample_resources(self, name: str) -> Sequence[ResourceSample]:
         """Note the resources that a component uses now; return all that were noted."""
-        bridge = self._processes.bridge_of(name)
+        bridge = self._processes.bridges.get(name)
         ours = families([bridge.pid]) if bridge is not None else ()
         own = [pid for pid in self.threads([name]).pids if pid not in ours]
         samples = self._samples.setdefault(name, [])

@@ -46,7 +46,8 @@ class Placeholders:
             "{duration}": f"{pace.duration if pace else 0:g}",
             "{speed}": f"{pace.speed if pace else 1:g}",
         }
-        words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
+        for one, value in self._parameters.items():  # as commands take it: `true` rather than `True`
+            words[f"{{param:{one}}}"] = str(value).lower() if isinstance(value, bool) else str(value)
         for text in self._file.texts_of(component):
             words |= self._ports_in(text)
             words |= {"{domain}": str(self.domain(name))} if "{domain}" in text else {}
@@ -91,8 +92,3 @@ def fill(text: str, words: Mapping[str, str]) -> str:
     for word, value in words.items():
         text = text.replace(word, value)
     return text
-
-
-def _as_word(value: Scalar) -> str:
-    """Return a parameter as commands take it: `true` rather than `True`."""
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -11,19 +11,17 @@ import re
 import secrets
 import signal
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.processes.containers import first_process
-from riot_bus.processes.forking import fork_of
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.processes.placement import STARTED, only_some, started_in
 from riot_bus.processes.python_report import PythonReport
 from riot_bus.processes.resource_limits import amount_text
 from riot_bus.processes.ros_domains import domain_environment, start_bridge
-from riot_bus.processes.starts import start_of
+from riot_bus.processes.starts import fork_of, start_of
 from riot_bus.processes.supervisor import ADDR_NO_RANDOMIZE
 from riot_bus.trial.placeholders import Placeholders, fill
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
@@ -33,9 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, MutableMapping, Sequence
     from pathlib import Path
 
-    from riot_bus.processes.forking import Fork
     from riot_bus.processes.launcher import ComponentProcess, Launcher
-    from riot_bus.processes.starts import Start
+    from riot_bus.processes.starts import Fork, Start
     from riot_bus.system.system_file import RunPace
     from riot_bus.trial.context import Context
     from riot_bus.vocabulary.message import Scalar
@@ -73,13 +70,10 @@ class TrialProcesses:
     """The processes of components, and what belongs to each: its container, its bridge to DDS; a context manager.
 
     Args:
-        directory: Folder for their output and for what they write to `{trial_dir}`.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another command; components that are not in it are executed and added, others are forked.
-        parameters: Values of {param:NAME} that differ from the nominal ones.
 
     Attributes:
-        started: The started components, by name.
         alike: Text that is the same for components that are started in the same way, by name.
         started_at: Time of the start, in seconds of the monotonic clock, by name.
     """
@@ -103,8 +97,8 @@ class TrialProcesses:
         self._file, self._launcher, self._directory = context.file, launcher, directory
         self._imports = {} if imports is None else imports
         self._starts: dict[str, Start] = {}
-        self._folders: dict[str, Path] = {}
-        self._bridges: dict[str, ComponentProcess] = {}
+        self.folders: dict[str, Path] = {}
+        self.bridges: dict[str, ComponentProcess] = {}
         self._inside: dict[str, Sequence[int]] = {}
         self._commands: dict[str, _Commands] = {}
 
@@ -143,14 +137,6 @@ class TrialProcesses:
     ) -> ComponentProcess:
         """Start a component, after what is set up for it.
 
-        Args:
-            name: Name of the component.
-            endpoint: Endpoint of its segment.
-            segment: Name of its segment.
-            seed: Value of `{seed}`.
-            pace: Values of `{duration}` and `{speed}`.
-            before: Words before its command, such as those of a debugger, if the command is executed here.
-
         Raises:
             ConfigError: The component cannot be started so on this machine, or its setup fails.
             EnvironmentFaultError: The component or its setup cannot be executed.
@@ -173,7 +159,7 @@ class TrialProcesses:
             env = env | self.python.environment(env, imports=self._program(name) not in self._imports)
         if component.only is not None:
             env = env | only_some(env, component.only, plan=self._directory / f"{name}.only")
-        cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
+        cwd = self.folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
         start = self._starts[name] = start_of(
             filled,
             called,
@@ -191,11 +177,11 @@ class TrialProcesses:
         if not (asked or before or component.only) and component.is_process:
             varying = {key for key, value in filled.env.items() if component.env[key] != value}
             fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
-        bridge = self._bridges.get(name)
+        bridge = self.bridges.get(name)
         if component.dds and (bridge is None or not self._launcher.alive(bridge)):
             number, title = self.placeholders.domain(name), f"{name}.bridge"
             nodes = {str(each.node) for each in self._file.external.in_nodes.values()}
-            self._bridges[name] = start_bridge(
+            self.bridges[name] = start_bridge(
                 self._launcher,
                 title,
                 endpoint=endpoint,
@@ -238,11 +224,7 @@ class TrialProcesses:
         return self.started[name]
 
     def end(self, names: Iterable[str]) -> None:
-        """End components, as `stop` in riot.toml asks for.
-
-        Raises:
-            EnvironmentFaultError: One cannot be ended.
-        """
+        """End components, as `stop` in riot.toml asks for; raises EnvironmentFaultError if one cannot be ended."""
         for name in names:
             self._terminate(name)
             process = self.started[name]
@@ -295,10 +277,6 @@ class TrialProcesses:
                     f"{name}.ready", check.ready, env=check.env, cwd=check.cwd, directory=self._directory
                 )
         return f"is not ready: {check.ready[0]!r}{check.told or ' has not ended'}"
-
-    def folder_of(self, name: str) -> Path:
-        """Return where a component's code is: its working folder."""
-        return self._folders[name]
 
     def execute(self, name: str, command: Sequence[str], *, timeout: float) -> None:
         """Execute a command of riot.toml that belongs to no component, such as a reset, to its end.
@@ -365,7 +343,7 @@ class TrialProcesses:
         for name in names:
             found.append(self.started[name].pid)
             found += self._inside.get(name, ())
-            found += [self._bridges[name].pid] if name in self._bridges else []
+            found += [self.bridges[name].pid] if name in self.bridges else []
         return tuple(found)
 
     def excess(self, name: str) -> tuple[str, str] | None:
@@ -377,13 +355,9 @@ class TrialProcesses:
         most = amount_text(what, getattr(limits, what))
         return what, f"it had {what} of {amount_text(what, had)}, and [components.{name}] limits it to {most}"
 
-    def bridge_of(self, name: str) -> ComponentProcess | None:
-        """Return the bridge of a component to DDS; None if it has none."""
-        return self._bridges.get(name)
-
     def runs(self, name: str) -> bool:
         """Return whether a component runs, and its bridge if it has one."""
-        processes = [self.started[name], *([self._bridges[name]] if name in self._bridges else [])]
+        processes = [self.started[name], *([self.bridges[name]] if name in self.bridges else [])]
         return all(map(self._launcher.alive, processes))
 
     def check_way(self, name: str) -> None:
@@ -392,7 +366,7 @@ class TrialProcesses:
         Raises:
             EnvironmentFaultError: The bridge or connection has ended.
         """
-        start, process, bridge = self._starts[name], self.started[name], self._bridges.get(name)
+        start, process, bridge = self._starts[name], self.started[name], self.bridges.get(name)
         if bridge is not None and not self._launcher.alive(bridge):
             ended, what = bridge, "the bridge to DDS"
         elif start.lost is not None and process.status == start.lost:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.trial.scarce import held
+from riot_bus.trial.setup import held
 from riot_bus.trial.virtual_time import VirtualTime, single_key
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.injection import PARAMETERS
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 FOLDER_PREFIX = "kept-{}-"
 """Prefix of the folders of kept systems, with the process id of the worker."""
-_MOST_RUNS = 100
-"""Largest number of runs of one set of processes, so that a start costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
 
 
@@ -44,8 +42,6 @@ class RunningSystem(ABC):
 
     Args:
         reset: Message or command that resets them to their first state; None if they serve one run only.
-        timeout: Seconds after which a component that is still busy counts as hanging.
-        stall: Seconds after which a component that takes no messages loses its link.
     """
 
     setup: TrialSetup
@@ -104,7 +100,6 @@ class RunningSystem(ABC):
         """Begin a run: discard what was observed so far, and remove all observers.
 
         Args:
-            interceptors: Interceptors of the messages from outside from now on.
             time: Time of the first message of the run in nanoseconds, if it is in virtual time.
         """
 
@@ -121,7 +116,7 @@ class RunningSystem(ABC):
         """Whether another run is possible: they can be reset, and hold no limited resource that others wait for."""
         components = self._place.context.file.components
         free = not any(components[name].resources or components[name].attach for name in self._names)
-        return self._reset is not None and self.runs < _MOST_RUNS and free
+        return self._reset is not None and self.runs < 100 and free  # so that a start costs less than a hundredth
 
     def fits(self, *, seed: int, pace: RunPace, parameters: Mapping[str, Scalar]) -> bool:
         """Return whether all components run, another run is possible, and it needs the same commands."""
@@ -141,12 +136,7 @@ class RunningSystem(ABC):
         self.setup.readiness.wait_ready(self._names)
 
     def _reset_components(self, reset: Reset, publish: Callable[[Message], bool], *, where: str) -> None:
-        """Reset components to their first state, by the command or by the message that riot.toml names.
-
-        Raises:
-            ConfigError: The command fails, or no component has subscribed to the message.
-            EnvironmentFaultError: The command cannot be executed, or takes too long.
-        """
+        """Reset components to their first state, by the command or by the message that riot.toml names."""
         where = f"{self._place.context.file.path}: {where}"
         if reset.topic is None:
             self.setup.processes.execute("reset", reset.command, timeout=self._timeout)
@@ -160,10 +150,6 @@ class RunningSystem(ABC):
 
 class RealTimeSystem(RunningSystem):
     """Components that run in real time.
-
-    Args:
-        drivers: Names of the external components that drive a run.
-        injected: Topics that injections change.
 
     Attributes:
         intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
@@ -194,12 +180,7 @@ class RealTimeSystem(RunningSystem):
         }
 
     def begin(self, interceptors: Sequence[object], *, time: int) -> None:
-        """Begin a run; reset the components if they run already.
-
-        Raises:
-            ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: The components cannot be reset.
-        """
+        """Begin a run; reset the components if they run already."""
         bus, self.runs = self.setup.network.bus, self.runs + 1
         if self.runs > 1:
             for observers in self._observers.values():
@@ -244,11 +225,7 @@ class RealTimeSystem(RunningSystem):
 
 
 class VirtualTimeSystem(RunningSystem):
-    """Components that run in virtual time, each on a separate segment.
-
-    Args:
-        timeout: Seconds after which a component that is still busy counts as hanging.
-    """
+    """Components that run in virtual time, each on a separate segment."""
 
     intercepted: Sequence[str] = ()
 
@@ -282,12 +259,7 @@ class VirtualTimeSystem(RunningSystem):
         return watch
 
     def start(self) -> None:
-        """Start the components, or reset those that run.
-
-        Raises:
-            ConfigError: No component has subscribed to the message that is to reset them.
-            EnvironmentFaultError: A component does not start, or cannot be reset.
-        """
+        """Start the components, or reset those that run."""
         self.runs += 1
         if self.runs == 1:
             self._start()

@@ -23,13 +23,13 @@ import threading
 import time
 from typing import TYPE_CHECKING, Required, TypedDict
 
-from riot_bus.processes.activity import STILL, Activity, Threads
+from riot_bus.processes.activity import STILL, Threads
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.processes.activity import Activity, Idle, Threads
+    from riot_bus.processes.activity import Activity, Idle
 
 POLL = 0.004
 """Seconds between looks at what takes some time."""
@@ -49,14 +49,19 @@ _PRIVATE, _COMMAND, _WAITS = 0x80, 0x7F, (0, 9)
 
 
 class _Own(threading.local):
-    """Open files of the threads of this process, for each thread that reads them: there are a hundred threads."""
+    """Threads of this process, for each thread that reads them: files stay open, and there are a hundred threads.
+
+    Attributes:
+        senders: Zenoh's threads that send. A transmission that was not yet carried out leaves its thread runnable.
+        others: All threads but the one that asks.
+    """
 
     def __init__(self) -> None:
         self.senders = Threads([os.getpid()], names=_SENDERS)
         self.others = Threads([os.getpid()], but=threading.get_native_id())
 
 
-_own = _Own()
+OWN = _Own()
 
 
 class RestOptions(TypedDict, total=False):
@@ -67,19 +72,6 @@ class RestOptions(TypedDict, total=False):
     since: Activity | None
     hangs: Callable[[], bool]
     rests: Callable[[], bool] | None
-
-
-def own_senders() -> Threads:
-    """Return Zenoh's threads of this process that send.
-
-    A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
-    """
-    return _own.senders
-
-
-def own_others() -> Threads:
-    """Return all threads of this process but the one that asks."""
-    return _own.others
 
 
 def wait_sent(senders: Threads, *, timeout: float) -> bool:
@@ -100,15 +92,7 @@ def _never() -> bool:
 def wait_taken(
     threads: Threads, senders: Threads, *, before: int, timeout: float, hopeless: Callable[[], bool] = _never
 ) -> bool:
-    """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep.
-
-    Args:
-        threads: Threads of the processes.
-        senders: Threads of this process that send, from `own_senders`.
-        before: Result of `threads.ran` before the first input.
-        timeout: Deadline in seconds.
-        hopeless: Function that returns True when waiting is pointless: a process has died, or hangs.
-    """
+    """Wait until processes have received all input: it is sent, they have run since, and all their threads sleep."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not hopeless():
         ran = threads.ran()
@@ -132,13 +116,9 @@ def wait_settled(
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
     Args:
-        threads: Threads of the processes.
-        window: Seconds without activity that count as settled.
         timeout: Deadline in seconds, without the time that the processes waited for a processor.
-        idle: Activity of the processes without any input.
         since: Activity before the last input; the processes count as not having received that input until they have run
             since, or ten windows have passed.
-        alive: Function that returns False when a process has died.
         hangs: Function that returns True when the processes are known to be busy for ever.
         rests: Function that returns True when nothing more can happen without input, so that there is no need to wait
             for the window; None if that is unknown.
@@ -208,7 +188,7 @@ class _Calm:
         if not self._idle.switches:
             return True
         allowed = _MORE_TIME * self._idle.ran + _SLACK
-        if seen.share_since(self._begun, seconds=now - self.since) <= allowed:
+        if seen.ran_since(self._begun) <= allowed * seen.had_since(self._begun, seconds=now - self.since):
             return True
         self._begin(seen)
         return False
@@ -221,7 +201,6 @@ def waits_for_input(name: bytes, call: bytes, *, window: float) -> bool:
     """Return whether a thread waits for another thread of its process, or is one of Zenoh's and waits for its sockets.
 
     Args:
-        name: Name of the thread.
         call: Line of the thread in /proc: number of the system call and its arguments.
         window: Seconds within which no timer of Zenoh's may be due.
     """
@@ -244,9 +223,7 @@ def all_wait(threads: Threads, *, since: Activity, window: float) -> bool:
     So it is certain of threads that only get work from those that have begun before them.
 
     Args:
-        threads: Threads of some processes.
         since: Activity before the input; a thread that has not run since is not affected by it.
-        window: Seconds within which no timer of Zenoh's may be due.
     """
     return all(
         waits_for_input(name, call, window=window)

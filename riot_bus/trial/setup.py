@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import os
 import signal
+import tempfile
 import time
-from contextlib import ExitStack
+from collections import Counter
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Self
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Self
 
+from riot_bus.given_files import private_folder
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, Signs, TrialView
 from riot_bus.processes.activity import out_of_memory_kills
 from riot_bus.trial.network import KeptNetwork, TrialNetwork
@@ -18,26 +24,66 @@ from riot_bus.trial.readiness import Readiness
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, MutableMapping, MutableSequence, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, MutableMapping, MutableSequence, Sequence
     from contextlib import AbstractContextManager
-    from pathlib import Path
 
     from riot_bus.processes.launcher import ComponentProcess, Launcher
-    from riot_bus.system.system_file import RunPace
+    from riot_bus.system.system_file import RunPace, SystemFile
     from riot_bus.trial.context import Context
     from riot_bus.vocabulary.message import Scalar
 
 
+def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:
+    """Return how many of which resource components need that run together; an address to attach to is one, too."""
+    components = [file.components[name] for name in names]
+    addresses = Counter({each.attach.replace("/", "-"): 1 for each in components if each.attach is not None})
+    return sum((Counter(each.resources) for each in components), addresses)
+
+
+@contextmanager
+def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
+    """Wait until the resources that components need are free, and hold them.
+
+    Each piece of a resource is a file that its holder locks: all processes of riot that test a system share them, and
+    those of a process are free as soon as it ends. They are taken in the order of their names, and only one trial at a
+    time takes pieces of a resource, so that no two trials wait for each other.
+    """
+    needs = needed(file, names)
+    if not needs:
+        yield
+        return
+    system = hashlib.sha256(os.fsencode(file.path)).hexdigest()[:16]
+    folder = private_folder(private_folder(Path(tempfile.gettempdir()) / f"riot-resources-{os.getuid()}") / system)
+    with ExitStack() as stack:
+        for name, count in sorted(needs.items()):
+            pieces = [folder / f"{name}.{number}" for number in range(file.resources.get(name, 1))]
+            with (folder / f"{name}.queue").open("ab") as queue:
+                fcntl.flock(queue, fcntl.LOCK_EX)
+                while count:
+                    for piece in list(pieces):
+                        if count and (taken := _taken(piece)):
+                            stack.enter_context(taken)
+                            pieces.remove(piece)
+                            count -= 1
+                    if count:
+                        time.sleep(0.05)  # how long a free piece may stay unused; a look locks a few files
+        yield
+
+
+def _taken(piece: Path) -> IO[bytes] | None:
+    """Return a file locked, which lasts until it is closed; None if another one has it."""
+    stream = piece.open("ab")
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        stream.close()
+        return None
+    return stream
+
+
 @dataclass(frozen=True, slots=True)
 class TrialPlace:
-    """The place of a trial: system, launcher, folder, and what is kept between trials.
-
-    Attributes:
-        directory: Folder in which files may be left.
-        imports: Modules that Python components import, by program (see `TrialProcesses`); trials fill it.
-        kept: Systems that are kept over trials.
-        network: Segments that stay open between trials.
-    """
+    """The place of a trial: system, launcher, folder, and what is kept between trials."""
 
     LEFT = "left"
     """Name in the folder of what a trial is asked to leave: a folder of evidence, or a recording."""
@@ -61,11 +107,7 @@ class TrialPlace:
 
 
 class TrialSetup:
-    """The parts of one trial; a context manager that leaves nothing behind.
-
-    Attributes:
-        begun: Start of the trial, in seconds of the monotonic clock.
-    """
+    """The parts of one trial; a context manager that leaves nothing behind."""
 
     def __init__(
         self,
@@ -118,14 +160,7 @@ class TrialSetup:
     def view(
         self, names: Sequence[str], *, settled: bool, waited: float, signs: Mapping[str, Signs] | None = None
     ) -> TrialView:
-        """Return what the monitors judge, for these components.
-
-        Args:
-            names: Names of the components.
-            settled: False when they were still busy at the deadline.
-            waited: That deadline, seconds.
-            signs: Differences of each component from nominal trials.
-        """
+        """Return what the monitors judge, for these components."""
         views = [self.component_view(name, (signs or {}).get(name, NO_SIGNS)) for name in names]
         network = self.network
         losses = network.bus.losses
@@ -163,7 +198,7 @@ class TrialSetup:
             name,
             process.status,
             process.errors(),
-            self.processes.folder_of(name),
+            self.processes.folders[name],
             component.tracebacks == "fail",
             printed=process.printed(),
             stack=process.stack,

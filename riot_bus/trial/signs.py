@@ -12,8 +12,7 @@ from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.processes.python_report import deepest_common
 from riot_bus.processes.resource_limits import Guard
 from riot_bus.trial.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.trial.hang_watch import LOOKS, HangWatch
-from riot_bus.trial.hangs import hang_stacks
+from riot_bus.trial.hangs import LOOKS, HangWatch, hang_stacks
 from riot_bus.trial.settling import POLL, wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 _CHECK_EVERY = 64
-_SAMPLES = 16
 _TAKEN_S = 2.0
 """A unit that works for longer, or has a thread that never sleeps, gets all further messages without waiting."""
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
@@ -45,11 +43,7 @@ is alone on its machine; one that sleeps is looked at after so many seconds."""
 class Feeder:
     """Plays messages to a running unit, and finds out whether it still works afterwards.
 
-    Args:
-        ordered: Whether the order of the log is kept across topics.
-
     Attributes:
-        sent: Number of messages that were published the last time.
         gave_up: Whether the order across topics was to be kept and was not: a unit that works for long, or never
             sleeps, gets further messages without waiting.
         probed: Number of outputs before the last probe; None if there was none.
@@ -70,7 +64,12 @@ class Feeder:
         self.begun: tuple[Activity, Activity] | None = None
         self._hangs = setup.context.hangs[name]
         self._watch = HangWatch(
-            self._hangs, self._network, self._observation, name, baseline, timeout=unit.settle.timeout
+            self._hangs,
+            baseline,
+            outputs=lambda: len(self._network.outputs),
+            activity=lambda: self._observation.activity([name]),
+            stacks=lambda: self._observation.stacks(name),
+            timeout=unit.settle.timeout,
         )
 
     @property
@@ -82,7 +81,6 @@ class Feeder:
         """Publish messages and wait until the unit has come to rest or died; see `rest`.
 
         Args:
-            messages: Messages to publish.
             expected: Number of outputs by topic after which it has received everything. Without them it has to be still
                 for a window: on a loaded machine, the kernel may hold back what was sent for some milliseconds.
         """
@@ -132,14 +130,10 @@ class Feeder:
         self._hangs.ended(seconds, busy=busy, taken_for=taken_for)
 
     def _publish(self, messages: Sequence[Message], before: Activity) -> Activity:
-        """Publish messages.
-
-        Returns:
-            Activity of the unit just before the last message.
-        """
+        """Publish messages; return the activity of the unit just before the last one."""
         observation, names = self._observation, [self._name]
         self.sent, ordered, batched = 0, self._ordered, not (self._ordered or self._rate)
-        samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
+        samples = max(_CHECK_EVERY, len(messages) // 16)
         observation.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, threads = messages[0].key if messages else "", observation.threads(names)
         ran = threads.ran()
@@ -170,12 +164,7 @@ class Feeder:
         return before
 
     def nominal(self, probe: Sequence[Message]) -> NominalTrial:
-        """Return the observations of a nominal trial whose log has been played, and play the probe.
-
-        On a loaded machine, the unit may seem at rest before it has its input. So this waits for the answers that the
-        baseline knows or, as long as it knows none, for answers on all topics on which the log brought some, and for
-        late answers if other processes used the processors meanwhile.
-        """
+        """Return the observations of a nominal trial whose log has been played, and play the probe."""
         self._await_late()
         answers, begin = self._answers(0), len(self._network.outputs)
         probed: Mapping[str, int] = {}
@@ -207,7 +196,6 @@ class Feeder:
         answer on the topics of the probe: nominal trials do not show which answers come only once over two logs.
 
         Args:
-            settled: Whether the unit has come to rest after the log.
             unprobed: Whether it gets no nominal input; then only its process, its end and its growth are judged.
         """
         baseline = self._baseline
@@ -281,18 +269,11 @@ class Feeder:
             time.sleep(POLL)
 
     def works(self, trial: NominalTrial) -> bool:
-        """Return whether a unit that did not come to rest in a nominal trial still works.
-
-        One with timers of its own may find no rest on a loaded machine; if it answers, and does not run all the time,
-        it works.
-        """
+        """Return whether a unit that did not come to rest in a nominal trial still works."""
         return self.alive and bool(trial.probe_answers) and not self._spins()
 
     def _runs_out(self) -> bool:
-        """Wait while a busy unit takes ever more memory, or has too much already; return whether it was ended for that.
-
-        On a loaded machine, memory may grow slowly, and the limit may be enforced late: that is not a hang.
-        """
+        """Wait while a busy unit takes ever more memory, or has too much; return whether it was ended for that."""
         observation, limits, names = self._observation, self._limits, [self._name]
         if limits == "off" or self._watch.known:
             return False
@@ -320,10 +301,7 @@ class Feeder:
         return Counter(self._registry.topic(message.key) for message in self._network.outputs[begin:])
 
     def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
-        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round.
-
-        Of a unit that has failed already, more need not be known.
-        """
+        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
         if not expected.keys() - self._answers(begin).keys():
             return ()
         self._network.bus.drain(self._settle.timeout)

@@ -17,11 +17,10 @@ from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.system.system_file import RunPace, Settle
 from riot_bus.trial.baseline import UNKNOWN, Baseline
-from riot_bus.trial.node_parameters import set_parameters
 from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.running_system import VirtualTimeSystem
-from riot_bus.trial.scarce import held
 from riot_bus.trial.settling import POLL
+from riot_bus.trial.setup import held
 from riot_bus.trial.signs import Feeder
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 
 _UNIT_SETTLE = Settle()
 """Settings of units; systems have none of their own."""
-_PATIENCE = 3.0  # a loaded machine may run external components at a third of the pace; a guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +54,6 @@ class RunSettings:
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics of which only the times are kept.
         record: Whether every message of the run is written into the file `TrialPlace.left`.
-        unit: Unit that is judged as in a unit trial; empty for none.
-        baseline: Behaviour of the unit in nominal runs of the whole system.
-        nominal: Whether to measure the baseline.
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
     """
 
@@ -79,11 +74,7 @@ class SystemRun:
     """One run.
 
     Attributes:
-        tap: The messages from outside.
-        external: The messages from outside in order of time, once the run is over.
-        inner: Observed messages of components inside, in order of reception.
         refused: Parameters whose value a running node has refused, each with the reason.
-        alone: View of that component, once the run is over.
         begin: Time from which observed fields count, in nanoseconds.
     """
 
@@ -124,7 +115,7 @@ class SystemRun:
             if self._settings.record:
                 stack.enter_context(self._recording(setup))
             system.start()
-            self.refused = set_parameters(setup, self._inside, parameters_of(self._case))
+            self.refused = setup.readiness.set_parameters(self._inside, parameters_of(self._case))
             if self.probe:
                 self.probe.begin()
             begun = setup.observation.begin(self._inside)
@@ -184,7 +175,8 @@ class SystemRun:
         commands = [setup.context.file.components[name].command for name in self._outside]
         ends = all(any("{duration}" in word for word in command) for command in commands)
         grace = _UNIT_SETTLE.timeout  # for their start and end, which take as long in short runs
-        limit = _PATIENCE * pace.duration / pace.speed + grace if ends else pace.duration
+        # A loaded machine may run external components at a third of the pace; a guess.
+        limit = 3.0 * pace.duration / pace.speed + grace if ends else pace.duration
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
             if processes.wait(self._outside, timeout=5 * POLL) or not processes.alive(self._inside):
@@ -295,12 +287,7 @@ class OutsideTap:
 
 
 class Probe:
-    """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end.
-
-    Attributes:
-        feeder: Player of the probe; set by `begin`.
-        statistics: Additional statistics for the outcome of a nominal trial.
-    """
+    """Judges one component of a running system as in a unit trial: by its threads, and by its probe at the end."""
 
     def __init__(self, settings: RunSettings, setup: TrialSetup, watching: Callable[[str], Subscribe]) -> None:
         context, network = setup.context, setup.network

@@ -34,12 +34,6 @@ EXTERNAL_LOG = "external.mcap"
 class SystemTrial(RunSettings):
     """Runs test cases against the whole system.
 
-    In a case without messages, the system's own external components drive it, with injections applied to what they
-    publish; a case with messages plays those instead of starting the external components.
-
-    With a unit, one component is judged as in a unit trial: when the run is over and the external components have been
-    ended, it gets its probe in place, among the other components.
-
     The outcome's statistics contain the number of messages that each injection changed (`delivered`), and their sum
     (`modified`), how many seconds a thread of the system waited for a processor (`held_up`), and the parameters whose
     value a running node has refused, each with the reason (`refused`). In a nominal trial with a unit, `nominal` is the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import time
 from bisect import bisect_left
@@ -12,21 +13,25 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.modes import MOST_MODES, modes_of
+from riot_bus.log.reader import LogReader
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
+from riot_bus.router.services.recorded import RecordedCall, RecordedService, calls_in
 from riot_bus.trial.baseline import UNKNOWN, Baseline, growth_of
 from riot_bus.trial.evidence import write_evidence
 from riot_bus.trial.observation import MEASURE_S
-from riot_bus.trial.recorded_calls import serve_calls
-from riot_bus.trial.scarce import held
+from riot_bus.trial.setup import held
 from riot_bus.trial.signs import Feeder
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.types.serve import PARTS
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from riot_bus.trial.context import Context
+    from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.setup import TrialPlace, TrialSetup
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
@@ -37,8 +42,6 @@ _GROWN = 1 / 32
 _MOST_NAMES = 64
 """Largest number of keys whose outputs are compared with nominal ones, and of topics and fields in a summary, so that a
 line of the store stays below some KiB."""
-_MOST_OUTPUTS = 512
-"""Largest number of outputs that are decoded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,6 @@ class UnitTrial:
     """Runs test cases against one unit.
 
     Attributes:
-        baseline: Behaviour of the unit in nominal trials; without it, only checks that need no baseline apply.
         nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
         evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
             is forked.
@@ -167,6 +169,47 @@ def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSe
         yield setup
 
 
+def serve_calls(network: TrialNetwork, context: Context, unit: str) -> None:
+    """Answer the calls that a unit makes; raises as `calls_of_unit`."""
+    segment = network.segment_of(context.file.component_of(unit))
+    for number, (key, calls) in enumerate(calls_of_unit(context, unit).items(), start=1):
+        network.serve(segment, key, RecordedService(calls), number=number)
+
+
+def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[RecordedCall]]:
+    """Return the recorded calls of the services that a unit calls, by key.
+
+    Raises:
+        ConfigError: The log has no answered call of one of the services, or riot.toml names no log.
+    """
+    file = context.file
+    described = file.unit[unit]
+    name = file.component_of(unit)
+    services = file.components[name].calls
+    if not services:
+        return {}
+    where, log = f"{file.path}: [components.{name}] calls", described.log or file.system.nominal
+    hint = "record one with `riot router --record --intercept-services ...`"
+    if log is None:
+        raise ConfigError("no log is named that could have the calls of a service", where=where, hint=hint)
+    path = file.root / log
+    expressions = tuple(context.registry.key_expression(f"{service}/{part}") for service in services for part in PARTS)
+    found = _calls(path, path.stat().st_mtime_ns, expressions)
+    names = {context.registry.topic(key): key for key in found} | {key: key for key in found}
+    for service in services:
+        if service not in names and not any(context.registry.matches(service, key) for key in found):
+            near = did_you_mean(service, names)
+            raise ConfigError(f"{path} has no call of {service!r} with a reply", where=where, hint=near or hint)
+    return found
+
+
+@functools.lru_cache(maxsize=4)
+def _calls(path: Path, changed: int, expressions: tuple[str, ...]) -> Mapping[str, Sequence[RecordedCall]]:
+    """Return the calls of a log, which are the same for all trials as long as it has not `changed`."""
+    with LogReader(path) as reader:
+        return calls_in(reader.messages(topics=expressions))
+
+
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
     """Return the number of outputs and an order-independent hash of their payloads, by key; None for too many keys."""
     payloads: dict[str, list[bytes]] = {}
@@ -180,10 +223,6 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
 def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
     """Return a summary of the behaviour that outputs show, sorted.
 
-    Args:
-        outputs: All outputs of a trial except those of its probe, in their order.
-        registry: Registry of topic names and types.
-
     Returns:
         By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by
         `TOPIC:FIELD` the values of a field that has few of them, and which value followed which.
@@ -194,7 +233,7 @@ def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str
     }
     found["order"] = sorted({f"{one} > {other}" for one, other in pairwise(topics)})[:_MOST_NAMES]
     for topic in sorted(set(topics)):
-        messages = (message for other, message in zip(topics[:_MOST_OUTPUTS], outputs, strict=False) if other == topic)
+        messages = (message for other, message in zip(topics[:512], outputs, strict=False) if other == topic)
         for path, column in sorted(_columns(messages, registry).items()):
             if len(set(column)) <= MOST_MODES:
                 found[f"{topic}:{path}"] = sorted({*column, *(f"{one} > {other}" for one, other in pairwise(column))})

@@ -30,25 +30,12 @@ if TYPE_CHECKING:
     from riot_bus.trial.context import Context
     from riot_bus.trial.setup import TrialSetup
 
-_POLL = 0.00005
-"""Interval between checks in seconds; a component takes a few hundred microseconds for a message."""
-_LONG = 0.5
-"""Seconds after which it is also checked whether other processes occupy the processors, which takes a while."""
 _BLOCK = Qos(congestion="block")
 _NO_SCHEMA = Schema("", "", b"")
 
 
 class VirtualTime:
-    """The time of a run, and an interceptor that holds messages of components until it is their turn.
-
-    Args:
-        names: The components, each with a segment of the same name.
-        timeout: Seconds after which a component that is still busy counts as hanging.
-
-    Attributes:
-        observers: Functions that are called with each message of a run when it is its turn.
-        setup: Setup in which the system runs; set before the first run.
-    """
+    """The time of a run, and an interceptor that holds messages of components until it is their turn."""
 
     setup: TrialSetup
 
@@ -88,9 +75,6 @@ class VirtualTime:
         self, messages: Sequence[Message], publish: Callable[[Message], None], *, stop: Callable[[], bool]
     ) -> bool:
         """Give all components each message when those before it have been processed, until the end, a stop or a hang.
-
-        Returns:
-            Whether all messages were played.
 
         Raises:
             ConfigError: No component has subscribed to the clock topic.
@@ -172,22 +156,15 @@ class VirtualTime:
                     if observation.include_started(self._names):
                         return True
                     threads = observation.threads(self._names)
-            if (waited := time.monotonic() - start) > _LONG:
+            if (waited := time.monotonic() - start) > 0.5:  # only then: it takes a while
                 held_up = held_up or observation.held_up(self._names)
                 if waited - held_up() > self._timeout:
                     return False
-            time.sleep(_POLL)
+            time.sleep(0.00005)  # a component takes a few hundred microseconds for a message
 
 
 class _ClockMessages:
-    """Messages that publish the time on the clock topic.
-
-    Attributes:
-        missing: Error to raise if no component has subscribed to the topic.
-
-    Raises:
-        ConfigError: The topic does not stand for a single key.
-    """
+    """Messages that publish the time on the clock topic."""
 
     def __init__(self, clock: VirtualClock, setup: TrialSetup, messages: Sequence[Message]) -> None:
         registry, where = setup.context.registry, f"{setup.context.file.path}: system.clock.topic"
@@ -215,11 +192,7 @@ class _ClockMessages:
 
 
 def single_key(context: Context, topic: str, *, where: str) -> str:
-    """Return the key that a topic stands for.
-
-    Raises:
-        ConfigError: It stands for several keys or for none.
-    """
+    """Return the key that a topic stands for; raises ConfigError if it stands for several keys or for none."""
     (key,) = context.topics(topic)
     if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
         hint = "write the Zenoh key, such as `robot/reset`"

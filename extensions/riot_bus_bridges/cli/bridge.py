@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.zenoh.segment_port import SegmentPort
     from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
-    from riot_bus_bridges.host.program import Program
+    from riot_bus_bridges.host.running import Program
 
 BRIDGES = PluginKind("bridge", "riot_bus.bridges")
 
@@ -124,7 +124,7 @@ class BusHost:
         as_json: bool = False,
     ) -> int:
         """Route and bridge in one process."""
-        from riot_bus_bridges.host.own_router import run_own_router
+        from riot_bus_bridges.host.running import run_own_router
 
         options = RouterOptions(**asdict(asked))
         start = partial(_start, program) if program else None
@@ -160,13 +160,13 @@ def _foreground(*, as_json: bool) -> Foreground:
 
 
 def _start(command: Sequence[str], bridge: Bridge) -> Program:
-    from riot_bus_bridges.host.program import Program
+    from riot_bus_bridges.host.running import Program
 
     return Program(command, bridge.words(), ended=bridge.stop)
 
 
 def _ended(status: int) -> int:
-    from riot_bus_bridges.host.program import end_as
+    from riot_bus_bridges.host.running import end_as
 
     end_as(status)
     return status

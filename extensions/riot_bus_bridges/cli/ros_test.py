@@ -59,7 +59,7 @@ def ros_test(
     The exit status is the command's. At the end, stderr says what passed through the router, or that nothing did.
     No process of the tests is left behind.
     """
-    from riot_bus_bridges.host.program import end_as
+    from riot_bus_bridges.host.running import end_as
     from riot_bus_bridges.ros_test.run import RosTest, run_tests
 
     words = sys.argv[2 : len(sys.argv) - len(command)]

@@ -28,12 +28,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class InnerOutlet:
-    """Publisher for one key; see `InnerPort.publisher`.
-
-    Attributes:
-        track: Path of published messages to the other segments.
-        echo: Function that publishes on this segment.
-    """
+    """Publisher for one key; see `InnerPort.publisher`."""
 
     def __init__(
         self, audience: Audience, track: IngressKey, *, owns: Callable[[str], bool], speaking: threading.local | None

@@ -2,18 +2,76 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import threading
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from riot_bus.control.exposure import bridge_warnings
-from riot_bus.control.signals import ended_by_signals
+from riot_bus.control.signals import END_S, ended_by_signals, force_end_after, let_run
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus_bridges.bridging import LinkedBridge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from riot_bus.control.router_flags import RouterOptions
+    from riot_bus.control.router_service import RouterService
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge
-    from riot_bus_bridges.host.program import Program
+    from riot_bus_bridges.host.inner import InnerPort
+
+
+class Program:
+    """A running program with the streams of this process; a context manager that ends it.
+
+    Attributes:
+        status: Exit status, negative for a signal, None while it runs.
+
+    Raises:
+        EnvironmentFaultError: It cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], words: Mapping[str, str], *, ended: Callable[[], None]) -> None:
+        self.status: int | None = None
+        try:
+            self._process = subprocess.Popen([_filled(part, words) for part in command])
+        except OSError as error:
+            raise EnvironmentFaultError(
+                f"{command[0]!r} cannot be started: {error.strerror or error}", where="bridge"
+            ) from error
+        self._ended = ended
+        self._thread = threading.Thread(target=self._wait, name="bridge-program", daemon=True)
+        self._thread.start()
+
+    def _wait(self) -> None:
+        self.status = self._process.wait()
+        self._ended()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._process.terminate()
+        self._thread.join(3.0)
+        self._process.kill()
+        self._thread.join()
+
+
+def end_as(status: int) -> None:
+    """End this process by the signal that ended a program; return if it ended otherwise."""
+    if status < 0:
+        signal.signal(-status, signal.SIG_DFL)
+        os.kill(os.getpid(), -status)
+
+
+def _filled(text: str, words: Mapping[str, str]) -> str:
+    for word, value in words.items():
+        text = text.replace(f"{{{word}}}", value)
+    return text
 
 
 def run_bridge(
@@ -26,9 +84,6 @@ def run_bridge(
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
     Args:
-        bridge: The bridge; it is started and ended here.
-        foreground: Frame that prints the result.
-        program: Function that starts the program behind the bridge, once that is ready.
         look: Function called a few times per second.
 
     Returns:
@@ -50,3 +105,46 @@ def run_bridge(
     if bridge.failure is not None:
         raise bridge.failure
     return status or 0
+
+
+BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
+
+
+def run_own_router(
+    options: RouterOptions,
+    bridge_of: Callable[[Mapping[str, InnerPort]], BridgeT],
+    foreground: Foreground,
+    *,
+    program: Callable[[BridgeT], Program] | None = None,
+) -> int:
+    """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
+
+    Raises:
+        RiotError: The router or bridge does not start, has failed, or messages were lost.
+    """
+    from riot_bus.control.router_process import report_end, router_of
+    from riot_bus_bridges.host.inner import InnerPort
+
+    with router_of(options, warn=foreground.warn) as service:
+        with ExitStack() as closing, service:
+            bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            service.bus.show(bridge.links)
+            looks = _looks(service, bridge)
+            start = None if program is None else partial(program, bridge)
+            status = run_bridge(bridge, foreground, program=start, look=partial(next, looks))
+            closing.callback(let_run)
+            force_end_after(END_S)
+        report_end(service, foreground)
+    return status
+
+
+def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
+    from riot_bus.control.router_process import Upkeep
+
+    service.watch()  # it takes longer than all the rest
+    upkeep = Upkeep()
+    while True:
+        upkeep()
+        if service.stopping.is_set():
+            bridge.stop()
+        yield

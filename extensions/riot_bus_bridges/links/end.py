@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from threading import get_ident
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus_bridges.mavlink.losses import LinkLosses
 from riot_bus_bridges.mavlink.routing import Peer
+from riot_bus_bridges.mavlink.sequences import LinkLosses
 from riot_bus_bridges.mavlink.url import Direction, LinkKind
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import PortPublisher
     from riot_bus_bridges.links.loop import Loop
-    from riot_bus_bridges.mavlink.losses import SourceCount
+    from riot_bus_bridges.mavlink.sequences import SourceCount
     from riot_bus_bridges.mavlink.url import LinkSpec
     from riot_bus_mavlink.frame import Framer
 
@@ -31,10 +31,7 @@ class Flow:
     They are of one message, from one component, and come over one end of a link.
 
     Attributes:
-        extra: The message's CRC extra byte.
-        count: Counter of the frames of the source.
         others: Other ends on the same segment that get the frames.
-        outlet: Publisher that puts the frames on the bus.
     """
 
     extra: bytes
@@ -44,12 +41,7 @@ class Flow:
 
 
 class Batching(NamedTuple):
-    """Writes several frames at once.
-
-    Attributes:
-        loop: On its thread, frames wait until the handler that sends them has returned.
-        write: Sends frames in their order; returns how many went out, or will.
-    """
+    """Writes several frames at once."""
 
     loop: Loop
     write: Callable[[Sequence[bytes]], int]
@@ -58,21 +50,11 @@ class Batching(NamedTuple):
 class End(Peer):
     """Peer of a link: sends frames to it, and keeps counts and known routes of the frames that it sends to riot.
 
-    Args:
-        spec: Settings of the link.
-        address: Address of the peer, for status.
-        framer: Finder of frames in the bytes received from the peer.
-        write: Function that sends one frame to the peer; returns whether it went out, or will.
-        batching: Sender of frames that come together, with one call; None to send each frame by itself.
-
     Attributes:
         flows: Known routes of frames received from the peer, by the header bytes that identify their kind; valid while
             `generation` is that of the routing table.
         generation: Generation of the routing table for which `flows` was filled.
-        segment: Name of the segment that the link belongs to.
         losses: Numbers of frames received from the peer, and of those missing before them, by source.
-        out: Number of frames that went out to the peer, or will.
-        lost: Number of frames that could not be sent to the peer.
     """
 
     __slots__ = (

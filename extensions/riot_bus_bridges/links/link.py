@@ -15,8 +15,10 @@ happens, and in what their states are called:
 from __future__ import annotations
 
 import errno
+import socket
+import threading
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_bridges.links.end import Batching, End
@@ -49,17 +51,7 @@ class Host(Protocol):
 
 
 class Link:
-    """A link that is open, or trying to be.
-
-    Args:
-        spec: Settings of the link.
-        host: Gets what comes over the link.
-
-    Attributes:
-        idle: State without an end.
-        busy: State with an end.
-        where: Actual place of the link, such as the port that it got.
-    """
+    """A link that is open, or trying to be."""
 
     idle: ClassVar[str] = "listening"
     busy: ClassVar[str] = "connected"
@@ -95,8 +87,6 @@ class Link:
         """Add an end, to which the host sends frames from now on.
 
         Args:
-            address: Address of the peer, for status.
-            write: Sends one frame; returns whether it went out, or will.
             write_all: Sends several frames in their order; returns how many went out, or will. Frames that one handler
                 sends are then collected for it; None to send each frame by itself.
         """
@@ -116,9 +106,6 @@ class RetriedLink(Link, ABC):
     """Link with one end, which is opened again, after a while, whenever it is lost or cannot be opened.
 
     The `_try` of a subclass opens it, now or later, on the loop's thread; if it cannot, it calls `_again`.
-
-    Attributes:
-        retry: Seconds until the next attempt.
     """
 
     idle = "connecting"
@@ -154,6 +141,53 @@ class RetriedLink(Link, ABC):
     def _cancel_attempt(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
+
+
+Place = tuple[int, tuple[Any, ...]]
+"""Address family and address."""
+
+
+def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
+    """Return the address of a host; waits while its name is looked up.
+
+    For a name with IPv4 and IPv6 addresses, such as `localhost`, IPv4 is taken: other MAVLink programs listen there.
+
+    Raises:
+        OSError: The host is not known.
+    """
+    found = socket.getaddrinfo(host, port, type=kind, flags=flags)
+    family, _, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
+    return family, address
+
+
+def text_of(address: tuple[Any, ...]) -> str:
+    """Return the address of a socket as people write it."""
+    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
+    return f"{host}:{address[1]}"
+
+
+def look_up(
+    loop: Loop, spec: LinkSpec, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
+) -> None:
+    """Report the address of a link's host: at once if it is written as an address, else later, on the loop's thread."""
+    try:
+        place = place_of(spec.host, spec.port, kind, flags=socket.AI_NUMERICHOST)
+    except OSError:
+        pass
+    else:
+        found(place)
+        return
+
+    def ask() -> None:
+        try:
+            place = place_of(spec.host, spec.port, kind)
+        except OSError as error:
+            reason = error  # the name `error` ends with this block
+            loop.later(0.0, lambda: failed(reason))
+        else:
+            loop.later(0.0, lambda: found(place))
+
+    threading.Thread(target=ask, name="mavlink-name", daemon=True).start()
 
 
 def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:

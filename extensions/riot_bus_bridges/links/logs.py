@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from riot_bus_bridges.mavlink.url import LinkSpec
     from riot_bus_mavlink.tlog import TlogRecord
 
-_READ = 1 << 16  # bytes of records in memory; less would cost more calls
-_AT_ONCE = 256  # then other links get their turn, even if the log is read at full speed
-
 
 class _LogLink(Link):
     """Link to a file, which is its only end."""
@@ -49,13 +46,7 @@ class _LogLink(Link):
 
 
 class TelemetryLogSource(_LogLink):
-    """Sends the frames of a log as if they came now, paced by the log's timestamps.
-
-    Frames are taken as they were received; frames that jump back in time come at once.
-
-    Raises:
-        EnvironmentFaultError: The file cannot be read.
-    """
+    """Sends the frames of a log as if they came now, paced by the log's timestamps."""
 
     busy = "reading"
 
@@ -80,7 +71,7 @@ class TelemetryLogSource(_LogLink):
         super().close()
 
     def _go_on(self) -> None:
-        for _ in range(_AT_ONCE):
+        for _ in range(256):  # then other links get their turn
             if not self._records and not self._read():
                 return
             wait = self._wait(self._records[0].time)
@@ -103,7 +94,7 @@ class TelemetryLogSource(_LogLink):
         """Read until there is a record; return whether there is one."""
         while not self._records and self._file is not None:
             try:
-                data = self._file.read(_READ)
+                data = self._file.read(1 << 16)
             except OSError as error:
                 self._host.warn(self.spec, reason(error))
                 data = b""
@@ -117,11 +108,7 @@ class TelemetryLogSource(_LogLink):
 
 
 class TelemetryLogSink(_LogLink):
-    """Appends all frames that are sent to it, each with its time.
-
-    Raises:
-        EnvironmentFaultError: The file cannot be written.
-    """
+    """Appends all frames that are sent to it, each with its time."""
 
     busy = "writing"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus_bridges.links.logs import TelemetryLogSink, TelemetryLogSource
-from riot_bus_bridges.links.serial_port import SerialLink
+from riot_bus_bridges.links.stream import SerialLink
 from riot_bus_bridges.links.tcp import TcpClient, TcpServer
 from riot_bus_bridges.links.udp import UdpClient, UdpServer
 from riot_bus_bridges.mavlink.url import LinkKind

@@ -45,11 +45,7 @@ class _Slot(ctypes.Structure):
 
 
 class Packets:
-    """Fetches packets; for use on one thread.
-
-    Args:
-        made: The socket, non-blocking and owned by the caller.
-    """
+    """Fetches packets; for use on one thread."""
 
     def __init__(self, made: socket.socket) -> None:
         self._socket = made

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
+from riot_bus.vocabulary.errors import needs_extra
 from riot_bus_bridges.links.link import RetriedLink
 from riot_bus_bridges.links.loop import READ, WRITE
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Sequence
 
     from riot_bus_bridges.links.end import End
@@ -16,35 +19,14 @@ if TYPE_CHECKING:
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_UNSENT = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
-_MOST_READ = 1 << 16  # other links wait while the frames of one read are handled; not measured
 
 
-class Transport(Protocol):
-    """An open socket or device that never waits."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-
-    def recv(self, most: int, /) -> bytes:
-        """Return available bytes, none at the end. Raises BlockingIOError if nothing is there, OSError if it broke."""
-
-    def send(self, data: bytes, /) -> int:
-        """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
-
-    def close(self) -> None:
-        """Close the stream."""
+Transport: TypeAlias = "socket.socket | _Device"
+"""An open socket or device that never waits."""
 
 
 class Stream:
-    """One open stream, an end of a link.
-
-    Args:
-        link: The link.
-        host: Gets what comes over the stream.
-        address: Address of the other end.
-        transport: Open transport, closed with the stream.
-        gone: Called on the loop's thread when the other end has closed the stream, or it broke.
-    """
+    """One open stream, an end of a link."""
 
     def __init__(
         self, link: Link, host: Host, *, address: str, transport: Transport, gone: Callable[[Stream], None]
@@ -118,7 +100,7 @@ class Stream:
 
     def _read(self) -> None:
         try:
-            data = self._transport.recv(_MOST_READ)
+            data = self._transport.recv(1 << 16)
         except BlockingIOError:
             return
         except OSError:
@@ -131,11 +113,7 @@ class Stream:
 
 
 class StreamClient(RetriedLink):
-    """Link of one stream, for which the `_try` of a subclass calls `_opened` or `_again`.
-
-    Attributes:
-        lost: Text that is reported when the other end has gone.
-    """
+    """Link of one stream, for which the `_try` of a subclass calls `_opened` or `_again`."""
 
     lost: ClassVar[str]
 
@@ -156,3 +134,45 @@ class StreamClient(RetriedLink):
     def _lost(self, stream: Stream) -> None:
         self._stream = None
         self._again(self.lost)
+
+
+class _Device:
+    """Device opened by pyserial, which sets the rate; its descriptor is read and written without waiting."""
+
+    def __init__(self, opened: Any) -> None:
+        self._opened = opened
+        self._number: int = opened.fileno()
+        os.set_blocking(self._number, False)
+
+    def fileno(self) -> int:
+        return self._number
+
+    def recv(self, most: int) -> bytes:
+        return os.read(self._number, most)
+
+    def send(self, data: bytes) -> int:
+        return os.write(self._number, data)
+
+    def close(self) -> None:
+        self._opened.close()
+
+
+class SerialLink(StreamClient):
+    """Opens a device, and reopens it after it was unplugged."""
+
+    lost, retry = "unplugged", 1.0
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        with needs_extra("pyserial", "mavlink"):
+            import serial
+        super().__init__(spec, host)
+        self._serial: Any = serial
+        self._try()
+
+    def _try(self) -> None:
+        try:
+            device = _Device(self._serial.Serial(self.spec.path, self.spec.baud, timeout=0, write_timeout=0))
+        except (OSError, ValueError) as error:  # pyserial's own error is an OSError
+            self._again(getattr(error, "strerror", None) or str(error))
+        else:
+            self._opened(device)

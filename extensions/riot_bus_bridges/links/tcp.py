@@ -7,18 +7,15 @@ import os
 import socket
 from typing import TYPE_CHECKING
 
-from riot_bus_bridges.links.link import Link, cannot_listen
+from riot_bus_bridges.links.link import Link, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.loop import READ, WRITE
-from riot_bus_bridges.links.names import look_up, place_of, text_of
 from riot_bus_bridges.links.stream import Stream, StreamClient
 
 if TYPE_CHECKING:
-    from riot_bus_bridges.links.link import Host
-    from riot_bus_bridges.links.names import Place
+    from riot_bus_bridges.links.link import Host, Place
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_CLIENTS = 64  # a guess: any host may connect; each takes a descriptor and is sent frames
-_CONNECT_S = 5.0  # a lost SYN is repeated after 1 and 3 s; Linux would wait 2 minutes
 _PROBES = 4  # with the default of 30 s, one each 6 s: one lost probe ends nothing
 _LONGEST_PROBE_S = 32767  # limit of Linux
 
@@ -40,11 +37,7 @@ def _configured(made: socket.socket, silence: float) -> socket.socket:
 
 
 class TcpServer(Link):
-    """Listens for clients, each of which becomes an end of the link.
-
-    Raises:
-        EnvironmentFaultError: It cannot listen there.
-    """
+    """Listens for clients, each of which becomes an end of the link."""
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)
@@ -110,7 +103,8 @@ class TcpClient(StreamClient):
             self._again(os.strerror(code))
             return
         self._host.loop.watch(made.fileno(), self._see, READ | WRITE)
-        self._timer = self._host.loop.later(_CONNECT_S, lambda: self._again("no answer"))
+        # A lost SYN is repeated after 1 and 3 s; Linux would wait 2 minutes.
+        self._timer = self._host.loop.later(5.0, lambda: self._again("no answer"))
 
     def _see(self, events: int) -> None:
         made = self._trying

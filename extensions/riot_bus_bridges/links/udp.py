@@ -13,20 +13,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus_bridges.links.end import MOST_PENDING
-from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen
-from riot_bus_bridges.links.names import look_up, place_of, text_of
+from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.packets import Packets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus_bridges.links.end import End
-    from riot_bus_bridges.links.link import Host
-    from riot_bus_bridges.links.names import Place
+    from riot_bus_bridges.links.link import Host, Place
     from riot_bus_bridges.mavlink.url import LinkSpec
 
-_BUFFER = 1 << 22  # asked for; the system may give less
-_MOST_PEERS = 64  # a guess: addresses can be forged, and each is sent frames
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
 _DROPS = 12  # column of /proc/net/udp
@@ -51,7 +47,7 @@ class _UdpLink(Link):
         try:
             made.settimeout(0)
             for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-                made.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
+                made.setsockopt(socket.SOL_SOCKET, option, 1 << 22)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             if bind is not None:
                 made.bind(bind)
@@ -105,11 +101,7 @@ class _UdpLink(Link):
 
 
 class UdpServer(_UdpLink):
-    """Listens, and sends to all addresses that have sent something lately.
-
-    Raises:
-        EnvironmentFaultError: It cannot listen there.
-    """
+    """Listens, and sends to all addresses that have sent something lately."""
 
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         super().__init__(spec, host)
@@ -145,7 +137,7 @@ class UdpServer(_UdpLink):
             self._host.receive(end, packets)
 
     def _add(self, address: Any) -> End:
-        if len(self._by_address) >= _MOST_PEERS:
+        if len(self._by_address) >= 64:  # addresses can be forged
             self._drop(min(self._heard, key=self._heard.__getitem__))
         send, send_all = partial(self._send, address=address), partial(self._send_all, address=address)
         end = self._by_address[address] = self.join(text_of(address), send, send_all)

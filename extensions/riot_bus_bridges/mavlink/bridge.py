@@ -14,10 +14,9 @@ from riot_bus_bridges.links.loop import Loop
 from riot_bus_bridges.links.opening import open_link
 from riot_bus_bridges.mavlink.mirror import Mirror
 from riot_bus_bridges.mavlink.routing import Duplicates, Routes
+from riot_bus_bridges.mavlink.sequences import OwnStreams
 from riot_bus_bridges.mavlink.side import Side, new_mark
-from riot_bus_bridges.mavlink.streams import OwnStreams
-from riot_bus_bridges.mavlink.tally import LinkTally
-from riot_bus_bridges.mavlink.text import ready_line, summary_lines
+from riot_bus_bridges.mavlink.tally import LinkTally, ready_line, summary_lines
 from riot_bus_bridges.mavlink.url import FILES, LISTENS, Direction
 
 if TYPE_CHECKING:
@@ -34,27 +33,10 @@ JSON_LINK = "json"
 """Name that replaces the link in the keys of frames received as JSON."""
 
 _LOG = logging.getLogger(__name__)
-_MEET_S = 5.0  # a guess: segments that no router joins delay the start by this much
 
 
 class MavlinkBridge(LinkedBridge):
-    """Context manager that carries frames between links and segments while it is open.
-
-    One thread waits for the links and carries what comes over them; Zenoh's threads carry what comes from the bus.
-
-    Args:
-        ports: Segments by name; the bridge does not close them.
-        options: Options of the bridge.
-        warn: Called from other threads with one line for each problem.
-
-    Attributes:
-        loop: Thread that waits for the links.
-        crc_extra: Returns a message's CRC extra byte.
-
-    Raises:
-        ConfigError: An option is not usable.
-        MissingExtraError: pymavlink is not installed.
-    """
+    """Context manager that carries frames between links and segments while it is open."""
 
     def __init__(
         self,
@@ -85,7 +67,7 @@ class MavlinkBridge(LinkedBridge):
             for name, port in ports.items()
         }
         if options.mirror is not None:
-            from riot_bus_bridges.mavlink.json_form import JsonForm
+            from riot_bus_bridges.mavlink.mirror import JsonForm
 
             form = JsonForm(dialect)
             for number, side in enumerate(self._sides.values()):
@@ -98,8 +80,6 @@ class MavlinkBridge(LinkedBridge):
         self._links: list[Link] = []
         self.loop = Loop()
         self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
-
-    # -- life ---------------------------------------------------------------------------------------------------------
 
     def open(self, stack: ExitStack) -> None:
         """Open the links, join the segments, and start to carry frames."""
@@ -123,7 +103,7 @@ class MavlinkBridge(LinkedBridge):
 
     def _await_each_other(self) -> None:
         """Wait until frames can reach the other segments, before any are taken from links."""
-        deadline = time.monotonic() + _MEET_S
+        deadline = time.monotonic() + 5.0
         for name, side in self._sides.items() if len(self._sides) > 1 else ():
             if not side.await_subscriber(deadline - time.monotonic()):
                 self.report_problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
@@ -132,8 +112,6 @@ class MavlinkBridge(LinkedBridge):
         for link in self._links:
             self._tallies[link.spec.name].end(link)
             link.close()
-
-    # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
         """Return the state of the bridge as JSON values."""
@@ -177,8 +155,6 @@ class MavlinkBridge(LinkedBridge):
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
         return summary_lines(self.status())
-
-    # -- what links need ----------------------------------------------------------------------------------------------
 
     def join(self, end: End) -> None:
         """Take a new end of a link, which gets frames from now on."""

@@ -48,11 +48,6 @@ class Filter:
 def filter_of(settings: Mapping[str, str], id_of: Callable[[str], int | None], *, where: str = "") -> Filter:
     """Return the filter that settings describe.
 
-    Args:
-        settings: Comma-separated numbers or message names, by setting (see `FILTER_NAMES`).
-        id_of: Returns the id of a message name, None if unknown.
-        where: Place of the settings, for errors.
-
     Raises:
         ConfigError: A value is neither a number in range nor a known message.
     """

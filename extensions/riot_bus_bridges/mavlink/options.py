@@ -90,14 +90,7 @@ class MavlinkBridgeOptions:
 
 @dataclass(frozen=True, slots=True)
 class MavlinkBridgePlan:
-    """Plan of a bridge, made from its options.
-
-    Attributes:
-        dialect: Dialect with the known messages.
-        keys: Template of the keys of frames on the bus.
-        links: The links to be opened.
-        signer: Signer with the key of signed frames, None if no key was given.
-    """
+    """Plan of a bridge, made from its options."""
 
     dialect: "Dialect"
     keys: KeyTemplate

@@ -10,7 +10,7 @@ from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_bridges.mavlink.filters import Filter
-from riot_bus_bridges.mavlink.losses import MOST_IDS
+from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_mavlink.frame import HEADER_SIZE
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed
     """Return the target of a frame.
 
     Args:
-        frame: The frame that is sent.
         offsets: Payload offsets of target system and target component in its type; None where there is none. Bytes cut
             off at the end of a payload are zero.
     """
@@ -50,10 +49,7 @@ class Peer:
     """Destination that frames are routed to: a link, or one of the clients of a server.
 
     Attributes:
-        link: Name of its link.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
-        receives: Whether frames are taken from it.
-        sends: Whether frames are given to it.
         hears_all: Whether it also gets frames addressed to others.
         counts: Numbers of frames by outcome: `in`, `filtered_in`, `filtered_out`, `duplicate`.
     """
@@ -114,10 +110,6 @@ class Duplicates:
 
     Each repetition restarts the period, as in mavlink-router. Since a frame contains its sequence number, its bytes
     recur after 256 frames of its source at the earliest, unless the source keeps sending one and the same frame.
-
-    Args:
-        period: Length of the period in seconds.
-        most: Maximum number of remembered frames; beyond it, the oldest are forgotten.
     """
 
     def __init__(self, period: float, *, most: int = _MOST_FRAMES) -> None:
@@ -147,8 +139,6 @@ class Routes(Generic[PeerT]):
     Not thread-safe, except that `deliver` may run concurrently with `receive`.
 
     Args:
-        targets: Returns the offsets of target system and component of a message type.
-        duplicates: Recognises frames that already came over another link; None to take everything.
         sniffer: A system that gets everything, on whatever link it is; -1 for none.
 
     Attributes:
@@ -204,11 +194,6 @@ class Routes(Generic[PeerT]):
     def receive(self, frame: Frame, origin: PeerT, now: float) -> list[PeerT] | None:
         """Take a frame that came over a link; learn where its source is.
 
-        Args:
-            frame: The frame that came; its checksum is right, or its type unknown.
-            origin: The end of a link that it came from.
-            now: Time of a monotonic clock in seconds.
-
         Returns:
             The other peers on this segment that get it; None if it is dropped, here and elsewhere.
         """
@@ -237,7 +222,6 @@ class Routes(Generic[PeerT]):
         """Return the peers that get a frame from the bus.
 
         Args:
-            frame: The frame that came.
             looped: Whether it came over a link of this bridge; if so, it is not sent to the peers of its source.
         """
         return self._receivers(frame, self._peers, frame.system << 8 | frame.component if looped else -1)

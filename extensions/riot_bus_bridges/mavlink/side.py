@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_bridges.links.end import Flow
-from riot_bus_bridges.mavlink.losses import MOST_IDS
+from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_mavlink.frame import ENCODING, KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.mavlink.mirror import BridgePort, Mirror
     from riot_bus_bridges.mavlink.routing import Routes
-    from riot_bus_bridges.mavlink.streams import OwnStreams
+    from riot_bus_bridges.mavlink.sequences import OwnStreams
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.signing import Signer
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 _MAGIC = b"mavlink-link-1 "
 INSERTED = _MAGIC + b"inserted"
 """Attachment of frames that a bridge put on the bus for another sender; they are numbered already."""
-_ID_BYTES = 8  # a chance of 3e-8 that two of a million bridges have the same
 
 
 class Side:
@@ -50,17 +49,9 @@ class Side:
     the bus are sent to the links; they, too, arrive on one thread at a time, which may be that of the links.
 
     Args:
-        port: The segment.
-        routes: The routing table of the segment.
-        keys: Template of the keys of frames on the bus.
-        name_of: Returns the name of a message.
-        mark: Attached to frames that came over links of this bridge.
-        streams: Numbers inserted frames.
-        linked: Whether a source was seen on a link of this bridge.
         signer: Signer with the key of signed frames; None to pass them on unchanged.
 
     Attributes:
-        mirror: Gets the frames that came over links, None for none.
         counts: Numbers of frames: `to_bus`, `lost_to_bus` (could not be put on the bus), `from_bus`, `inserted` (by
             others than links), `broken` (no whole frames), `unrouted` (wanted by no link), and `refused` (empty, too
             long for a link, or impossible to re-sign).
@@ -133,11 +124,7 @@ class Side:
         self._outlets.clear()
 
     def receive(self, end: End, packets: Sequence[bytes]) -> None:
-        """Carry packets, or pieces of a stream, that came over an end of a link, in their order.
-
-        Frames of known flows go together, packets without a look at more than their header and checksum: a call per
-        frame and layer would take longer than the work on the frame.
-        """
+        """Carry packets, or pieces of a stream, that came over an end of a link, in their order."""
         at = 0
         while at < len(packets):
             flows = end.framer.known(packets, at, self._flows(end))
@@ -283,12 +270,7 @@ class Side:
             end.send(payload)
 
     def insert(self, frame: Frame, link: str) -> None:
-        """Send a numbered frame that did not come over a link to the links and the bus.
-
-        Args:
-            frame: The frame that is sent.
-            link: Name that replaces the link in its key.
-        """
+        """Send a numbered frame that did not come over a link to the links and the bus."""
         for end in self.routes.deliver(frame, looped=False):
             end.send(frame.raw)
         with self._lock:
@@ -325,7 +307,7 @@ class Side:
 
 def new_mark() -> bytes:
     """Return a new attachment for the frames of one bridge that came over its links."""
-    return _MAGIC + secrets.token_bytes(_ID_BYTES)
+    return _MAGIC + secrets.token_bytes(8)
 
 
 def is_mark(attachment: bytes | None) -> bool:

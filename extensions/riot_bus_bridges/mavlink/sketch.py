@@ -5,17 +5,20 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.types.capabilities import HeardSystem
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.redaction import escape_control_chars as _comment
 from riot_bus.vocabulary.toml_text import toml_string
+from riot_bus_bridges.mavlink.survey import listen
 from riot_bus_bridges.mavlink.url import free_name
 from riot_bus_mavlink.keys import KeyTemplate
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from riot_bus_bridges.mavlink.survey import LinkSurvey, Speaker
     from riot_bus_bridges.mavlink.url import LinkSpec
+    from riot_bus_mavlink.adapter import MavlinkAdapter
     from riot_bus_mavlink.dialect import Dialect
 
 OUTSIDE, INSIDE = "outside", "inside"
@@ -29,10 +32,7 @@ class LinkComponent:
     """Component of the system file: all senders behind a link, or the unit.
 
     Attributes:
-        name: Name in the system file.
         who: Descriptions from their own messages, one for each system and component.
-        url: The link; empty for the unit.
-        link: Name of the link in keys; `unit` for the unit.
         topics: Keys of their messages, each with the number of frames per second.
     """
 
@@ -45,13 +45,7 @@ class LinkComponent:
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """What was heard on the links, as the parts of a system.
-
-    Attributes:
-        outside: Components of the outside world, one for each link.
-        unit: The component to be tested; its `who` and `topics` are empty if it was not heard.
-        skipped: Number of frames that were not looked at because there were too many.
-    """
+    """What was heard on the links, as the parts of a system."""
 
     outside: Sequence[LinkComponent]
     unit: LinkComponent
@@ -200,3 +194,21 @@ def _topics(name: str, topics: dict[str, Any]) -> list[str]:
         for key, rate in topics.items()
     ]
     return [f"{name} = [", *(row.rstrip() for row in rows), "]"]
+
+
+class MavlinkListener:
+    """Listens to MAVLink links; see `riot_bus.types.capabilities.ListensToLinks`."""
+
+    def __init__(self, adapter: MavlinkAdapter) -> None:
+        self._adapter = adapter
+
+    def listen(
+        self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]
+    ) -> HeardSystem:
+        """Listen to MAVLink links for some seconds; `unit` is the id of a system."""
+        if unit is not None and not (unit.isascii() and unit.isdigit()):
+            raise ConfigError(f"{unit!r} is not the id of a system", where="--unit", hint="a number from 1 to 255")
+        survey, specs = listen(links, self._adapter.dialect, seconds=seconds, warn=warn)
+        found = sketch(survey, specs, self._adapter.dialect, seconds=seconds, unit=None if unit is None else int(unit))
+        origin = f"what came over {', '.join(links)} within {seconds:g} s"
+        return HeardSystem(sketch_toml(found, origin=origin), sketch_json(found), sketch_lines(found))

@@ -26,15 +26,7 @@ _MOST = 1024  # speakers, and messages of each: ids that senders may make up; py
 
 @dataclass(slots=True)
 class Speaker:
-    """One component of a system.
-
-    Attributes:
-        link: Name of the link over which it was heard first.
-        kind: Value of `MAV_TYPE` in its heartbeat, None if there was none.
-        autopilot: Value of `MAV_AUTOPILOT` there.
-        messages: Number of frames by message id.
-        targets: Systems that it has sent frames to.
-    """
+    """One component of a system."""
 
     link: str
     kind: int | None = None
@@ -44,15 +36,7 @@ class Speaker:
 
 
 class LinkSurvey:
-    """Collects who sends which frames.
-
-    Args:
-        targets: Returns the offsets of target system and component of a message type.
-
-    Attributes:
-        speakers: Components that were heard, by system and component id.
-        skipped: Number of frames that exceed the limits of speakers or kinds.
-    """
+    """Collects who sends which frames."""
 
     def __init__(self, targets: Callable[[int], tuple[int | None, int | None]]) -> None:
         self.speakers: dict[tuple[int, int], Speaker] = {}
@@ -84,9 +68,6 @@ def listen(
     links: Sequence[str], dialect: Dialect, *, seconds: float, warn: Callable[[str], None] = lambda line: None
 ) -> tuple[LinkSurvey, list[LinkSpec]]:
     """Listen to links for a while; nothing is sent.
-
-    Returns:
-        What was heard, and the links.
 
     Raises:
         ConfigError: A link is not usable.

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 DEFAULT_BAUD = 57600  # MAVSDK's default, and that of usual telemetry radios
-_LARGEST_PORT = 65535  # ports of UDP and TCP have 16 bits
 _MOST_LINKS = 256  # a guess: a quarter of the 1024 descriptors that a process usually may open
 _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or /dev/ttyACM0,115200"
 _SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
@@ -63,21 +62,14 @@ class LinkSpec:
     """One link.
 
     Attributes:
-        kind: Kind of the link.
         host: Address to listen on or to connect to; empty for serial links and files.
-        port: UDP or TCP port.
-        path: Device or file.
         baud: Baud rate of a serial link, bit/s.
         name: Name in keys, counts and messages; unique within a bridge.
         segment: Name of the segment that it belongs to; empty for the only one.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
-        direction: Direction of the frames.
         silence: Seconds after which a silent peer of a UDP server is forgotten, and a TCP connection whose other end
             acknowledges nothing is ended.
         rate: Speed at which a log is read, relative to its recording; 0 for as fast as possible.
-        accepts: Filter of what comes in.
-        emits: Filter of what goes out.
-        text: The link as the user wrote it.
     """
 
     kind: LinkKind
@@ -116,8 +108,6 @@ def parse_links(
     """Parse all links of a bridge and give names to those that have none.
 
     Args:
-        texts: Links as the user wrote them; see `parse_link`.
-        id_of: Returns the id of a message name, for filters.
         segments: Names of the segments; if there are several, each link must name its own.
 
     Raises:
@@ -226,7 +216,7 @@ def _address(kind: LinkKind, rest: str, text: str) -> tuple[str, int]:
     if rest.isdigit():
         rest = f":{rest}"
     host, colon, port = rest.rpartition(":")
-    if not colon or not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > _LARGEST_PORT:
+    if not colon or not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > 65535:
         raise ConfigError(f"{text!r} has no port", where="--link", hint=_HINT)
     bare = host.strip("[]")
     if ":" in bare and not re.fullmatch(r"\[[^\[\]]+\]", host):

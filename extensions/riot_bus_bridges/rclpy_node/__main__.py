@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-FLUSH_S = 10.0  # generous for one short report: only a bridge that hangs takes longer
 
 
 def _load() -> None:
@@ -39,7 +38,7 @@ def main() -> int:
         version = ".".join(map(str, sys.version_info[:2]))
         problem = f"{type(error).__name__}: {error}"
         wire.tell({"event": "unfit", "problem": problem, "python": f"{sys.executable} (Python {version})"})
-        wire.flush(FLUSH_S)
+        wire.flush(10.0)
         wire.close()
         return 1
     relay.run()

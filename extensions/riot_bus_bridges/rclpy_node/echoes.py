@@ -19,12 +19,7 @@ _ENDLESS = 1 << 63  # later than any time of publication, which is an int64 of n
 
 
 class Echoes:
-    """The messages of one topic that were published here and have not come back yet.
-
-    Args:
-        most: Maximum number of remembered messages; a subscription that keeps fewer cannot hold more.
-        clock: Clock of the middleware's timestamps, nanoseconds since the Unix epoch.
-    """
+    """The messages of one topic that were published here and have not come back yet."""
 
     def __init__(self, most: int, *, clock: Callable[[], int] = time.time_ns) -> None:
         self.most = most
@@ -58,7 +53,6 @@ class Echoes:
         """Return whether a received message is one of these, and forget it.
 
         Args:
-            payload: Bytes of the message.
             published: Time of publication, 0 if the middleware does not tell it.
         """
         if not self._sent:  # messages are noted before they are sent

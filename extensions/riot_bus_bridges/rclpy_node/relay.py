@@ -21,10 +21,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from .calls import DomainClient, Server
+from .endpoints import DomainClient, Publisher, Server, Subscription, Topics
 from .frames import BridgeFrameKind
 from .snapshot import GraphSnapshot
-from .topics import Publisher, Subscription, Topics
 
 if TYPE_CHECKING:
     from .frames import BridgeFrame, Wire
@@ -32,11 +31,8 @@ if TYPE_CHECKING:
 EndT = TypeVar("EndT")
 FoundT = TypeVar("FoundT")
 
-_WAIT_NS = 1_000_000_000  # orders and the end trigger the guard; only a missed trigger waits so long
 _LINGER_S = 2.0  # longest delay of the last messages at the end
 _LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02  # so late new endpoints are told; `_SHARE` bounds what looks cost
-_BUSY_S = 1.0  # a node makes its endpoints one after another: a change announces more
-_SHARE = 20  # a twentieth of the time is spent on looking at the graph
 
 
 class Relay:
@@ -95,8 +91,6 @@ class Relay:
             self._node.destroy_node()
             rclpy.shutdown(context=self._context)
 
-    # -- from the domain ----------------------------------------------------------------------------------------------
-
     def _spin(self) -> None:
         sizes, wait_set = (-1, -1, -1), None
         while not self._stopping.is_set():
@@ -114,7 +108,7 @@ class Relay:
                 wait_set.add_client(client.handle)
             for server in servers:
                 wait_set.add_service(server.handle)
-            wait_set.wait(_WAIT_NS)
+            wait_set.wait(1_000_000_000)  # orders and the end trigger the guard
             self._forward(subscriptions, set(wait_set.get_ready_entities("subscription")))
             self._forward(clients, set(wait_set.get_ready_entities("client")))
             self._forward(servers, set(wait_set.get_ready_entities("service")))
@@ -139,8 +133,6 @@ class Relay:
         for each in ends:
             while each.forward(self._wire) and time.monotonic() < deadline:
                 pass
-
-    # -- from the bridge ----------------------------------------------------------------------------------------------
 
     def _obey(self) -> None:
         while not self._draining and (frame := self._wire.receive()) is not None:
@@ -206,8 +198,6 @@ class Relay:
                 self._gone.put(found.close)  # closed by the thread that may be waiting for it
         self._guard.trigger()
 
-    # -- the graph ----------------------------------------------------------------------------------------------------
-
     def _watch(self) -> None:
         graph, changed = GraphSnapshot(self._node), 0.0
         last: dict[str, Any] = {}
@@ -241,8 +231,8 @@ class Relay:
             except Exception as error:
                 self._tell({"event": "problem", "topic": "the graph", "problem": str(error)})
             now = time.monotonic()
-            pause = _LOOK_OFTEN_S if now - changed < _BUSY_S else _LOOK_S
-            self._changed.wait(max(pause, _SHARE * (now - began)))
+            pause = _LOOK_OFTEN_S if now - changed < 1.0 else _LOOK_S  # a change announces more
+            self._changed.wait(max(pause, 20 * (now - began)))  # at most a twentieth of the time is for looks
 
     def _tell(self, event: dict[str, Any]) -> None:
         """Let the watching thread send an event, since the threads that relay messages must not wait for each other."""

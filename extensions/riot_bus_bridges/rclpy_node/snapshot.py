@@ -1,4 +1,8 @@
-"""The graph of a ROS domain as one of its nodes sees it: nodes, and their publishers, subscriptions and services."""
+"""The graph of a ROS domain as one of its nodes sees it: nodes, and their publishers, subscriptions and services.
+
+A quality of service is a list of numbers: reliability, durability, history, depth, deadline, lifespan, liveliness,
+lease. Durations are nanoseconds, 0 if infinite.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,54 @@ import contextlib
 import time
 from typing import TYPE_CHECKING, Any
 
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+
 from .frames import NODE_PREFIX
 from .kinds import type_hash
-from .profiles import numbers_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.node import Node
 
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
-_PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
+
+
+_ENDLESS_NS = 2_147_483_647 * 10**9  # infinity in DDS; that of rmw is longer
+
+
+def profile_of(numbers: Sequence[int]) -> QoSProfile:
+    """Return a profile for rclpy."""
+    reliability, durability, history, depth, deadline, lifespan, liveliness, lease = numbers
+    durations = {"deadline": deadline, "lifespan": lifespan, "liveliness_lease_duration": lease}
+    return QoSProfile(
+        reliability=ReliabilityPolicy(reliability),
+        durability=DurabilityPolicy(durability),
+        history=HistoryPolicy(history),
+        depth=depth,
+        liveliness=LivelinessPolicy(liveliness),
+        **{name: Duration(nanoseconds=value) for name, value in durations.items() if value},
+    )
+
+
+def numbers_of(profile: Any) -> list[int]:
+    """Return rclpy's profile of an endpoint; history and depth are 0 (unknown) if DDS does not tell them."""
+    return [
+        int(profile.reliability),
+        int(profile.durability),
+        int(profile.history),
+        int(profile.depth),
+        _duration(profile.deadline),
+        _duration(profile.lifespan),
+        int(profile.liveliness),
+        _duration(profile.liveliness_lease_duration),
+    ]
+
+
+def _duration(duration: Any) -> int:
+    found = int(duration.nanoseconds)
+    return 0 if found >= _ENDLESS_NS else found
 
 
 class GraphSnapshot:
@@ -55,7 +96,7 @@ class GraphSnapshot:
                 if name in _UNKNOWN:
                     now = time.monotonic()
                     nameless[gid] = self._nameless.get(gid, now)
-                    if now - nameless[gid] < _PATIENCE_S:
+                    if now - nameless[gid] < 1.0:  # its name may come later
                         continue
                     name, node = "", ""
                 else:

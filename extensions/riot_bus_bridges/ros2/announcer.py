@@ -1,9 +1,10 @@
-"""Liveliness tokens that make the nodes of a domain visible on the segment, like those of rmw_zenoh."""
+"""Liveliness tokens: of the nodes of a domain on the segment, like those of rmw_zenoh, and of bridges."""
 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
@@ -17,12 +18,31 @@ if TYPE_CHECKING:
     from riot_bus_ros2.tokens import EndpointKind
 
 
+_DOMAIN = re.compile("[0-9]{1,3}")
+
+
+class OtherBridge(NamedTuple):
+    """Another bridge, as described by its token."""
+
+    domain: int
+    zid: str
+    name: str
+
+    def token(self) -> str:
+        """Return the last chunks of its token."""
+        return f"{self.domain}/{self.zid}/{self.name}"
+
+    @classmethod
+    def parse(cls, token: str) -> OtherBridge | None:
+        """Parse a token; return None if it is not the token of a bridge."""
+        chunks = token.split("/")[-3:]  # domain, id of the session and name, see `token`
+        if len(chunks) < 3 or not _DOMAIN.fullmatch(chunks[0]):
+            return None
+        return cls(int(chunks[0]), chunks[1], chunks[2])
+
+
 class Announcer:
     """Declares tokens and undeclares them.
-
-    Args:
-        port: Segment on which they are declared.
-        domain: ROS domain in the keys.
 
     Attributes:
         gids: Gids for the attachments of an endpoint's messages. rclpy does not say which of several publishers has

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_bridges.bridging import Bridge
 from riot_bus_bridges.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
-from riot_bus_bridges.ros2.announcer import Announcer
+from riot_bus_bridges.ros2.announcer import Announcer, OtherBridge
 from riot_bus_bridges.ros2.graph import DomainGraph
 from riot_bus_bridges.ros2.node import START_S, NodeProcess
 from riot_bus_bridges.ros2.options import Names
-from riot_bus_bridges.ros2.other_bridges import OtherBridge
 from riot_bus_bridges.ros2.plan import BridgePlan, plan_of
 from riot_bus_bridges.ros2.routes import BridgeRoute, DownRoute, OfferedService, RouteContext, UpRoute, WantedService
 from riot_bus_bridges.ros2.text import summary_lines
@@ -42,16 +41,11 @@ DDS may never tell a participant that it just meets of a reader that goes at tha
 bridge); a reliable publisher then waits for that reader."""
 _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
 _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
-_MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
-_MEET_S = 5.0  # longest time until nodes of a domain know each other
 _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
 class Ros2Bridge(Bridge):
     """Context manager that bridges a ROS domain and a segment while it is open.
-
-    One thread decides what is bridged, from the endpoints on both sides. Messages are carried on the threads that
-    receive them: the one that listens to the node, and Zenoh's.
 
     Raises:
         ConfigError: An option is not usable.
@@ -88,8 +82,6 @@ class Ros2Bridge(Bridge):
         self._settled = threading.Event()
         self._thread = threading.Thread(target=self._run, name="riot-bridge", daemon=True)
 
-    # -- life ---------------------------------------------------------------------------------------------------------
-
     def open(self, stack: ExitStack) -> None:
         """Start the node, and wait until what it sees of its domain is bridged."""
         stack.callback(self._node.close)
@@ -118,8 +110,6 @@ class Ros2Bridge(Bridge):
                 raise EnvironmentFaultError("the node does not see its ROS domain", where="bridge")
         if self.failure is not None:
             raise self.failure
-
-    # -- what is going on ---------------------------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
         """Return the state of the bridge as JSON values."""
@@ -151,8 +141,6 @@ class Ros2Bridge(Bridge):
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
         return summary_lines(self.status())
-
-    # -- what comes in ------------------------------------------------------------------------------------------------
 
     def _receive(self, frame: BridgeFrame | None) -> None:
         """Carry what the node sends."""
@@ -199,7 +187,7 @@ class Ros2Bridge(Bridge):
         with self._changed:
             if not present:
                 self._bridges.pop(token, None)
-            elif len(self._bridges) < _MOST_BRIDGES:
+            elif len(self._bridges) < 1000:  # tokens can be forged
                 self._bridges[token] = found
         self._wake()
 
@@ -207,8 +195,6 @@ class Ros2Bridge(Bridge):
         with self._changed:
             self._dirty = True
             self._changed.notify()
-
-    # -- what is bridged ----------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self.ended.is_set():
@@ -243,7 +229,7 @@ class Ros2Bridge(Bridge):
 
         The number of a domain proves nothing: separate domains of other hosts may have the same number.
         """
-        if self._settled.is_set() or time.monotonic() - self._began > _MEET_S:
+        if self._settled.is_set() or time.monotonic() - self._began > 5.0:
             return False
         here = {name.rpartition("/")[2] for name in graph.bridges}
         return any(
@@ -339,8 +325,6 @@ class Ros2Bridge(Bridge):
         for down in self._routes[DownRoute].values():
             down.unsubscribe()
         self._node.finish()
-
-    # -- what goes wrong ----------------------------------------------------------------------------------------------
 
     def _problem(self, topic: str, text: str) -> None:
         self.report_problem(f"{topic}: {text}" if topic else text)

@@ -15,11 +15,7 @@ class DomainEndpoint(NamedTuple):
     """A publisher, subscription, server or client of the domain; servers and clients have no QoS and no gid.
 
     Attributes:
-        node: Full name of its node, empty if it does not belong to a ROS node.
-        topic: Full name of the topic or service.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
         type_hash: Hash of its type, None if the distribution has no hashes.
-        qos: Its quality of service.
         gid: Its id in DDS, in hexadecimal.
     """
 
@@ -33,18 +29,7 @@ class DomainEndpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DomainGraph:
-    """Nodes and endpoints of a domain, without the endpoints of bridges.
-
-    Attributes:
-        bridges: Names of the nodes of bridges.
-        nodes: Names of all other nodes.
-        publishers: Publishers of topics.
-        subscriptions: Subscriptions to topics.
-        servers: Servers of services.
-        clients: Clients of services.
-        matched: Number of subscriptions that match a publisher of ours, by the publisher's number.
-        ready: Numbers of our clients whose server would get a request.
-    """
+    """Nodes and endpoints of a domain, without the endpoints of bridges."""
 
     bridges: Sequence[str] = ()
     nodes: Sequence[str] = ()

@@ -25,19 +25,11 @@ _PROGRAM = Path(rclpy_node.__file__).resolve().parent
 START_S = 60.0
 """Generous: importing rclpy, and discovery, on a slow or busy machine; not measured."""
 _END_S = 10.0  # the node itself takes up to 6 s: three times `_LINGER_S` of relay.py
-_FLUSH_S = 5.0  # generous: only a node that hangs leaves orders unread for so long
-_BUFFER = 1 << 22  # asked for, so that large messages need not wait; the system may give less
 _SOURCE = 'source "$0" && exec "$@"'
 
 
 class NodeProcess:
-    """Process of the node; call `start` once and `close` always.
-
-    Args:
-        name: Name of the node.
-        options: Options with domain and interpreter.
-        received: Called on a separate thread with each frame, and with None when the process has ended.
-    """
+    """Process of the node; call `start` once and `close` always."""
 
     def __init__(self, name: str, options: Ros2BridgeOptions, received: Callable[[BridgeFrame | None], None]) -> None:
         self._name, self._options, self._received = name, options, received
@@ -54,7 +46,7 @@ class NodeProcess:
         """
         ours, theirs = socket.socketpair()
         for each in (ours, theirs):
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 22)
         python = self._options.python or interpreter()
         command = [python, str(_PROGRAM), str(theirs.fileno()), self._name]
         if self._options.setup is not None:
@@ -101,7 +93,7 @@ class NodeProcess:
     def close(self) -> None:
         """End the process, after what was sent to it before; safe to call twice."""
         if self._wire is not None:
-            self._wire.flush(_FLUSH_S)
+            self._wire.flush(5.0)
             self._wire.hang_up()
         if self._process is not None:
             try:

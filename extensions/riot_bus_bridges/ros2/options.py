@@ -12,7 +12,6 @@ from riot_bus.vocabulary.selector import key_matches
 from riot_bus_ros2.keys import action_of
 
 _LARGEST_DOMAIN = 232  # DDS computes its ports from it
-_LARGEST_ZENOH_DOMAIN = 999_999_999  # data keys have domains of up to nine digits (keys.py)
 _MOST_KEPT = 1 << 20  # a million messages of 1 kB take 1 GB: more is probably a mistake
 _OF_EVERY_NODE = frozenset(
     {
@@ -77,7 +76,7 @@ class Ros2BridgeOptions:
         if not 0 <= self.domain <= _LARGEST_DOMAIN:
             hint = f"ROS_DOMAIN_ID is a number from 0 to {_LARGEST_DOMAIN}"
             raise ConfigError(f"{self.domain} is not a ROS domain", where="--domain", hint=hint)
-        if not 0 <= self.zenoh_domain <= _LARGEST_ZENOH_DOMAIN:
+        if not 0 <= self.zenoh_domain <= 999_999_999:  # up to nine digits, as in keys.py
             raise ConfigError(f"{self.zenoh_domain} is not a ROS domain", where="--zenoh-domain", hint="such as 0")
         for where, number in (("--depth", self.depth), ("--latched", self.latched)):
             if not 0 < number <= _MOST_KEPT:

@@ -28,18 +28,11 @@ if TYPE_CHECKING:
     from riot_bus_ros2.qos import Duration
     from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
 
-_MOST_LATCHED = 1 << 16  # peers may announce depths of ten digits: bounds what is fetched and kept
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 
 
 class UpPlan(NamedTuple):
-    """Plan for a topic that goes from the domain to the segment.
-
-    Attributes:
-        reader: QoS of the subscription in the domain.
-        reliable: Whether it is published reliably on the segment.
-        latched: Whether messages are kept for late joiners on the segment.
-    """
+    """Plan for a topic that goes from the domain to the segment."""
 
     reader: RosQos
     reliable: bool
@@ -59,7 +52,6 @@ class DownPlan(NamedTuple):
     """Plan for a topic that goes from the segment to the domain.
 
     Attributes:
-        writer: QoS of the publisher in the domain.
         latched: Number of kept messages to fetch from publishers on the segment; None if they keep none.
         sourced: Whether there are publishers on the segment, as far as they are announced.
     """
@@ -77,10 +69,6 @@ class DomainAnnouncement(NamedTuple):
     """Node or endpoint of the domain that is announced on the segment by a token.
 
     Attributes:
-        kind: Kind of endpoint, None for a node.
-        node: Full name of the node.
-        key: Topic or service; None for a node.
-        qos: Its quality of service.
         gid: Id that distinguishes otherwise identical endpoints.
     """
 
@@ -96,11 +84,7 @@ class BridgePlan:
     """Everything that a bridge should carry and announce.
 
     Attributes:
-        ups: Topics that have publishers in the domain.
         downs: Topics that have publishers on the segment or subscriptions in the domain.
-        offered: Services that have a server in the domain.
-        wanted: Services that have a server on the segment, and none in the domain.
-        announcements: Everything that is announced on the segment.
         foreign: Topics and services whose types or type hashes differ between domain and segment.
     """
 
@@ -123,10 +107,6 @@ def plan_of(
     """Return the plan of a bridge.
 
     Args:
-        graph: The domain, without bridges.
-        segment: Endpoints that others announce on the segment.
-        names: Choice of the bridged topics and services.
-        options: Options of the bridge.
         bridges: Zenoh session ids of other bridges, each of which has one publisher for all that it announces.
     """
 
@@ -186,7 +166,7 @@ def _down(
     reliable = not elsewhere or any(each.reliable for each in elsewhere)
     kept = options.latched
     if latched and elsewhere:
-        kept = min(_MOST_LATCHED, sum(depths))
+        kept = min(1 << 16, sum(depths))  # peers may announce any depth
     writer = RosQos(
         RELIABLE if reliable else BEST_EFFORT,
         LATCHED if latched else VOLATILE,

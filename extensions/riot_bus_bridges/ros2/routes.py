@@ -39,8 +39,6 @@ class RouteContext:
     """What the routes of a bridge share.
 
     Attributes:
-        node: The node in the domain.
-        port: The segment.
         latched: Number of messages to keep for late joiners on the segment.
         changed: Called when subscribers on the segment appear or disappear.
         is_own: Returns whether an attachment belongs to a message from this bridge.
@@ -59,10 +57,7 @@ class BridgeRoute:
     """A topic or service that crosses the bridge.
 
     Attributes:
-        way: Name of the count in the bridge's status.
         token_kind: Kind of the token that announces the endpoints whose messages it carries to the segment.
-        gid: Gid in the attachments of these messages.
-        count: Number of messages or calls so far.
     """
 
     way: ClassVar[str]

@@ -22,12 +22,7 @@ _SEARCHES = ("connect/endpoints", "listen/endpoints", "scouting/multicast/enable
 
 
 def begin(plan: Mapping[str, Any], tools: Any) -> Callable[[Mapping[str, Any], dict[str, Any]], None]:
-    """Begin to carry out a plan; return what changes the arguments of each `Popen`.
-
-    Args:
-        plan: Plan of `placed` or `wrapped`.
-        tools: Functions of the core's hook.
-    """
+    """Begin to carry out a plan; return what changes the arguments of each `Popen`."""
     if "nodes" in plan and "ZENOH_CONFIG" in os.environ:
         sys.meta_path.insert(0, _Zenoh())
     change = wrapped if "wrap" in plan else placed
@@ -38,7 +33,6 @@ def placed(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
     """Change the arguments of a `Popen` as a plan says, and report what was started.
 
     Args:
-        tools: Functions of the core's hook.
         plan: Plan with `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file of reports).
         popen: Arguments of `Popen` by name.
     """
@@ -58,7 +52,6 @@ def wrapped(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
     """Run the tests of one package in a separate `riot ros-test`, if this is colcon and starts them.
 
     Args:
-        tools: Functions of the core's hook.
         plan: Plan with `wrap`, the words to prepend, with `{package}` and `{folder}`, and `cwd`, their working folder.
         popen: Arguments of `Popen` by name.
     """
@@ -81,9 +74,6 @@ def joined(zenoh: Any) -> None:
 
     `zenoh.Config()` does not read that file. A session whose configuration says where to connect or listen, or that
     must not look for others, is opened as it is.
-
-    Args:
-        zenoh: The module, whose `open` is replaced.
     """
     import functools
 

@@ -22,17 +22,9 @@ class Passage:
     """Messages that passed through the router of one command, and what happened to them.
 
     Attributes:
-        wanted: Topics and services that were to be intercepted.
-        counts: Counts of the router by topic.
         crossed: Number of intercepted messages that had a subscriber in another segment; without service calls, which
             always have a receiver.
-        losses: Unintended losses of the router.
-        hits: Number of times that each injection of the plan was carried out; None without a plan.
-        problems: Reasons why injections could not be carried out, by topic.
         errors: Number of messages on which an interceptor failed, and the first error, by name of the interceptor.
-        recording: Path of the log; empty without one.
-        components: Number of components that connected to each segment, without bridges and what is behind them.
-        domains: ROS domain of each segment; empty without bridges.
         nodes: Regular expression for the processes chosen for the segment `unit`; None if none were.
         started: Processes that were started in that segment, and the others.
     """

@@ -19,10 +19,9 @@ from riot_bus.control.signals import END_S, ended_by_signals
 from riot_bus.processes.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others
-from riot_bus_bridges.ros_test.bridged_domains import LOOK_S
-from riot_bus_bridges.ros_test.packages import is_colcon_test, leave_account, package_lines, router_per_package
 from riot_bus_bridges.ros_test.passage import Passage
-from riot_bus_bridges.ros_test.segments import HERE, UNIT, Components, Crossings, open_segments
+from riot_bus_bridges.ros_test.placement import is_colcon_test, leave_account, package_lines, router_per_package
+from riot_bus_bridges.ros_test.segments import HERE, LOOK_S, UNIT, Components, Crossings, open_segments
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -41,12 +40,8 @@ class RosTest:
     Attributes:
         router: Options of the router; its segments are not those of riot.toml but two on free ports of this machine.
         nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
-        dds: Whether nodes use DDS, so that each segment gets a ROS domain and a bridge.
-        record: Path of a log, or of a folder for logs.
-        package: Name of the tested package.
         folder: Working folder of the command; the present one by default.
         account: Folder for the report, if this is one of several `riot ros-test` of one run.
-        words: Options as the user wrote them.
     """
 
     router: RouterOptions = field(default_factory=RouterOptions)

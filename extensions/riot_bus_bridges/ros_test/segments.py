@@ -5,24 +5,28 @@ Only a message with a subscriber in another segment passes the router: within on
 
 from __future__ import annotations
 
+import json
+import signal
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
-from riot_bus.processes.ros_domains import free_domains
+from riot_bus.processes.ros_domains import free_domains, start_bridge
 from riot_bus.router.receivers import Receivers
-from riot_bus.zenoh.session import environment_of_others, includes
-from riot_bus_bridges.ros_test.bridged_domains import bridged_domains
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import environment_of_others, includes, wait_until
+from riot_bus_bridges.ros2.node import START_S
 from riot_bus_bridges.ros_test.placement import Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Mapping
     from pathlib import Path
 
     from riot_bus.control.router_service import RouterService
-    from riot_bus.processes.launcher import Launcher
+    from riot_bus.processes.launcher import ComponentProcess, Launcher
     from riot_bus.router.bus import Bus
 
 HERE, UNIT = "system", "unit"
@@ -34,9 +38,6 @@ class ReadySegments:
     """Segments that are ready for a command.
 
     Attributes:
-        environment: Whole environment of the command.
-        placement: Placement of processes into the other segment.
-        domains: ROS domain of each segment; empty without bridges.
         carried: Number of messages that bridges have carried into a domain, by topic; known at the end.
     """
 
@@ -46,18 +47,57 @@ class ReadySegments:
     carried: Mapping[str, int]
 
 
+_END_S = 15.0  # a bridge waits up to 5 s for its last messages, and 10 s for its node
+LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
+
+
+@contextmanager
+def bridged_domains(
+    launcher: Launcher, endpoints: Mapping[str, str], domains: Mapping[str, int], *, folder: Path
+) -> Iterator[Counter[str]]:
+    """Join a ROS domain to each segment until the context ends; messages in transit then are still forwarded.
+
+    Yields counts that are filled at the end: how many messages of each topic a bridge has carried into its domain.
+    """
+    bridges = [
+        start_bridge(launcher, f"bridge-{segment}", endpoint=endpoints[segment], domain=domain, folder=folder)
+        for segment, domain in domains.items()
+    ]
+    for bridge in bridges:
+        _wait_ready(launcher, bridge)
+    carried: Counter[str] = Counter()
+    try:
+        yield carried
+    finally:
+        for bridge in bridges:
+            launcher.interrupt(bridge, signal.SIGINT)
+        launcher.wait(bridges, timeout=_END_S)
+        for bridge in bridges:
+            topics = _event(bridge, "ended").get("topics", {})
+            carried.update({topic: ways["to_domain"] for topic, ways in topics.items()})
+
+
+def _wait_ready(launcher: Launcher, bridge: ComponentProcess) -> None:
+    wait_until(lambda: bool(_event(bridge, "ready")) or not launcher.alive(bridge), START_S, interval=LOOK_S)
+    if not _event(bridge, "ready"):
+        why = bridge.errors().strip().splitlines() or ["it says nothing"]
+        hint = "RIOT_ROS_PYTHON or RIOT_ROS_SETUP name a Python that has rclpy (docs/ros2.md)"
+        raise EnvironmentFaultError(f"no bridge to DDS: {' '.join(why[-4:])}", where="--dds", hint=hint)
+
+
+def _event(bridge: ComponentProcess, name: str) -> dict[str, Any]:
+    """Return what a bridge has said so far of an event; nothing if it has not."""
+    for line in bridge.printed().splitlines(keepends=True):
+        if line.startswith("{") and line.endswith("\n") and (event := json.loads(line)).get("event") == name:
+            return dict(event)
+    return {}
+
+
 @contextmanager
 def open_segments(
     service: RouterService, launcher: Launcher, folder: Path, *, nodes: str | None, dds: bool
 ) -> Iterator[ReadySegments]:
     """Make the segments of a running router ready for a command.
-
-    Args:
-        service: The running router.
-        launcher: Owner of the bridges' processes.
-        folder: Folder for files; only this user should be able to write there.
-        nodes: Regular expression for the processes to put into the segment `unit`; None for none.
-        dds: Whether nodes use DDS.
 
     Raises:
         ConfigError: `nodes` is not a regular expression.

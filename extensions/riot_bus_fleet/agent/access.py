@@ -31,8 +31,6 @@ ACTIONS: dict[Action, tuple[str, str]] = {
 """Flow of each action, as the router sees it, and its name in Zenoh's access control."""
 
 _READING = ("status", "logs")
-_LOGS_HZ = 20.0
-"""Queries for logs per second on one link; they are a viewer's only queries that share a queue with commands."""
 
 _ASK, _ANSWER = ("ingress", "query"), ("egress", "query")
 _REPLY, _GET_REPLY = ("ingress", "reply"), ("egress", "reply")
@@ -57,9 +55,7 @@ def access_rules(
     """Return Zenoh's `access_control` for a fleet's router, which denies all that no rule allows.
 
     Args:
-        subjects: Roles, and the users that have them.
         robot: Name of the robot whose agent may be commanded and may answer; `*` for any.
-        certificates: Whether users are common names of certificates (mutual TLS), not users with passwords.
     """
     users: dict[Role, list[str]] = {}
     for role, user in subjects:
@@ -93,7 +89,7 @@ def question_limits() -> list[dict[str, Any]]:
 
     A query within a 20th of a second after another one is dropped, so commands must not be limited this way.
     """
-    rules = [{"key_expr": f"{OWN_CHUNK}/*/agent/logs", "freq": _LOGS_HZ}]
+    rules = [{"key_expr": f"{OWN_CHUNK}/*/agent/logs", "freq": 20.0}]
     return [{"id": "questions", "messages": ["query"], "flows": ["ingress"], "rules": rules}]
 
 

@@ -25,8 +25,6 @@ NOBODY = "(nobody)"
 """The identity without a name: a session with no credentials at all."""
 
 _COMMANDS = ("status", "logs", "play", "record", "pause", "resume", "seek", "rate", "stop")
-_WINDOW_S = 3.0  # a guess: declarations take time, and nothing tells when they have arrived
-_PAUSE_S = 0.2  # 15 tries in the window: the first ones may come before the declarations
 _ASK_S = 1.0  # all sides are in this process and answer at once; silence means refusal
 
 
@@ -35,8 +33,6 @@ class Access:
     """An action at one key that was seen to succeed for one identity, which is a client with certain credentials.
 
     Attributes:
-        identity: Name of the identity; `NOBODY` for a client without credentials.
-        action: Action that succeeded.
         key: Key of the agent, or its liveliness token, at which it succeeded.
         seen_by: Identities on the other side, at least one: receivers of a `put`, publishers for `receive`, repliers
             for `ask`, askers for `answer`, those that found the token for `announce`, its holders for `see`.
@@ -63,10 +59,8 @@ def probe_access(
     An action with two sides is seen only if both are allowed: while no identity can subscribe, no publication is seen.
 
     Args:
-        endpoint: The fleet's router.
         identities: Zenoh configuration of each identity by name; one named after a role is compared with that role.
         robot: Name of the robot whose keys are tried; no such agent may be running. By default an unused name.
-        say: Called with a line for each identity that cannot connect.
 
     Raises:
         EnvironmentFaultError: No identity can connect.
@@ -94,11 +88,11 @@ def probe_access(
         for side in sides:
             stack.callback(side.close)
             side.offer([*keys, agent_token(robot, "0" * 32)])
-        end = time.monotonic() + _WINDOW_S
+        end = time.monotonic() + 3.0
         while time.monotonic() < end:  # declarations take time, and nothing tells when they have arrived
             for side in sides:
                 side.put(keys)
-            time.sleep(_PAUSE_S)
+            time.sleep(0.2)  # the first tries may come before the declarations
         for side in sides:
             for key, other in side.ask(keys):
                 found |= {(side.name, "ask", key, other), (other, "answer", key, side.name)}

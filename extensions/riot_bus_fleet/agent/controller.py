@@ -34,18 +34,6 @@ def drive(
 ) -> bool:
     """Run an operation on a robot and follow it to its end.
 
-    Args:
-        robot: Name of the robot.
-        kind: `play` or `record`.
-        arguments: Arguments of the operation for the agent.
-        options: Options of the controller.
-        say: Function that prints a line of the result.
-        show: Function that shows a line of progress in place of the previous one.
-        as_json: Whether to print the result as lines of JSON.
-
-    Returns:
-        False if a signal has ended it.
-
     Raises:
         RiotError: The operation was refused, failed, was stopped by another user, or the robot was silent too long.
         DataLossError: The operation ended, but messages were lost.

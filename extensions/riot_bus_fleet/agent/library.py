@@ -22,24 +22,13 @@ if TYPE_CHECKING:
 
     from riot_bus_fleet.logs.entry import LogEntry
 
-_LONGEST_PATH = 1000
 _MOST_FILES = 500
-_MOST_ROWS = 500
-_END_S = 10.0
 _IDLE, _LONGEST_REST_S = 9, 20.0
 """Rest between two scans, whatever is requested: a multiple of the last scan's duration, and the limit of it."""
-_NAMES = 10_000  # a guess: a wrong name is compared with each, only for a hint
 
 
 class Library:
-    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else.
-
-    Args:
-        folder: Folder of the logs; nothing outside of it is ever opened.
-        robot: Name of the robot for logs that do not name theirs.
-        catalogue: File that keeps what is known; None for memory.
-        failed: Called with a line about whatever could not be scanned.
-    """
+    """The logs below a folder, scanned on a separate thread, so that many or large logs delay nothing else."""
 
     def __init__(
         self,
@@ -70,7 +59,7 @@ class Library:
             self._closing = True
             self._bell.notify_all()
         if self._thread.is_alive():
-            self._thread.join(_END_S)
+            self._thread.join(10.0)
         if not self._thread.is_alive():
             self._catalogue.close()
 
@@ -78,16 +67,13 @@ class Library:
         """Return the logs known so far, as JSON values, and request a new scan unless `look` is given.
 
         Args:
-            query: Query for logs, in the language of `riot fleet list`.
-            offset: Number of logs to skip.
-            limit: Largest number of logs to return.
             look: Number of a scan, from an earlier answer; this answer is complete if that scan has ended.
 
         Raises:
             ConfigError: The query is invalid.
         """
         wanted = parse_query(query)
-        limit = min(max(limit, 0), _MOST_ROWS)
+        limit = min(max(limit, 0), 500)
         number = self._look() if look is None else look
         with self._bell:
             complete = self._done >= number
@@ -102,14 +88,11 @@ class Library:
     def resolve(self, name: str) -> list[Path]:
         """Return the files of a name: a log, or a folder that holds the files of one recording.
 
-        Args:
-            name: Path, relative to the folder, or absolute and inside of it.
-
         Raises:
             ConfigError: The path leads out of the folder, directly or through a link, or is not a log.
         """
         where = "logs"
-        if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
+        if not name or not name.isprintable() or len(name) > 1000:
             raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
         try:
             path = self._inside(self.folder / name, name)
@@ -125,7 +108,7 @@ class Library:
                 if not stat.S_ISREG(each.stat().st_mode) or each.suffix != ENDING:
                     raise ConfigError(f"{name!r} is not a log", where=where, hint=f"their names end with {ENDING}")
         except OSError as error:
-            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
+            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=10_000)]
             hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"
             raise ConfigError(f"cannot open {name!r}: {error.strerror}", where=where, hint=hint) from None
         return found

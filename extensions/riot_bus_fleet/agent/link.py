@@ -23,18 +23,11 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 _LOG = logging.getLogger(__name__)
-_RETRY_S = 1.0  # so late a router that has started is found; a try costs one connection
 _ASK_S = 1.0  # with `_WATCH_S`, the default grace of 10 s holds six unanswered questions
-_END_S = 15.0  # opening a link takes up to 10 s (Zenoh's open_timeout), `others` another second
 
 
 class FleetLink:
-    """Connection that announces an agent, receives its commands and publishes its progress.
-
-    Args:
-        say: Called with a line for each change of the link.
-        failed: Called with an error that waiting cannot resolve, such as a wrong configuration.
-    """
+    """Connection that announces an agent, receives its commands and publishes its progress."""
 
     def __init__(
         self,
@@ -67,7 +60,7 @@ class FleetLink:
 
         self._closing.set()
         if self._thread.is_alive():
-            self._thread.join(_END_S)
+            self._thread.join(15.0)  # opening a link takes up to 10 s (Zenoh's open_timeout)
         with suppress(zenoh.ZError):  # the link may hang
             self._stack.close()
 
@@ -114,7 +107,7 @@ class FleetLink:
                 if not told:
                     self._say(f"waiting for the fleet router: {error.message}")
                     told = True
-                self._closing.wait(_RETRY_S)
+                self._closing.wait(1.0)  # a try costs one connection
             except RiotError as error:
                 self._failed(error)
                 return

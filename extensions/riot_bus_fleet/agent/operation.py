@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import reason
@@ -15,11 +15,12 @@ from riot_bus.zenoh.session import reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from riot_bus.play.service import PlayService
+    from riot_bus.record.service import CaptureService
     from riot_bus_fleet.agent.request import Lead
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.1  # so late a full disk is seen: meanwhile 1 GB/s fill a fifth of the 512 MiB kept free
-_MOST_WARNINGS = 20
 _LONGEST = 500
 """All warnings are in the status, published twice a second: at most 10,000 characters."""
 
@@ -27,37 +28,12 @@ FINAL = ("ended", "stopped", "failed")
 """The states in which an operation is over and holds no resources."""
 
 
-class OperationService(Protocol):
-    """What an operation runs: a player or a recorder."""
-
-    def start(self) -> None:
-        """Begin; return without waiting for the end."""
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the end; return whether it has ended."""
-
-    def pause(self) -> None:
-        """Pause."""
-
-    def resume(self) -> None:
-        """Resume."""
-
-    def stop(self) -> None:
-        """End as soon as possible; does not wait for it."""
-
-    def close(self) -> None:
-        """Stop and release all resources; safe to call twice."""
-
-
-ServiceT = TypeVar("ServiceT", bound=OperationService)
+ServiceT = TypeVar("ServiceT", "PlayService", "CaptureService")
+"""What an operation runs: a player or a recorder."""
 
 
 class Operation(ABC, Generic[ServiceT]):
-    """A play or recording, which begins with `start` and ends by itself, by `stop`, or by a failure.
-
-    Args:
-        lead: Controller that asked for it, and what to do if it is lost.
-    """
+    """A play or recording, which begins with `start` and ends by itself, by `stop`, or by a failure."""
 
     kind: str
 
@@ -135,7 +111,7 @@ class Operation(ABC, Generic[ServiceT]):
 
     def warn(self, line: str) -> None:
         """Note a warning for the status."""
-        if len(self.warnings) < _MOST_WARNINGS:
+        if len(self.warnings) < 20:  # all are in the status, which is published twice a second
             self.warnings.append(line[:_LONGEST])
         self.changed()
 

@@ -150,9 +150,6 @@ class ControllerOptions:
     def policy(self, default: str) -> dict[str, Any]:
         """Return the arguments that tell a robot what to do when its controller is lost.
 
-        Args:
-            default: Policy of the operation if none is chosen.
-
         Raises:
             ConfigError: A policy is chosen although no controller stays.
         """

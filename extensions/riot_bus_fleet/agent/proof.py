@@ -23,9 +23,7 @@ def prove(secret: str, role: str, text: str) -> str:
     """Return the proof that the sender of a text knows a secret.
 
     Args:
-        secret: Shared by agent and controller; as `new_secret` returns it.
         role: Role of the sender, so that its proof cannot be sent back to it as one of the other side.
-        text: Text to prove.
     """
     return hmac.new(secret.encode(), f"{role}\n{text}".encode(), hashlib.sha256).hexdigest()
 
@@ -34,7 +32,6 @@ def proved(document: Mapping[str, Any], secret: str | None, nonce: str) -> dict[
     """Return an agent's document with a proof that it comes from the agent and is new.
 
     Args:
-        document: JSON values.
         secret: Secret of the operation; None for a document without a proof.
         nonce: Nonce of the controller's query, or an increasing number.
     """

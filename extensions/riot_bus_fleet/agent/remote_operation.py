@@ -34,7 +34,6 @@ _SILENT_S = 2.0  # four missed messages of progress, which come every 0.5 s
 _LOOK_S = 0.2  # so late Ctrl-C is noticed; `riot agent acl` allows 20 questions for logs a second
 _LOOKING_S = 5.0  # scans may rest for 20 s (library.py): then people get the list so far
 _LARGEST = 1 << 20  # as `LARGEST_PAYLOAD` of commands: anyone may publish at these keys
-_LONGEST_NONCE = 100  # an agent's has 32 digits; anyone may ask, with a payload of any length
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +51,7 @@ class Robot:
 
 
 def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[Robot]:
-    """Return the robots whose agents are connected, by name.
-
-    Raises:
-        EnvironmentFaultError: No router answers.
-    """
+    """Return the robots whose agents are connected, by name; raises EnvironmentFaultError if no router answers."""
     from riot_bus.zenoh import api as zenoh
 
     with Remote(endpoint, config=config, kind="agent") as remote:
@@ -93,18 +88,7 @@ def ask_robot(
 def list_logs(
     endpoint: str, robot: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
 ) -> dict[str, Any]:
-    """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later.
-
-    Args:
-        endpoint: The fleet's router.
-        robot: Its name.
-        config: Further Zenoh configuration.
-        arguments: `query`, `offset` and `limit` of the agent's command `logs`.
-
-    Raises:
-        EnvironmentFaultError: No router or no such robot answers.
-        RiotError: The agent answers with an error.
-    """
+    """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later."""
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         deadline = time.monotonic() + _LOOKING_S
@@ -169,11 +153,6 @@ class RemoteOperation:
     def begin(self, kind: str, arguments: Mapping[str, Any], *, watched: bool = True) -> dict[str, Any]:
         """Start the operation on the robot and return its status.
 
-        Args:
-            kind: `play` or `record`.
-            arguments: Further arguments for the agent.
-            watched: Whether this controller stays.
-
         Raises:
             EnvironmentFaultError: The robot does not answer, or is busy.
             ConfigError: The robot refuses.
@@ -192,9 +171,6 @@ class RemoteOperation:
         """Follow the operation to its end, through breaks of the link.
 
         Args:
-            told: Called with each new status, or with None and the seconds of silence.
-            give_up: Seconds without an answer after which to give up.
-            until: Function that returns whether a status is the awaited one.
             interrupted: Function that is called often; once it returns true, the robot is stopped, then followed.
 
         Raises:
@@ -240,7 +216,7 @@ class RemoteOperation:
 
     def _prove_presence(self, query: zenoh.Query) -> None:
         with query:
-            nonce = query.payload.to_bytes()[:_LONGEST_NONCE].decode(errors="replace") if query.payload else ""
+            nonce = query.payload.to_bytes()[:100].decode(errors="replace") if query.payload else ""
             query.reply(query.key_expr, prove(self._secret, "controller", nonce))
 
     def _take(self, message: Message) -> None:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus_fleet.agent.options import AgentOptions
 
-DEFAULT_GRACE_S = 10.0
-"""How long a controller may be away before it counts as lost: as long as Zenoh may need to notice a broken link."""
 
 Policy = Literal["continue", "pause", "stop"]
 """What becomes of an operation whose controller is lost."""
@@ -33,7 +31,6 @@ _Secret = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=1000)]
 _LIMITS = {float: (0, 1e9), int: (-(1 << 63), (1 << 63) - 1)}  # seconds as in `riot play`; what 64 bits hold
-_MOST_INJECTIONS = 1000  # a guess: each one costs the robot time for every message of its topic
 _MOST_COPIES = 1000  # a guess: a single injection could flood the robot's bus
 _LONGEST_DELAY_S = 3600.0  # a guess: delayed messages take memory until they are due
 
@@ -44,8 +41,6 @@ class Lead(BaseModel):
     Attributes:
         operation: Id of the operation, chosen by the controller: the same request twice is one operation.
         secret: Secret by which agent and controller prove who they are; None for no proofs.
-        watched: Whether the controller stays.
-        who: Name of the controller, for people.
         on_lost_controller: Action once the controller has given no proof for `grace` seconds.
     """
 
@@ -56,7 +51,7 @@ class Lead(BaseModel):
     watched: bool = False
     who: Annotated[str, Field(max_length=200)] = "an unnamed controller"
     on_lost_controller: Policy = "stop"
-    grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = DEFAULT_GRACE_S
+    grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 10.0
 
     @model_validator(mode="after")
     def _watched(self) -> Lead:
@@ -101,11 +96,6 @@ class PlayRequest(Lead):
     def options(self, agent: AgentOptions, files: Sequence[Path], plan: Path | None) -> PlayOptions:
         """Return the options of the player.
 
-        Args:
-            agent: Options of the robot's agent.
-            files: Files of the logs.
-            plan: A file with the text of `inject`.
-
         Raises:
             ConfigError: An option is wrong, or publishes at a key that is closed to remote users.
         """
@@ -134,7 +124,7 @@ class PlayRequest(Lead):
         from riot_bus.inject.plan import parse_plan
 
         injections = parse_plan(self.inject, name="inject")
-        if len(injections) > _MOST_INJECTIONS:
+        if len(injections) > 1000:  # each costs time for every message of its topic
             raise ConfigError(f"{len(injections)} injections are too many", where="inject", hint="at most 1000")
         for number, each in enumerate(injections):
             if each.copies > _MOST_COPIES or each.delay > _LONGEST_DELAY_S:
@@ -199,3 +189,34 @@ def parse_request(kind: type[RequestT], payload: bytes) -> RequestT:
         raise ConfigError(f"unknown argument {word!r}", hint=did_you_mean(word, kind.model_fields))
     message = str(problem["msg"]).removeprefix("Value error, ")
     raise ConfigError(f"{place}: {message}" if place else message)
+
+
+Action = Literal["pause", "resume", "stop"]
+
+
+class ControllerWatch:
+    """Decides what to do when a controller is lost and when it returns.
+
+    A controller is lost when it was not seen for the grace time; then the action of the policy is taken, once. A paused
+    operation is resumed when the controller is back; a stop is final.
+    """
+
+    def __init__(self, policy: Policy, grace: float, now: float) -> None:
+        self.policy = policy
+        self._grace = grace
+        self._seen = now
+        self._lost = False
+
+    def look(self, now: float, *, present: bool) -> Action | None:
+        """Note whether the controller is present; return what to do now."""
+        if present:
+            back, self._seen, self._lost = self._lost, now, False
+            return "resume" if back and self.policy == "pause" else None
+        if self._lost or now - self._seen < self._grace:
+            return None
+        self._lost = True
+        return None if self.policy == "continue" else self.policy
+
+    def away(self, now: float) -> float:
+        """Return for how many seconds it has not been seen."""
+        return max(0.0, now - self._seen)

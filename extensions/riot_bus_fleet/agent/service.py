@@ -12,37 +12,33 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
 from riot_bus.control.commands import Command, number_of
+from riot_bus.control.signals import ended_by_signals
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import client_config
 from riot_bus_fleet.agent.library import Library
 from riot_bus_fleet.agent.link import FleetLink
-from riot_bus_fleet.agent.play import Play
+from riot_bus_fleet.agent.operations import Play, RecordOperation, check_room
 from riot_bus_fleet.agent.proof import proved
-from riot_bus_fleet.agent.record import RecordOperation, check_room
-from riot_bus_fleet.agent.request import Lead, PlayRequest, RecordRequest, parse_request
-from riot_bus_fleet.agent.watch import ControllerWatch
+from riot_bus_fleet.agent.request import ControllerWatch, Lead, PlayRequest, RecordRequest, parse_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.control.commands import CommandRequest
+    from riot_bus.control.terminal import Foreground
     from riot_bus.vocabulary.errors import RiotError
     from riot_bus_fleet.agent.options import AgentOptions
 
 _LOG = logging.getLogger(__name__)
 _Operation = Play | RecordOperation
-_PROGRESS_S = 0.5  # four within the 2 s (`_SILENT_S`) after which a controller asks by itself
-_LOOK_S = 0.1  # so late changes are told that do not set the event, as a player's
-_WATCH_S = 0.5  # six questions that time out fit into the default grace of 10 s
 _END_S = 20.0  # with the link's 15 s below the 40 s of systemd (riot-agent.service)
 _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and the status
 
 
 class AgentService:
     """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
-
-    Args:
-        say: Called with a line for a journal about what it does.
 
     Raises:
         ConfigError: An option is wrong.
@@ -91,8 +87,6 @@ class AgentService:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    # -- commands -----------------------------------------------------------------------------------------------------
-
     def status(self) -> dict[str, Any]:
         """Return the status, as JSON values."""
         with self._lock:
@@ -116,15 +110,7 @@ class AgentService:
         return self._proved(self.status(), nonce)
 
     def play(self, payload: bytes) -> None:
-        """Begin to play.
-
-        Args:
-            payload: A `PlayRequest` as JSON.
-
-        Raises:
-            ConfigError: The request is wrong, or refused.
-            EnvironmentFaultError: The agent is busy.
-        """
+        """Begin to play."""
         request = parse_request(PlayRequest, payload)
         self._allowed("play")
         files = self.library.resolve_all(request.logs)
@@ -133,15 +119,7 @@ class AgentService:
         self._start(Play(request, request.logs, files, self.options, self._news.set))
 
     def record(self, payload: bytes) -> None:
-        """Begin to record.
-
-        Args:
-            payload: A `RecordRequest` as JSON.
-
-        Raises:
-            ConfigError: The request is wrong, or refused.
-            EnvironmentFaultError: The agent is busy, or the disk too full.
-        """
+        """Begin to record."""
         request = parse_request(RecordRequest, payload)
         self._allowed("record")
         check_room(self.options)
@@ -172,8 +150,6 @@ class AgentService:
     def shutdown(self) -> None:
         """Ask the process that runs this agent to end."""
         self.stopping.set()
-
-    # -- one operation at a time --------------------------------------------------------------------------------------
 
     def _start(self, operation: _Operation) -> None:
         lead = operation.lead
@@ -241,13 +217,11 @@ class AgentService:
         self.failure = error
         self.shutdown()
 
-    # -- background threads -------------------------------------------------------------------------------------------
-
     def _tell(self) -> None:
         """Publish the progress: about twice a second, and whenever the state has changed."""
         last, told, number = "", 0.0, 0
         while not self._closing.is_set():
-            self._news.wait(_LOOK_S)
+            self._news.wait(0.1)  # changes such as a player's do not set the event
             self._news.clear()
             operation = self._operation
             if operation is None:
@@ -255,7 +229,8 @@ class AgentService:
             status = self.status()
             state = f"{operation.lead.operation} {status['operation']['state']} {status['operation']['reason']}"
             now = time.monotonic()
-            if state == last and (not operation.active or now - told < _PROGRESS_S):
+            # Four within the 2 s (`_SILENT_S`) after which a controller asks by itself.
+            if state == last and (not operation.active or now - told < 0.5):
                 continue
             if state != last and not operation.active:
                 self._say(f"{operation.kind} {_outcome(status['operation'])}")
@@ -267,7 +242,7 @@ class AgentService:
 
     def _attend(self) -> None:
         """Watch the controller of the present operation."""
-        while not self._closing.wait(_WATCH_S):
+        while not self._closing.wait(0.5):  # six questions that time out fit into the default grace of 10 s
             with self._lock:
                 operation, watch = self._operation, self._watch
             if operation is None or watch is None or not operation.active:
@@ -367,3 +342,30 @@ AGENT_COMMANDS: dict[str, Command] = {
     "agent/rate": _adjust("rate", AgentService.set_rate),
 }
 """All commands by name; all but `agent/logs` answer with the status."""
+
+
+def run_agent(options: AgentOptions, foreground: Foreground) -> None:
+    """Run until SIGINT or SIGTERM, then stop the current operation.
+
+    Raises:
+        ConfigError: An option is wrong, or Zenoh refuses a configuration.
+        EnvironmentFaultError: The link to the fleet failed for good.
+    """
+    service = AgentService(options, say=foreground.warn)
+    with ended_by_signals(service.shutdown), service:
+        may = " and ".join(options.allow) or "only list its logs"
+        line = f"ready: agent of {options.robot}, logs in {options.folder}; may {may}"
+        foreground.report("ready", {"robot": options.robot, "logs": str(options.folder)}, [line])
+        _look_at_bus(options, foreground.warn)
+        foreground.attend(service.stopping.wait)
+    if service.failure is not None:
+        raise service.failure
+
+
+def _look_at_bus(options: AgentOptions, tell: Callable[[str], None]) -> None:
+    """Warn if the robot's own bus does not answer; it may come up later."""
+    prepare_runtime()
+    try:
+        release(open_session(client_config(options.endpoint, extra=options.config), purpose="bus of the robot"))
+    except EnvironmentFaultError as error:
+        tell(f"warning: {error.where}: {error.message}; it is tried again for each operation")

@@ -28,7 +28,7 @@ def agent(context: typer.Context, *, form: Format = OutputFormat.TEXT, **given: 
     """
     from riot_bus.cli.terminal import foreground_of
     from riot_bus.vocabulary.errors import ConfigError
-    from riot_bus_fleet.agent.running import run_agent
+    from riot_bus_fleet.agent.service import run_agent
 
     if context.invoked_subcommand is not None:
         return

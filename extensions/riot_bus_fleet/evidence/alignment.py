@@ -19,7 +19,6 @@ _FEWEST_IN_ALL = 40
 _MOST_ROWS = 10_000
 """Most rows of a response in total: more change no verdict, but cost memory and time."""
 
-_FASTER = 1.5  # below, at least half of the means are of the held value alone
 
 HALF_A_STEP = (False, False, True, True)
 """Which variants lie half a step earlier: at a delay of whole steps, jitter decides which row shows the effect."""
@@ -27,13 +26,7 @@ HALF_A_STEP = (False, False, True, True)
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One log, or a stretch of one.
-
-    Attributes:
-        times: Times of each topic's messages, in seconds, ascending.
-        values: Values of each field (`topic:path`) in the messages of its topic; NaN where it is missing.
-        log: Number of the log.
-    """
+    """One log, or a stretch of one."""
 
     times: Mapping[str, Floats]
     values: Mapping[str, NDArray[Any]]
@@ -47,7 +40,6 @@ class Response:
     Attributes:
         pieces: Number of the piece of each part.
         times: Times of each part's rows, in seconds.
-        values: Its standardised values.
         step: Median time between its messages, in seconds.
     """
 
@@ -74,7 +66,6 @@ class Variants:
         age: Median age of the candidate's latest message at a row, in seconds.
         changes: Number of its changes from the first row of a part to the last, over all parts.
         rows: Number of rows in parts in which it changed, the basis of evidence.
-        logs: Number of logs that have these rows.
     """
 
     parts: tuple[NDArray[np.float32], ...]
@@ -165,7 +156,7 @@ def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Var
 def _is_faster(pieces: Sequence[Piece], topic: str, response: Response) -> bool:
     gaps = [np.diff(pieces[number].times[topic]) for number in response.pieces if topic in pieces[number].times]
     step = float(np.median(np.concatenate(gaps))) if sum(map(len, gaps)) else 0.0
-    return step > 0 and response.step > _FASTER * step
+    return step > 0 and response.step > 1.5 * step  # below, at least half of the means are of the held value alone
 
 
 def _means(values: Floats, place: Ints) -> Floats:

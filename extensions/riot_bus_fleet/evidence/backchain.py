@@ -48,14 +48,10 @@ def backchain(
     """Find the paths from an internal field back to external topics in nominal logs; nothing is run.
 
     Args:
-        logs: MCAP files, or folders of bags.
         target: A field such as `/map_updates:y`, or the folder of a finding: its relevant fields are used, and the
             result is saved there.
         system: Path of riot.toml; by default that of the finding, if the target is one.
-        externals: External topics, besides those of riot.toml.
         horizon: Longest delay of one step that is tested, in seconds.
-        seed: Seed of the null distributions.
-        progress: Function that is called while logs are read, then after each tested field.
 
     Raises:
         ConfigError: The target is not a field of the logs, or a log or riot.toml cannot be read.

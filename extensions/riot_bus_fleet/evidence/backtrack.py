@@ -18,7 +18,7 @@ import numpy as np
 
 from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
 from riot_bus_fleet.evidence.alignment import Piece, Variants, held_variants, response_of, topic_of
-from riot_bus_fleet.evidence.dependence import Dependence, dependences
+from riot_bus_fleet.evidence.dependence import ALPHA, Dependence, dependences
 from riot_bus_fleet.evidence.topic_paths import loops, tree_once
 
 if TYPE_CHECKING:
@@ -33,12 +33,7 @@ _FEW = 3
 
 @dataclass(frozen=True, slots=True)
 class FieldEvidence:
-    """Evidence from the logs on whether one field follows another.
-
-    Attributes:
-        rows: Number of messages of the target's topic behind it.
-        dependence: Result of the test; None if it was not tested.
-    """
+    """Evidence from the logs on whether one field follows another."""
 
     source: str
     target: str
@@ -64,10 +59,6 @@ class TopicEdge:
 
     Attributes:
         source: The topic that is read; empty if all topics were tried and none seems to be read.
-        target: The topic that is written.
-        components: Names of these components.
-        told: Source of this knowledge; `inferred` if it is only the dependence in the logs.
-        evidence: Evidence on the tested fields, those that are followed first.
     """
 
     source: str
@@ -83,8 +74,6 @@ class Backtracked:
 
     Attributes:
         targets: The requested fields, each with why it cannot be judged (empty if it can).
-        trees: One tree per topic of the targets.
-        edges: Evidence for each step of the trees.
         externals: External topics, and who says so.
         ranking: Evidence on the external fields for each target, the most promising first.
         unreachable: External topics from which no path of the graph leads to a target.
@@ -93,7 +82,6 @@ class Backtracked:
         loops: Sets of topics on a path that lead back to themselves.
         unseen: Fields that were not tested, as there were too many.
         alpha: Accepted chance of any wrong source per field whose sources were tested.
-        tested: Number of pairs of fields that were tested.
     """
 
     targets: dict[str, str]
@@ -106,7 +94,7 @@ class Backtracked:
     missing: list[str] = field(default_factory=list)
     loops: list[tuple[str, ...]] = field(default_factory=list)
     unseen: list[str] = field(default_factory=list)
-    alpha: float = 0.01
+    alpha: float = ALPHA
     tested: int = 0
 
 
@@ -118,28 +106,19 @@ def backtrack(
     externals: Mapping[str, str],
     recorded: Collection[str] = (),
     horizon: float = 2.0,
-    draws: int = 199,
-    alpha: float = 0.01,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Backtracked:
     """Find the paths from internal fields back to external topics.
 
     Args:
-        pieces: Recorded series of the logs.
-        graph: Known readers and writers of topics.
-        targets: The internal fields, as `topic:path`.
         externals: External topics, and who says so; if empty, topics to which nothing recorded leads are taken.
         recorded: Topics of the logs that have no numeric field; those of `pieces` need not be named.
         horizon: Longest delay of one step that is tested, in seconds.
-        draws: Number of random shifts for each null distribution.
-        alpha: Accepted chance that any source is named wrongly, per field whose sources are tested.
-        seed: Seed of the shifts.
-        progress: Called after each field whose sources were tested.
     """
-    tests = _PairTests(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+    tests = _PairTests(pieces, recorded, horizon=horizon, seed=seed)
     traversal = _Traversal(tests, graph, externals, progress)
-    result = Backtracked(dict.fromkeys(targets, ""), alpha=alpha)
+    result = Backtracked(dict.fromkeys(targets, ""), alpha=ALPHA)
     for name in targets:
         found = response_of(pieces, name)
         result.targets[name] = found if isinstance(found, str) else ""
@@ -181,19 +160,10 @@ def _ranked(found: Iterable[FieldEvidence]) -> list[FieldEvidence]:
 class _PairTests:
     """Tests fields against fields, each pair once."""
 
-    def __init__(
-        self,
-        pieces: Sequence[Piece],
-        recorded: Collection[str],
-        *,
-        horizon: float,
-        draws: int,
-        alpha: float,
-        seed: int,
-    ) -> None:
+    def __init__(self, pieces: Sequence[Piece], recorded: Collection[str], *, horizon: float, seed: int) -> None:
         self.pieces = pieces
         self.tested = 0
-        self._test = partial(dependences, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+        self._test = partial(dependences, horizon=horizon, seed=seed)
         topics = sorted({*recorded, *(topic for piece in pieces for topic in piece.times)})
         self.fields: dict[str, list[str]] = {topic: [] for topic in topics}
         for name in sorted({name for piece in pieces for name in piece.values}):

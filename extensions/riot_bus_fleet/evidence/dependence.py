@@ -27,6 +27,9 @@ from riot_bus_fleet.evidence.alignment import HALF_A_STEP, Response, Variants
 Follows = Literal["level", "spread"]
 """Aspect of a response that follows a candidate: its value, or how much it varies."""
 
+ALPHA = 0.01
+"""Accepted chance that any source of a field is named wrongly."""
+
 _ROUNDS = 12
 _IDLE = 0.25
 """Candidates with more of their null distribution above them are not tested again, which saves most of the time."""
@@ -35,7 +38,6 @@ _OWN = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64)
 """Lags of the response's own past, in messages: all near ones, some far ones."""
 
 _EXACT = 12
-_GROWTH = 1.25
 _MOST_LAGS = 400
 """Lags in messages: the first ones singly, then the mean over stretches that grow by a quarter, up to the horizon."""
 
@@ -55,8 +57,6 @@ _FULL = 0.95
 _ROWS_PER_TERM = 40
 """Messages per term of a fit; with fewer, it would explain them by chance."""
 
-_BEGIN = 8
-"""At most one part in this many of a log, at its start, is left out of the evidence."""
 
 _GROUPS = 10
 """Logs, or stretches of logs if there are fewer, over which a strength has to be consistent."""
@@ -72,7 +72,6 @@ class Dependence:
         follows: Aspect of the response that follows it; None if nothing was found.
         strength: Share that it explains of what the response's own past leaves open, 0 to 1; None if nothing was found.
         low: Lower end of its 95 % interval over logs.
-        high: Upper end of that interval.
         lag_s: Time from the candidate's message to the response that shows it most, in seconds.
         detectable: Share of what is left open at which a plain effect of one lag would have stood out in about half of
             all cases; None if so few messages could not have shown any.
@@ -105,18 +104,14 @@ def dependences(
     *,
     horizon: float = 2.0,
     draws: int = 199,
-    alpha: float = 0.01,
+    alpha: float = ALPHA,
     seed: int = 0,
 ) -> list[Dependence]:
     """Find what a response follows among candidates.
 
     Args:
-        response: The internal field.
-        candidates: Other fields at its rows.
         horizon: Longest delay that is tested, in seconds (at least 12 messages of the response).
-        draws: Number of random draws of signs for the null distribution.
         alpha: Accepted chance that any candidate is named wrongly.
-        seed: Seed of the signs.
 
     Returns:
         Those found, strongest first, then the others by their evidence.
@@ -344,7 +339,7 @@ class _Test:
         deviation = float(series.std()) or 1.0
         cut = np.clip(series / deviation, -5.0, 5.0)
         for low, high in self._parts():
-            begin = low + min(self._longest, (high - low) // _BEGIN)
+            begin = low + min(self._longest, (high - low) // 8)
             cut[low:begin] = 0.0  # their past is unknown, and everything starts at once
             cut[begin:high] -= cut[begin:high].mean()
         return cut
@@ -381,7 +376,7 @@ def _stretches(longest: int) -> list[tuple[int, int]]:
     found = [(lag, lag + 1) for lag in range(min(longest, _EXACT))]
     first = len(found)
     while first < longest:
-        last = max(first + 2, round(first * _GROWTH))
+        last = max(first + 2, round(first * 1.25))
         found.append((first, last))
         first = last
     return found

@@ -39,16 +39,7 @@ _TEXTS = frozenset({"string", "bytes"})
 
 @dataclass(slots=True)
 class LogColumns:
-    """Numbers that were read from logs.
-
-    Attributes:
-        pieces: The logs, or stretches of them.
-        topics: Number of messages of each topic in the logs.
-        keys: Zenoh key of each topic (for a ROS bag, its name).
-        messages: Number of messages in all logs.
-        looked_at: Number of messages that were read.
-        notes: Notes on what could not be read, and why.
-    """
+    """Numbers that were read from logs."""
 
     pieces: list[Piece] = field(default_factory=list)
     topics: dict[str, int] = field(default_factory=dict)
@@ -69,11 +60,7 @@ def read_pieces(
     """Read all numeric fields of logs; texts, stamps, sequence numbers and the like are left out.
 
     Args:
-        logs: MCAP files.
-        registry_of: Function that returns the registry of an open log's types.
-        wanted: Fields that are read in any case.
         memory: Bytes that the numbers may take; if there are more, ten evenly spaced stretches of each log are read.
-        progress: Function that is called after each log.
 
     Raises:
         ConfigError: A file is not a log.

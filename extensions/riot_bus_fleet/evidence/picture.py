@@ -49,12 +49,7 @@ def write_picture(record: BacktrackRecord, path: Path) -> None:
 
 
 def picture(record: BacktrackRecord, colours: Mapping[str, str] = COLOURS) -> str:
-    """Return a picture as SVG: external topics are on the left, the targets on the right.
-
-    Args:
-        record: Record of `riot backchain`.
-        colours: Colours by the names of `COLOURS`.
-    """
+    """Return a picture as SVG: external topics are on the left, the targets on the right."""
     columns = _columns(record)
     most = max(map(len, columns), default=1)
     width, height = _COLUMN * max(1, len(columns)), max(_ROW * most + 43, 130)

@@ -20,39 +20,14 @@ if TYPE_CHECKING:
     from riot_bus_fleet.logs.query import Query
 
 _APPLICATION = 0x52494F54  # "RIOT"
-_VERSION = 3  # of the tables; `_UPGRADES` leads to it
+_VERSION = 3  # of the tables
 _BUSY_S = 30.0  # a guess: another process commits log by log, so it blocks for milliseconds
 _LONGEST = 4096  # letters of a text from a log, as PATH_MAX: bounds what a hostile log stores
-_MOST_METADATA = 1000  # a guess: entries of a log, of which a recorder writes about ten
 _COLUMNS = (
     "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone, "
     "scanned"
 )
-_SCANS = """
-CREATE TABLE scans(
-    log INTEGER NOT NULL REFERENCES logs(number) ON DELETE CASCADE,
-    rule TEXT NOT NULL,
-    distance REAL,
-    judged INTEGER NOT NULL,
-    unknown INTEGER NOT NULL,
-    holds INTEGER NOT NULL,
-    problem TEXT NOT NULL,
-    at REAL NOT NULL,
-    PRIMARY KEY(log, rule)
-);
-CREATE TABLE moments(
-    log INTEGER NOT NULL,
-    rule TEXT NOT NULL,
-    distance REAL NOT NULL,
-    time INTEGER NOT NULL,
-    told TEXT NOT NULL,
-    FOREIGN KEY(log, rule) REFERENCES scans(log, rule) ON DELETE CASCADE
-);
-CREATE INDEX moments_by_scan ON moments(log, rule);
-"""
-_UPGRADES = {1: "ALTER TABLE logs ADD COLUMN scanned INTEGER NOT NULL DEFAULT 0", 2: _SCANS}
-"""Statements that upgrade each earlier version to the next one."""
-_SCHEMA = f"""
+_SCHEMA = """
 CREATE TABLE logs(
     number INTEGER PRIMARY KEY,
     place TEXT NOT NULL UNIQUE,
@@ -89,7 +64,27 @@ CREATE INDEX logs_by_robot ON logs(robot, began);
 CREATE INDEX logs_by_time ON logs(began);
 CREATE INDEX topics_by_log ON topics(log);
 CREATE INDEX metadata_by_log ON metadata(log);
-{_SCANS}"""
+CREATE TABLE scans(
+    log INTEGER NOT NULL REFERENCES logs(number) ON DELETE CASCADE,
+    rule TEXT NOT NULL,
+    distance REAL,
+    judged INTEGER NOT NULL,
+    unknown INTEGER NOT NULL,
+    holds INTEGER NOT NULL,
+    problem TEXT NOT NULL,
+    at REAL NOT NULL,
+    PRIMARY KEY(log, rule)
+);
+CREATE TABLE moments(
+    log INTEGER NOT NULL,
+    rule TEXT NOT NULL,
+    distance REAL NOT NULL,
+    time INTEGER NOT NULL,
+    told TEXT NOT NULL,
+    FOREIGN KEY(log, rule) REFERENCES scans(log, rule) ON DELETE CASCADE
+);
+CREATE INDEX moments_by_scan ON moments(log, rule);
+"""
 
 
 def default_catalogue() -> Path:
@@ -100,10 +95,6 @@ def default_catalogue() -> Path:
 
 class Catalogue:
     """Catalogue of logs; a context manager. It is safe for use by several threads and several processes.
-
-    Args:
-        path: Path of the file, created with its folder if needed; None to keep all in memory.
-        create: Whether a missing file is created.
 
     Raises:
         ConfigError: The file is not a catalogue, or does not exist.
@@ -139,8 +130,6 @@ class Catalogue:
         with self._lock:
             self._db.close()
 
-    # -- writing ------------------------------------------------------------------------------------------------------
-
     def put(self, entry: LogEntry) -> None:
         """Store what is known about a log, in place of what was known before."""
         row = {
@@ -169,7 +158,7 @@ class Catalogue:
             (_text(each.topic), _text(each.key), _text(each.type), _text(each.encoding), each.count, each.originals)
             for each in entry.topics
         ]
-        metadata = [(_text(name), _text(value)) for name, value in entry.metadata.items()][:_MOST_METADATA]
+        metadata = [(_text(name), _text(value)) for name, value in entry.metadata.items()][:1000]
         with self._transaction() as db:
             (number,) = db.execute(statement, tuple(row.values())).fetchone()
             for table in ("topics", "metadata", "scans"):
@@ -209,12 +198,7 @@ class Catalogue:
             db.execute("UPDATE logs SET gone = 0 WHERE place = ?", (place,))
 
     def mark_gone(self, root: str, seen: Collection[str]) -> int:
-        """Mark logs that no longer exist; return how many there are.
-
-        Args:
-            root: Place of the logs; only those at or below it are marked.
-            seen: Places of the logs that exist.
-        """
+        """Mark logs that no longer exist; return how many there are."""
         root = root.rstrip("/")
         with self._transaction() as db:
             rows = db.execute(
@@ -230,8 +214,6 @@ class Catalogue:
         with self._transaction() as db:
             return db.execute("DELETE FROM logs WHERE gone").rowcount
 
-    # -- reading ------------------------------------------------------------------------------------------------------
-
     def known(self, place: str) -> LogEntry | None:
         """Return what is known of a log, without topics and metadata."""
         with self._reading() as db:
@@ -239,13 +221,7 @@ class Catalogue:
         return None if row is None else _entry(row)
 
     def find(self, query: Query, *, limit: int | None = None, offset: int = 0) -> list[LogEntry]:
-        """Return the logs that match a query, oldest first, without topics and metadata.
-
-        Args:
-            query: Query as `parse_query` returns it.
-            limit: Maximum number of logs; None for all.
-            offset: Number of logs to skip before.
-        """
+        """Return the logs that match a query, oldest first, without topics and metadata."""
         statement = (
             f"SELECT {_COLUMNS} FROM logs WHERE {query.condition} "  # noqa: S608 - fixed parts, see `Query`
             "ORDER BY began IS NULL, began, place LIMIT ? OFFSET ?"
@@ -294,8 +270,6 @@ class Catalogue:
         some = [row[0].rpartition("/")[2] for row in db.execute("SELECT place FROM logs LIMIT 10000")]
         raise ConfigError(f"the catalogue has no log {name!r}", where=str(self.path), hint=did_you_mean(name, some))
 
-    # -- the file -----------------------------------------------------------------------------------------------------
-
     def _prepare(self) -> None:
         try:
             if not self._tables():
@@ -309,12 +283,7 @@ class Catalogue:
             self._db.execute("PRAGMA synchronous = NORMAL")
             self._db.execute("PRAGMA foreign_keys = ON")
             (application,) = self._db.execute("PRAGMA application_id").fetchone()
-            if application == _APPLICATION and self._version() in _UPGRADES:
-                with self._transaction() as db:
-                    while statements := _UPGRADES.get(self._version()):  # else another process was faster
-                        _execute(db, statements)
-                        db.execute(f"PRAGMA user_version = {self._version() + 1}")
-            version = self._version()
+            (version,) = self._db.execute("PRAGMA user_version").fetchone()
         except sqlite3.OperationalError as error:
             raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
         except sqlite3.DatabaseError as error:
@@ -324,9 +293,6 @@ class Catalogue:
         if version != _VERSION:
             hint = "delete it and run riot fleet index again"
             raise ConfigError(f"version {version} of the catalogue, not {_VERSION}", where=str(self.path), hint=hint)
-
-    def _version(self) -> int:
-        return int(self._db.execute("PRAGMA user_version").fetchone()[0])
 
     def _tables(self) -> int:
         return int(self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])

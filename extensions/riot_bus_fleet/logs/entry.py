@@ -22,9 +22,6 @@ class StoredLog:
     """A log in a store.
 
     Attributes:
-        place: Absolute path, or URL.
-        size: Size in bytes.
-        stamp: Value that changes when the file does.
         folder: Name of the folder directly below the root that holds it; of the root itself if it is not in any.
     """
 
@@ -51,20 +48,11 @@ class LogEntry:
     """One log.
 
     Attributes:
-        place: Absolute path, or URL.
-        size: Size in bytes.
         stamp: Value that changes when the file does: time of its last change, or the object's etag.
-        named_by: Source of the name of the robot.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
         problem: Description of what is wrong with it; empty if nothing is missing.
-        profile: MCAP profile.
         start: Time of the first message, nanoseconds since the Unix epoch; None if there is none.
-        end: Time of the last message, in the same form.
-        messages: Delivered messages.
         lost: Messages that are known to be missing.
-        topics: Topics by name; empty if the catalogue was not asked for them.
-        metadata: Metadata of the run; empty if the catalogue was not asked for it.
-        number: Number in the catalogue; 0 outside of it.
         gone: Whether it was missing when its folder was last looked at.
         scanned: Whether all of it was read, not only its summary.
     """

@@ -23,20 +23,11 @@ if TYPE_CHECKING:
     from riot_bus_fleet.logs.stores import Store
 
 _ROBOT = "robot"
-_AHEAD = 4  # threads that are done find another log while the oldest one is awaited
 
 
 @dataclass(slots=True)
 class IndexReport:
-    """Result of indexing.
-
-    Attributes:
-        fresh: Number of new or changed logs among these, which were read.
-        damaged: Number of fresh logs of which something is missing, or that are not logs.
-        gone: Number of logs that no longer exist.
-        pruned: Number of logs that were removed from the catalogue.
-        failures: Logs that could not be looked at, a line each.
-    """
+    """Result of indexing."""
 
     logs: int = 0
     fresh: int = 0
@@ -61,16 +52,8 @@ def index(
     """Bring a catalogue up to date.
 
     Args:
-        catalogue: Catalogue that is updated.
-        roots: Folders, logs and URLs of object stores.
         robot: Robot of logs that do not name one; by default the name of the folder below the root.
-        jobs: Number of logs that are read at once.
-        prune: Remove logs that are gone, instead of marking them.
-        scan: Read all of each log of which only the summary was read so far, to find damage that the summary does
-            not show.
-        progress: Called with the number of logs so far and the current one.
         stop: Asked before each log whether to stop; what was read by then is kept.
-        limits: Limits on what is read of a log; None for the usual ones.
 
     Raises:
         ConfigError: A root does not exist, or cannot be opened.
@@ -110,7 +93,8 @@ class _Indexing:
                 if known is None or not fresh or (self.scan and not known.scanned):
                     work = pool.submit(describe, store, log, self.robot, scan=self.scan, limits=self.limits)
                     self.reading.append(work)
-                    self._commit(self.jobs + _AHEAD, failures)
+                    # Threads that are done find another log while the oldest one is awaited.
+                    self._commit(self.jobs + 4, failures)
                 else:
                     self._keep(known)
             self._commit(0, failures)
@@ -152,13 +136,6 @@ def describe(
     store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False, limits: LogLimits | None = None
 ) -> LogEntry:
     """Return the catalogue entry of a log, read from its summary if that is sound, else from all of it.
-
-    Args:
-        store: The store that holds the log.
-        log: The log's entry in the store.
-        robot: Robot of the log, unless the log names one itself.
-        scan: Read all of it in any case, to find damage that the summary does not show.
-        limits: Limits on what is read of it; None for the usual ones.
 
     Raises:
         EnvironmentFaultError: The store cannot deliver the log.

@@ -17,8 +17,6 @@ BINS = 120
 """Number of intervals of a log in a plot of its distance."""
 _TOLD = 10
 """Number of logs that are named among those that were not judged for the same reason."""
-_FAR = 1e17
-"""Distances from here on stand for what cannot be measured, such as a text in place of a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +34,8 @@ class NearMiss:
     @property
     def far(self) -> str:
         """The distance in words."""
-        return "holds" if self.distance <= 0 else f"{self.distance:.3g} away" if self.distance < _FAR else "far away"
+        # For what cannot be measured, such as a text in place of a number.
+        return "holds" if self.distance <= 0 else f"{self.distance:.3g} away" if self.distance < 1e17 else "far away"
 
     @property
     def told(self) -> str:
@@ -51,9 +50,7 @@ class LogScan:
     Attributes:
         judged: Messages of the rule's topics at which all of its fields were known.
         unknown: Messages of the last of its topics at which a field was not known.
-        holds: Number of judged messages at which the rule holds.
         nearest: The moments of least distance, nearest first, at least a second apart.
-        start: Time of the first message, ns.
         profile: Least distance in each of `BINS` equal stretches of the log; NaN where nothing was judged.
         problem: Reason why it was not judged, or not all of it; empty if it was.
     """

@@ -32,7 +32,6 @@ _LARGEST_SUMMARY = 1 << 26  # held in memory; a log with a larger one is copied 
 _FOOTER = struct.Struct("<BQQQI")
 _RECORD = struct.Struct("<BQ")
 _CHUNK_INDEX = struct.Struct("<QQQ")
-_BEFORE = 13  # the record that ends the data: it stands right before the summary
 _MOST_RUNS = 16  # a request each, and a summary may list any number of them
 _LONGEST_RUN = 1 << 20  # with `_MOST_RUNS`, at most 16 MiB of metadata are fetched of a log
 
@@ -130,7 +129,8 @@ class ObjectStore:
         if not _HEAD < start <= size - foot or size - start > _LARGEST_SUMMARY:
             return None
         summary = b"".join(self._range(log, begin, min(size, begin + _BLOCK)) for begin in range(start, size, _BLOCK))
-        return [(0, _HEAD), *_needed(summary, size), (start - _BEFORE, size)]
+        # Right before the summary stands the record that ends the data.
+        return [(0, _HEAD), *_needed(summary, size), (start - 13, size)]
 
     def _range(self, log: StoredLog, start: int, end: int) -> bytes:
         try:

@@ -17,7 +17,6 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 _UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}  # in seconds
 _SPAN = re.compile(r"(\d{1,12}(?:\.\d{1,9})?)([smhd]?)")
-_EPOCH_S = 1e8  # smaller numbers are dates such as 20261121; as seconds, this is in 1973
 _LATEST_S = 9e9  # in nanoseconds still an integer of SQLite, which ends at 2**63 (9.22e18)
 _LONGEST = 1000  # a guess: more than topics and types have; SQLite refuses patterns beyond 50,000 bytes
 _MOST_WORDS = 100  # two parameters each at most: far below 999, the limit of older versions of SQLite
@@ -107,7 +106,7 @@ def _time(text: str, name: str, now: float) -> int:
     span = _SPAN.fullmatch(text)
     if span is not None and span[2]:
         seconds = now - float(span[1]) * _UNITS[span[2]]
-    elif span is not None and float(span[1]) >= _EPOCH_S:
+    elif span is not None and float(span[1]) >= 1e8:  # smaller numbers are dates such as 20261121
         seconds = float(span[1])
     else:
         try:

@@ -20,7 +20,6 @@ class Store(Protocol):
     """A place that holds logs.
 
     Attributes:
-        root: Address of the store, as a place.
         partial: Whether an excerpt may lack what its summary does not need.
         refused: Lines about what is named like a log, but is none of this place: pipes, and links that lead out of it.
     """
@@ -31,15 +30,12 @@ class Store(Protocol):
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs; call `failed` with a line about what could not be looked at."""
-        ...
 
     def excerpt(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Return a local file with at least the summary of a log, and of the same size."""
-        ...
 
     def whole(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Return a local file with all of a log."""
-        ...
 
 
 class FolderStore:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any
 
-_DEEPEST = 100
-"""Largest number of reported frames of a thread, as with `faulthandler`."""
 _FOLDER = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -99,7 +97,7 @@ def _stacks(main: FrameType | None) -> bytes:
     for thread, top in sys._current_frames().items():
         frame = main if thread == threading.main_thread().ident else top
         lines = [f"Thread 0x{thread:016x} (most recent call first):"]
-        while frame is not None and len(lines) <= _DEEPEST:
+        while frame is not None and len(lines) <= 100:  # as with `faulthandler`
             lines.append(f'  File "{frame.f_code.co_filename}", line {frame.f_lineno} in {frame.f_code.co_name}')
             frame = frame.f_back
         parts.append("\n".join(lines))

@@ -6,6 +6,8 @@ import os
 import subprocess
 import threading
 import time
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -16,6 +18,22 @@ from riot_bus.zenoh.session import wait_until
 NOBODY = 2**22 + 1
 MS = 10**6
 WAIT_S = 60.0
+
+
+@pytest.fixture(autouse=True)
+def closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Close all files in the end: a process with Zenoh has hundreds of threads, and `select` takes 1,024 files."""
+    made: list[Threads] = []
+    init = Threads.__init__
+
+    def noted(self: Threads, *args: Any, **options: Any) -> None:
+        made.append(self)
+        init(self, *args, **options)
+
+    monkeypatch.setattr(Threads, "__init__", noted)
+    yield
+    for each in made:
+        each.close()
 
 
 def test_processes_that_are_gone_do_nothing() -> None:

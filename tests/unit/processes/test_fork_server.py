@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.processes.forking import fork_of
 from riot_bus.processes.launcher import ComponentProcess, Launcher
+from riot_bus.processes.starts import fork_of
 from riot_bus.zenoh.session import wait_until
 
 WAIT_S = 60.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ import psutil
 import pytest
 
 from riot_bus.processes.launcher import ComponentProcess, Launcher
+from riot_bus.processes.tracing import AARCH64, X86_64, Machine, unwind
 from riot_bus.zenoh.session import wait_until
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="NOT TESTED: native stacks: there is no C compiler")
@@ -201,3 +203,20 @@ def test_what_may_not_be_traced_is_told() -> None:
     code += "print(Tracer().watch([os.getppid()]))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "Permission denied\n"
+
+
+@pytest.mark.parametrize("machine", [X86_64, AARCH64])
+@pytest.mark.parametrize("value", [0, 8, (1 << 64) - 1, 0x5555_5555_5555_5555])
+def test_registers_that_point_nowhere_end_the_stack(machine: Machine, value: int) -> None:
+    assert unwind(os.getpid(), struct.pack("<34Q", *[value] * 34), machine) in ([], [("[vsyscall]", "")])
+
+
+def test_registers_are_known_by_dwarf_numbers() -> None:
+    for machine in (X86_64, AARCH64):
+        assert {machine.pc, machine.sp} <= set(machine.order)
+        assert {machine.pc, machine.sp} <= set(machine.saved[1])
+
+
+def test_a_process_that_is_gone_is_an_error() -> None:
+    with pytest.raises(OSError, match="No such"):
+        unwind(1 << 30, bytes(34 * 8), X86_64)

@@ -1,11 +1,18 @@
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import threading
 from contextlib import ExitStack
 from typing import Any
 
+import pytest
+
 from riot_bus.control.terminal import Foreground
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_bridges.bridging import Bridge
-from riot_bus_bridges.host.running import run_bridge
+from riot_bus_bridges.host.running import Program, run_bridge
 from riot_bus_bridges.mavlink.bridge import MavlinkBridge
 from riot_bus_bridges.mavlink.options import MavlinkBridgeOptions
 
@@ -40,3 +47,83 @@ def test_links_of_mavlink_that_listen_are_told() -> None:
     bridge = MavlinkBridge({}, MavlinkBridgeOptions(links=links))
     assert list(bridge.listens) == ["udp/0.0.0.0:14550", "tcp/[::1]:5760"]
     bridge.loop.close()
+
+
+DEADLINE = 30.0
+
+
+class Quiet:
+    """A bridge that bridges nothing."""
+
+    failure = None
+    listens = ()
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+        self.stop = self._ended.set
+        self.wait = self._ended.wait
+
+    def __enter__(self) -> Quiet:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def status(self) -> dict[str, object]:
+        return {}
+
+    def ready(self) -> str:
+        return "ready"
+
+    def summary(self) -> list[str]:
+        return ["ended"]
+
+
+def python(code: str) -> list[str]:
+    return [sys.executable, "-c", code]
+
+
+@pytest.mark.parametrize(("code", "status"), [("pass", 0), ("raise SystemExit(3)", 3)])
+def test_the_bridge_ends_with_its_program(code: str, status: int) -> None:
+    bridge, said = Quiet(), []
+    done = run_bridge(
+        bridge, Foreground(said.append, said.append), program=lambda: Program(python(code), {}, ended=bridge.stop)
+    )
+    assert (done, said) == (status, ["ready", "ended"])
+
+
+def test_a_signal_is_told() -> None:
+    bridge = Quiet()
+    code = "import os; os.kill(os.getpid(), 9)"
+    assert run_bridge(bridge, Foreground(str, str), program=lambda: Program(python(code), {}, ended=bridge.stop)) == -9
+
+
+def test_the_program_ends_with_the_bridge() -> None:
+    bridge, programs = Quiet(), []
+
+    def start() -> Program:
+        programs.append(Program(python("import time; time.sleep(600)"), {}, ended=lambda: None))
+        bridge.stop()
+        return programs[0]
+
+    assert run_bridge(bridge, Foreground(str, str), program=start) == 0
+    assert programs[0].status == -signal.SIGTERM
+
+
+def test_words_are_filled_in() -> None:
+    ended = threading.Event()
+    code = "import sys; sys.exit(sys.argv[1:] != ['5760', 'a{b}5760'])"
+    with Program([*python(code), "{port}", "a{b}{port}"], {"port": "5760"}, ended=ended.set) as program:
+        assert ended.wait(DEADLINE)
+        assert program.status == 0
+
+
+def test_a_program_that_is_not_there() -> None:
+    with pytest.raises(EnvironmentFaultError, match="cannot be started"):
+        Program(["no-such-program"], {}, ended=lambda: None)
+
+
+def test_this_process_ends_as_the_program_did() -> None:
+    code = "from riot_bus_bridges.host.running import end_as; end_as(0); end_as(3); end_as(-15); print('lives')"
+    done = subprocess.run(python(code), capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert (done.returncode, done.stdout) == (-signal.SIGTERM, "")

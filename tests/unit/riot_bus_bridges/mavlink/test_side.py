@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from riot_bus.zenoh.segment_port import put_one_by_one
 from riot_bus_bridges.links.end import End
 from riot_bus_bridges.mavlink.routing import Routes
+from riot_bus_bridges.mavlink.sequences import OwnStreams
 from riot_bus_bridges.mavlink.side import INSERTED, Side, is_mark, new_mark
-from riot_bus_bridges.mavlink.streams import OwnStreams
 from riot_bus_bridges.mavlink.url import parse_link
 from riot_bus_mavlink.frame import ENCODING, Framer, StreamCounts, parse_frame
 from riot_bus_mavlink.keys import KeyTemplate

@@ -119,38 +119,9 @@ def test_what_is_no_catalogue_is_left_alone(tmp_path: Path) -> None:
         Catalogue(tmp_path)
 
 
-def test_a_catalogue_of_the_first_version_goes_on(tmp_path: Path) -> None:
-    with Catalogue(tmp_path / "c.sqlite") as catalogue:
-        catalogue.put(entry("/a.mcap", scanned=True))
-    with sqlite3.connect(tmp_path / "c.sqlite") as db:
-        db.execute("ALTER TABLE logs DROP COLUMN scanned")
-        db.execute("DROP TABLE moments")
-        db.execute("DROP TABLE scans")
-        db.execute("PRAGMA user_version = 1")
-    db.close()
-    for scanned in (False, True):  # what had been read by then, nobody knows
-        with Catalogue(tmp_path / "c.sqlite") as catalogue:
-            assert catalogue.show("/a.mcap").scanned is scanned
-            catalogue.put(entry("/a.mcap", scanned=True))
-
-
 def rows(path: Path, statement: str) -> list[tuple[object, ...]]:
     with closing(sqlite3.connect(path)) as db:
         return db.execute(statement).fetchall()
-
-
-def test_a_catalogue_of_the_second_version_takes_scans(tmp_path: Path) -> None:
-    path = tmp_path / "c.sqlite"
-    Catalogue(path).close()
-    with sqlite3.connect(path) as db:
-        db.execute("DROP TABLE moments")
-        db.execute("DROP TABLE scans")
-        db.execute("PRAGMA user_version = 2")
-    db.close()
-    with Catalogue(path) as catalogue:
-        catalogue.put(entry("/a.mcap"))
-        catalogue.put_scan(FleetScan("x > 1", 1.0, (LogScan("/a.mcap", judged=3),)))
-    assert rows(path, "SELECT judged FROM scans") == [(3,)]
 
 
 def test_scans_are_kept_by_log_and_rule(tmp_path: Path) -> None:

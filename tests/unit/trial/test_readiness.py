@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.trial.context import Context, open_system
-from riot_bus.trial.node_parameters import set_in_nodes
+from riot_bus.trial.readiness import set_in_nodes
 from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError

@@ -1,10 +1,10 @@
-"""Sequence numbers of inserted frames, which their source did not make."""
+"""Sequence numbers: gaps in those of each source, which tell what was lost, and those of inserted frames."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus_bridges.mavlink.losses import MOST_IDS
 from riot_bus_mavlink.frame import HEADER_SIZE, seal
 from riot_bus_mavlink.signing import link_of, time_of
 
@@ -15,16 +15,62 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.signing import Signer
 
 
+MOST_IDS = 4096
+"""Of what senders may make up (65,536 sources, 24-bit ids of messages): bounds memory and publishers; a guess."""
+
+
+@dataclass(slots=True)
+class SourceCount:
+    """Counts of the frames of a source.
+
+    Attributes:
+        lost: Number of missing frames, as ground stations count them: the gaps in the sequence numbers. A frame that
+            comes late or twice counts as a gap of nearly 256.
+    """
+
+    received: int = 0
+    lost: int = 0
+    last: int = -1
+
+    def see(self, sequence: int) -> int:
+        """Count a frame by its sequence number; return how many frames are missing before it."""
+        missing = (sequence - self.last - 1) & 255 if self.received else 0
+        self.received += 1
+        self.lost += missing
+        self.last = sequence
+        return missing
+
+
+class LinkLosses:
+    """Counts by source, on one link."""
+
+    def __init__(self) -> None:
+        self._sources: dict[int, SourceCount] = {}
+
+    def see(self, system: int, component: int, sequence: int) -> int:
+        """Count a frame by its sequence number; return how many frames are missing before it."""
+        count = self.of(system, component)
+        return 0 if count is None else count.see(sequence)
+
+    def of(self, system: int, component: int) -> SourceCount | None:
+        """Return the counter of a source, None if there are too many sources."""
+        source = system << 8 | component
+        count = self._sources.get(source)
+        if count is None and len(self._sources) < MOST_IDS:
+            count = self._sources[source] = SourceCount()
+        return count
+
+    def counts(self) -> dict[tuple[int, int], SourceCount]:
+        """Return the counts by system and component."""
+        return {(source >> 8, source & 255): count for source, count in sorted(self._sources.copy().items())}
+
+
 class OwnStreams:
     """Assigns sequence numbers to inserted frames, counted for each system and component from 0, modulo 256.
 
     A frame is inserted if it came over no link and was not played from a bridge's log, such as one that a program
     publishes on the bus. Frames from links keep their numbers, by which receivers detect losses; inserted frames must
     not use these up. A receiver that keeps only one count for each source still reports a gap at inserted frames.
-
-    Args:
-        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
-        signer: Re-signs signed frames; None if the key is not known.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:

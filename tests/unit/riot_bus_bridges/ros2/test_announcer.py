@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus_bridges.ros2.other_bridges import OtherBridge
+from riot_bus_bridges.ros2.announcer import OtherBridge
 
 
 def test_a_bridge_is_known_by_its_token():

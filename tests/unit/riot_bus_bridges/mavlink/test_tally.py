@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from riot_bus_bridges.links.end import End
 from riot_bus_bridges.links.link import Link
-from riot_bus_bridges.mavlink.tally import LinkTally
-from riot_bus_bridges.mavlink.text import ready_line, summary_lines
+from riot_bus_bridges.mavlink.tally import LinkTally, ready_line, summary_lines
 from riot_bus_bridges.mavlink.url import parse_link
 from riot_bus_mavlink.frame import Framer
 from tests.unit.riot_bus_bridges.links.hosts import KeepingHost
