@@ -40,11 +40,6 @@ FIRST = "all as at by from how in likewise of that to what when where which who 
 
 CIRCLES = [
     {"riot_bus_logtools.editing.batch", "riot_bus_logtools.editing.inputs"},
-    {
-        "riot_bus.router.advanced.history_mirror",
-        "riot_bus.router.advanced.publisher_proxies",
-        "riot_bus.router.delivery_queue",
-    },
 ]
 """Circles that there are; the list may only get shorter."""
 

@@ -183,9 +183,9 @@ class HistoryMirror:
         if found.asked and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
             depth = len(samples)  # what was before them is gone
         state.depth = depth
-        for name, session in self._deliveries.sessions.items():
+        for name, session in self._deliveries.access.sessions.items():
             if name != source.segment:
-                state.outlets[name] = ProxyPublisher(self._deliveries.outlets[name], session, source.key, depth)
+                state.outlets[name] = ProxyPublisher(self._deliveries.access.outlets[name], session, source.key, depth)
         history = [each for each in samples if state.first is None or each[0] < state.first]
         self._feed(state, history, partial(self._opened, state, bool(history)))
 
@@ -209,7 +209,7 @@ class HistoryMirror:
             self._locked(state, then)
             return
         stored, sample = claimed[0]
-        message = self._deliveries.converters[state.source.segment](sample)
+        message = self._deliveries.access.converters[state.source.segment](sample)
         stored.result = self._deliveries.replay(message, self._worker)
         claimed.popleft()
         more = partial(self._worker.do, partial(self._step, state, partial(self._feed_next, state, claimed, then)))

@@ -61,7 +61,7 @@ class PublisherProxies:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
         self._deliveries, self._changed = deliveries, changed
-        self._sessions = sessions = deliveries.sessions
+        self._sessions = sessions = deliveries.access.sessions
         self._own = {str(session.info.zid()) for session in sessions.values()}
         self._lock = threading.Lock()
         self._watched: dict[str, list[Any]] = {}
@@ -166,7 +166,7 @@ class PublisherProxies:
         Returns:
             The message, None if nothing is left to do with it.
         """
-        message = self._deliveries.converters[segment](sample)
+        message = self._deliveries.access.converters[segment](sample)
         known = source_of(segment, sample)
         state = self._state_for(known[0]) if known is not None else None
         if known is None or state is None:

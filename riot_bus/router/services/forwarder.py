@@ -145,7 +145,7 @@ class CallForwarder:
             None if query.attachment is None else query.attachment.to_bytes(),
             _QOS,
             self.segment,
-            next(self._deliveries.sequence),
+            next(self._deliveries.access.sequence),
             parameters=str(query.parameters),
         )
         result = self._deliveries.result(request, self._worker, tuple(targets))
@@ -184,9 +184,7 @@ class CallForwarder:
 
     def _settle(self, call: Call, result: Result, stamp: zenoh.Timestamp | None) -> None:
         """Deliver a result: requests and replies go on in the call, all other messages are published."""
-        recorder = self._deliveries.recorder
-        if recorder is not None and result.changes:
-            recorder.original(result.original, result.changes)
+        self._deliveries.record_original(result)
         own = [each for each in result.emissions if part_of(each.message.key) is not None]
         others = tuple(each for each in result.emissions if part_of(each.message.key) is None)
         if others:
@@ -223,14 +221,12 @@ class CallForwarder:
             _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
             self._deliveries.lose(key, "not published")
         else:
-            recorder = self._deliveries.recorder
-            if recorder is not None and not call.over:
-                late = message.with_(time=emission.due) if emission.due > message.time else message
-                recorder.delivered(late, emission.changes)
+            if not call.over:
+                self._deliveries.record_delivered(emission, message)
         self._ended(call)
 
     def _ask(self, call: Call, key: str, message: Message, target: str) -> None:
-        session = self._deliveries.sessions[target]
+        session = self._deliveries.access.sessions[target]
         zenoh = library_of(session)
         query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
         call.pending += 1

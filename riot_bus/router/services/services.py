@@ -27,7 +27,7 @@ class Services:
     """
 
     def __init__(self, deliveries: DeliveryQueue, *, spaces: Sequence[str] = ()) -> None:
-        self._deliveries, self._sessions, self._spaces = deliveries, deliveries.sessions, spaces
+        self._deliveries, self._sessions, self._spaces = deliveries, deliveries.access.sessions, spaces
         self._claims = Claims([])
         self._present: dict[str, tuple[Presence, list[CallForwarder]]] = {}
         self._retired: list[CallForwarder] = []
