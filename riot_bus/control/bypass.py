@@ -124,7 +124,6 @@ class BypassWatch:
         callback: Called with all present bypasses whenever they have changed; what it raises is logged.
         period: Seconds between two looks.
         scouting: Settings for asking who answers multicast scouting; None not to ask.
-        scout_every: Number of looks from one scouting to the next.
     """
 
     def __init__(
@@ -134,7 +133,6 @@ class BypassWatch:
         *,
         period: float = 5.0,
         scouting: Scouting | None = THIS_HOST,
-        scout_every: int = 6,
     ) -> None:
         self.bypasses: list[Bypass] = []
         """Bypasses found by the last look."""
@@ -142,7 +140,6 @@ class BypassWatch:
         self._callback = callback
         self._period = period
         self._scouting = scouting
-        self._scout_every = scout_every
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="riot-bypass", daemon=True)
 
@@ -157,7 +154,7 @@ class BypassWatch:
     def _run(self) -> None:
         for number in itertools.count():
             try:
-                found = self._finder.look(self._scouting if number % self._scout_every == 0 else None)
+                found = self._finder.look(self._scouting if number % 6 == 0 else None)
                 if found != self.bypasses:
                     self.bypasses = found
                     self._callback(found)

@@ -11,9 +11,6 @@ from riot_bus.control.signals import force_end_after
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 _VARIABLE = "RIOT_MEMORY_LIMIT"
-_SHARE = 0.75
-"""Share of the memory of the machine or control group: the rest is for the kernel's buffers and an orderly end."""
-
 _END_S = 5.0
 """How long the end may take then: Zenoh may still be growing, and not answer."""
 
@@ -36,7 +33,8 @@ def memory_limit() -> int:
         group = _GROUP.read_text(encoding="ascii").strip()
     except OSError:  # no control groups, or those of version 1
         group = "max"
-    return int(_SHARE * (min(present, int(group)) if group.isdecimal() else present))
+    # the rest is for the kernel's buffers and an orderly end
+    return (min(present, int(group)) if group.isdecimal() else present) * 3 // 4
 
 
 def resident_bytes() -> int:

@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
+from riot_bus.control.commands import VERSION
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
 from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.zenoh.client import open_client
@@ -31,7 +32,6 @@ _LATE_S = 0.5
 """How long to wait, after an answer, for a second one, which there should not be."""
 
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
-_VERSION = 1
 _STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
 _NO_ANSWER = {
     "router": "is it riot's, and may this segment control it (control)?",
@@ -222,14 +222,8 @@ def plan_payload(file: Path) -> tuple[bytes, str]:
         raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(file)) from error
 
 
-def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Iterator[Graph]:
-    """Yield the present graph; then, if asked to watch, each one that is different.
-
-    Args:
-        remote: Connection to the router.
-        watch: Whether to continue forever.
-        period: Seconds between two questions.
-    """
+def graphs(remote: Remote, *, watch: bool = False) -> Iterator[Graph]:
+    """Yield the present graph; then, if asked to watch, each one that is different, for ever; one look a second."""
     from riot_bus.graph.history import graph_from
 
     former = None
@@ -240,14 +234,14 @@ def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Itera
             former = graph
         if not watch:
             return
-        time.sleep(period)
+        time.sleep(1.0)
 
 
 def _result(data: bytes) -> dict[str, Any]:
     document = document_of(data)
     result = document.get("result")
-    if document.get("version") != _VERSION or not isinstance(result, dict):
-        text = f"the router answers in version {document.get('version')!r} of the format, not {_VERSION}"
+    if document.get("version") != VERSION or not isinstance(result, dict):
+        text = f"the router answers in version {document.get('version')!r} of the format, not {VERSION}"
         raise EnvironmentFaultError(text, hint="use the same version of riot_bus on both sides")
     return result
 

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.scouting import Scouting
 
 _LOG = logging.getLogger(__name__)
-_END_S = 10.0  # for a change that is in progress when the router ends: as long as a bus may take to open
-_SOON_S = 0.2  # for a change that usually takes 0.1 s, since the answer tells its outcome; an answer may take 0.5 s
 
 
 class RouterService:
@@ -139,7 +137,7 @@ class RouterService:
         return self
 
     def __exit__(self, *error: object) -> None:
-        ended = self._changing.acquire(timeout=_END_S)
+        ended = self._changing.acquire(timeout=10.0)  # a change in progress: as long as a bus may take to open
         self._closed = True
         if ended:
             self._changing.release()
@@ -217,7 +215,8 @@ class RouterService:
             cleared.set()
         self.bus.forget()
         if former is not None:
-            self._soon(self._forget_cleared).join(_SOON_S)
+            # Usually it takes 0.1 s, and the answer tells its outcome; an answer may take 0.5 s.
+            self._soon(self._forget_cleared).join(0.2)
         return {"intercepted": self._interception.intercepted, "plan": None, "former": status.plan_row(former)}
 
     def _forget_cleared(self) -> None:

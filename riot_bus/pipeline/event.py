@@ -27,7 +27,7 @@ State = tuple[
 ValueT = TypeVar("ValueT")
 
 _MOST_COPIES = 10_000  # a guess: more is an interceptor's mistake, which would flood the components
-_MOST_ADDED = 10_000  # likewise; each of them also takes memory until it is due
+_MOST_ADDED = _MOST_COPIES  # likewise; each of them also takes memory until it is due
 _NO_KEY = re.compile("\\A\\Z|\\A/|//|/\\Z|[*$?#\ud800-\udfff]")
 _NO_TEXT = re.compile("[\ud800-\udfff]")  # cannot be sent as UTF-8
 _CONGESTION = ("drop", "block", "block_first")

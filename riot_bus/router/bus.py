@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.client import Subscription
     from riot_bus.zenoh.segments import Segment
 
-_HEARD_S = 10.0  # ten interceptors may block one after the other, each for `BUDGET_S`, 1 s
-_QUIET_POLLS = 3  # 1 ms apart: an idle forwarder may hold a message not counted yet
 
 
 class Bus:
@@ -312,7 +310,8 @@ class Bus:
             self._set_inner(segment, (*self._inner(segment), inner))
 
         def end() -> None:
-            wait_until(self._cut.ingresses_idle, _HEARD_S)  # it still gets what was put before
+            # It still gets what was put before, also if ten interceptors block one after the other.
+            wait_until(self._cut.ingresses_idle, 10 * BUDGET_S)
             with self._changing:
                 self._set_inner(segment, tuple(each for each in self._inner(segment) if each is not inner))
 
@@ -397,7 +396,7 @@ class Bus:
             received = self._cut.received()
             arrived, before = received - before, received
             quiet = quiet + 1 if not arrived and self.idle() else 0
-            return quiet >= _QUIET_POLLS
+            return quiet >= 3  # 1 ms apart: an idle forwarder may hold a message not counted yet
 
         return wait_until(drained, timeout)
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
-_IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
 
 
 class PipelineAnswer(NamedTuple):
@@ -293,7 +292,7 @@ class DeliveryQueue:
                 due = self._delayed.next_due()
                 now = time.time_ns()
                 if due is None or due > now:
-                    self._condition.wait(_IDLE_S if due is None else min(_IDLE_S, (due - now) / 1e9))
+                    self._condition.wait(None if due is None else min(threading.TIMEOUT_MAX, (due - now) / 1e9))
                 ready = self._delayed.pop_due(time.time_ns())
             for emission in ready:
                 self._publish(emission)

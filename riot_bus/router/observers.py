@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.convert import Converter
     from riot_bus.zenoh.segments import Segment
 
-_ALIVE_INTERVAL_S = 0.02  # how late a component's end is noticed; a subscription ends the wait at once
 
 
 class Observers:
@@ -127,6 +126,6 @@ def wait_subscribed(
             left = deadline - time.monotonic()
             if not waiting or left <= 0 or not alive():
                 return list(waiting)
-            changed.wait(min(left, _ALIVE_INTERVAL_S))
+            changed.wait(min(left, 0.02))  # so late a component's end is noticed
     finally:
         release(*listeners.values(), *waiting.values())

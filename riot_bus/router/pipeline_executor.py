@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
-_RETRY_S = 0.1
-_END_S = 10.0
 BUDGET_S = 1.0
 """How long an interceptor may take for one message before it is bypassed."""
 
@@ -162,7 +160,7 @@ class PipelineExecutor:
     def _enter(self) -> threading.Lock:
         while True:
             lock = self._lock
-            if not (lock.acquire(blocking=False) or lock.acquire(timeout=_RETRY_S)):
+            if not (lock.acquire(blocking=False) or lock.acquire(timeout=0.1)):
                 continue
             if lock is self._lock:
                 return lock
@@ -194,7 +192,7 @@ class PipelineExecutor:
             worker.take_over()
 
 
-def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
+def end_interceptors(pipeline: Pipeline, *, patience_s: float = 10.0) -> None:
     """Call every interceptor's `stop` with a time limit; call this when no thread feeds the pipeline.
 
     Args:

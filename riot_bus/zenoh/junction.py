@@ -24,7 +24,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.junction_sockets import JunctionSockets
 from riot_bus.zenoh.libraries import borrow, give_back, library_of
 from riot_bus.zenoh.session import open_session, release, wait_until
-from riot_bus.zenoh.session_config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
+from riot_bus.zenoh.session_config import ANSWER_S, OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,7 +39,6 @@ _PROBE_INTERVAL_S = 0.002  # routes are ready after 100 ms: they are used 2 % la
 _ROUTES_S = 1.0  # ten times what routes usually take, 100 ms; doubled with each try
 _FORGET_S = 0.2  # twice the 100 ms after which Zenoh computes routes anew; doubled with each try
 _PROBES = 4  # only some subscriptions may get through; with four, no key was dead after 900 changes under load
-_TOKENS_S = 2.0  # generous: segments are routers of this process, and callers wait for them; not measured
 _WEIGHTS = "routing/router/linkstate/transport_weights"
 _LEAST_WEIGHT = 100  # Zenoh's default, which direct links have: they have to stay cheaper
 _MOST_WEIGHT = 65_000  # Zenoh's weights have 16 bits, 65,535 at most
@@ -224,7 +223,7 @@ class Junction:
             text = f"{expression}/@adv/pub/"
             seen: Counter[str] = Counter()
             for segment in self._segments if self.session is not None else ():
-                replies = segment.session.liveliness().get(f"{text}**", timeout=_TOKENS_S)
+                replies = segment.session.liveliness().get(f"{text}**", timeout=ANSWER_S)
                 seen.update({str(reply.ok.key_expr) for reply in replies if reply.ok is not None})
             crossed = any(number > 1 for number in seen.values())
             refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]

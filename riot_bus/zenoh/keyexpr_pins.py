@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import zenoh
 
 _MOST = 1 << 14  # a quarter of Zenoh's numbers, which have 16 bits
-_MOST_FREQUENT = 1 << 12  # a sixteenth of Zenoh's numbers, as none is released before the session ends
+_MOST_FREQUENT = _MOST // 4  # none is released before the session ends
 _OFTEN = 8  # rare keys are not worth a declaration; a guess
 _held: dict[int, OrderedDict[str, zenoh.KeyExpr]] = {}
 _frequent: dict[int, dict[str, zenoh.KeyExpr]] = {}

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import RiotError
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _TLS = "transport/link/tls"
-_TIMEOUT_S = 2.0
 _ALERT_S = 0.5
 """Seconds to wait for an alert about the client's certificate, which in TLS 1.3 arrives after the handshake."""
 
@@ -42,7 +42,7 @@ def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
         if setting("connect_certificate"):
             context.load_cert_chain(setting("connect_certificate"), setting("connect_private_key"))
         with (
-            socket.create_connection((where.host, where.port), _TIMEOUT_S) as plain,
+            socket.create_connection((where.host, where.port), ANSWER_S) as plain,
             context.wrap_socket(plain, server_hostname=where.host) as link,
         ):
             link.settimeout(_ALERT_S)

@@ -36,7 +36,6 @@ _MOST_LOOKS = (
 _RECOVERED_S = 1.5  # three heartbeats of 0.5 s, to notice a gap and query; not measured
 _PATIENCE_S = 0.005  # a slow receiver keeps the worker from other publishers for as long
 _FAILURES = 3  # one or two queries may time out by chance, after 2 s each
-_STAND_IN = 1 << 30  # fits into the 32 bits of an entity's id, far above those that a session counts up
 
 
 class HistoryMirror:
@@ -59,7 +58,7 @@ class HistoryMirror:
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self._deliveries, self._worker, self._upstream, self._fence = deliveries, worker, upstream, fence
-        self._numbers = itertools.count(_STAND_IN)
+        self._numbers = itertools.count(1 << 30)  # 32 bits are room for this, far above what a session counts up to
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 

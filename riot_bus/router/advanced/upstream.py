@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.router.advanced.source import source_of
 from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-_TIMEOUT_S = 2.0  # live messages wait as long for a cache that never answers
 _MOST_BYTES = 1 << 28  # of the answers to a query: what a reader of logs holds at most (`LogLimits.held`)
 _SAMPLE_BYTES = 1 << 10  # of an answer besides its payload, generously: its Python objects
 _CHANNEL = 1 << 16  # answers until the next look; a full channel would block a thread of Zenoh's
@@ -117,5 +117,5 @@ class Upstream:
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
             allowed_destination=zenoh.Locality.REMOTE,
-            timeout=_TIMEOUT_S,
+            timeout=ANSWER_S,
         )
