@@ -1,38 +1,40 @@
 """What the source weighs: lines by room, circles of imports, numeric constants: `python3 .ci/sizes.py [ROOT]`.
 
-A room is a package of riot_bus, a package of its `chain`, an extension or an adapter. Circles are counted with imports
-inside functions and for type hints. A numeric constant is an assignment at the level of a module whose value, an
-element of it, or the left side of a shift is a number.
+A room is what lies in riot_bus itself, a package or a module, or a whole adapter or extension; packages of
+`riot_bus.chain` are rooms of their own. Circles are found with imports inside functions and for type hints. Numeric
+constants are the names that assignments at the level of a module bind, where the value, an element of it, or the left
+side of its operation is a number.
 """
 
 import ast
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 
-ROOT = Path(sys.argv[1] if len(sys.argv) > 1 else __file__).resolve()
-ROOT = ROOT if ROOT.is_dir() else ROOT.parents[1]
 FOLDERS = {"": "riot_bus", "adapters": "riot_bus_*", "extensions": "riot_bus_*"}
 
 
-def sources() -> dict[str, Path]:
-    """Return the file of each module by its name."""
+def sources(root: Path) -> dict[str, Path]:
+    """Return the file of each module of a checkout by its name."""
     found = {}
     for above, pattern in FOLDERS.items():
-        for path in (each for package in (ROOT / above).glob(pattern) for each in package.rglob("*.py")):
-            parts = path.relative_to(ROOT / above).with_suffix("").parts
+        for path in (each for package in (root / above).glob(pattern) for each in package.rglob("*.py")):
+            parts = path.relative_to(root / above).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-def room(name: str) -> str:
-    """Return the room of a module."""
-    depth = 3 if name.startswith("riot_bus.chain.") else 2 if name.startswith("riot_bus.") else 1
-    return ".".join(name.split(".")[:depth])
+def room(name: str, packages: Container[str] = ()) -> str:
+    """Return the room of a module; `packages` tells whether what lies in `chain` is a room or a module."""
+    parts = name.split(".")
+    inner = ".".join(parts[:3])
+    if inner.startswith("riot_bus.chain.") and inner in packages:
+        return inner
+    return ".".join(parts[: 2 if parts[0] == "riot_bus" else 1])
 
 
-def imports(name: str, tree: ast.AST, known: dict[str, Path]) -> Iterator[str]:
+def imports(name: str, tree: ast.AST, known: Mapping[str, object]) -> Iterator[str]:
     """Yield the modules of ours that a module imports, anywhere in it; not the packages that it lies in."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -45,8 +47,8 @@ def imports(name: str, tree: ast.AST, known: dict[str, Path]) -> Iterator[str]:
                     yield target
 
 
-def circles(graph: dict[str, set[str]]) -> list[set[str]]:
-    """Return the strongly connected parts of more than one node (Tarjan's algorithm, by reachability)."""
+def circles(graph: Mapping[str, set[str]]) -> list[set[str]]:
+    """Return the strongly connected components of more than one node: nodes that all reach each other."""
 
     def reached(start: str) -> set[str]:
         seen, rest = {start}, [start]
@@ -62,7 +64,7 @@ def circles(graph: dict[str, set[str]]) -> list[set[str]]:
 
 
 def is_number(value: ast.expr | None) -> bool:
-    """Return whether a value is a number, a group with one, or a number shifted."""
+    """Return whether a value is a number, a group with one, or an operation that begins with one."""
     if isinstance(value, ast.Tuple | ast.List | ast.Set):
         return any(map(is_number, value.elts))
     if isinstance(value, ast.UnaryOp):
@@ -80,26 +82,30 @@ def names(node: ast.Assign | ast.AnnAssign) -> int:
 
 def main() -> None:
     """Print the figures."""
-    files = sources()
+    root = Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).resolve().parents[1]
+    files = sources(root)
+    if "riot_bus" not in files:
+        sys.exit(f"sizes.py: {root} is no checkout: there is no riot_bus/__init__.py; name its folder")
+    packages = {name for name, path in files.items() if path.name == "__init__.py"}
     trees = {name: ast.parse(path.read_bytes()) for name, path in files.items()}
     lines: Counter[str] = Counter()
     constants: Counter[str] = Counter()
     graph = {name: set(imports(name, tree, files)) for name, tree in trees.items()}
     rooms: dict[str, set[str]] = defaultdict(set)
     for name, tree in trees.items():
-        lines[room(name)] += len(files[name].read_bytes().splitlines())
-        constants[room(name)] += sum(
+        here = room(name, packages)
+        lines[here] += len(files[name].read_bytes().splitlines())
+        constants[here] += sum(
             names(node) for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign) and is_number(node.value)
         )
         if name != "riot_bus":
-            rooms[room(name)] |= {room(target) for target in graph[name]} - {room(name)}
+            rooms[here] |= {room(target, packages) for target in graph[name]} - {here}
     core = sum(count for name, count in lines.items() if name.split(".")[0] == "riot_bus")
     for name, count in lines.most_common():
         share = f"{100 * count / core:5.1f} % of core" if name.startswith("riot_bus.") else ""
         print(f"{count:7,}  {constants[name]:4} constants  {name:28} {share}")
     print(f"\ncore {core:,} lines, whole {sum(lines.values()):,}; numeric constants {sum(constants.values()):,}")
-    packages = {name for name, path in files.items() if path.name == "__init__.py"}
-    inside = circles({name: targets for name, targets in graph.items() if name not in packages})
+    inside = circles({name: targets for name, targets in graph.items() if name != "riot_bus"})
     print(f"circles between rooms: {circles(rooms) or 'none'}; between modules: {inside or 'none'}")
 
 

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
 
@@ -51,7 +51,7 @@ def payloads(count: int) -> list[bytes]:
 def make_log(path: Path, count: int, compression: str) -> None:
     registry = TypeRegistry(load_adapters(), declared={TOPIC: TYPE})
     bodies = payloads(min(count, 20_000))
-    with LogWriter(path, registry=registry, profile="ros2", compression=compression) as writer:
+    with LogWriter(path, LogSettings(compression=compression), registry=registry, profile="ros2") as writer:
         for number in range(count):
             writer.write(Message(BEGIN + number * 10**6, TOPIC, bodies[number % len(bodies)], sequence=number))
 

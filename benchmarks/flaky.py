@@ -46,7 +46,7 @@ class Function:
     chance: random.Random
     parallelism: int = JOBS
 
-    def unit(self, _unit: str, _log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> Function:
+    def unit(self, _unit: str, _log: Callable[[], Sequence[Message]]) -> Function:
         """Return itself: a process that goes on is no other function."""
         return self
 

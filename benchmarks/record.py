@@ -32,7 +32,7 @@ from common import started
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import free_endpoint
 
@@ -182,7 +182,7 @@ def writers(size: int, number: int, pool: Path, options: argparse.Namespace) -> 
         runs.append(Run("mcap writer alone", size, number, count, in_file(path), 0, count / took, used() / count * 1e6))
         used = _processor()
         began = time.perf_counter()
-        with LogWriter(path, threaded=True) as ours:
+        with LogWriter(path, LogSettings(threaded=True)) as ours:
             for each in log:
                 ours.write(each)
         took = time.perf_counter() - began

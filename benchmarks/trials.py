@@ -1,12 +1,12 @@
 """Trials per second by how a trial gets its process, and whether all ways give the same verdicts.
 
-`python benchmarks/trials.py [--jobs N ...] [--trials N] [--rounds N] [--json]`: a small Python unit that passes, fresh,
-forked and with a process that goes on, and one that sleeps 0.2 s for each message, so its trials wait and hardly
+`python benchmarks/trials.py [--jobs N ...] [--trials N] [--rounds N] [--json]`: a small Python unit that passes, fresh
+and forked, and one that sleeps 0.2 s for each message, so its trials wait and hardly
 compete for processors: they tell what workers cost each other. What comes before the first trials (baseline, starting
 workers) is left out.
 
 `--paired N [--units KIND ...]`: N cases on each of the misbehaving units of the tests, executed fresh (twice, which
-tells what differs by chance), forked and with a process that goes on.
+tells what differs by chance) and forked.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.systems.misbehaviour.catalogue import FAULTY, LIMITED, ROBUST, missin
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-WAYS = ("fresh", "auto", "persistent")
+WAYS = ("fresh", "auto")
 UNITS = {**{f"echoes, {way}": ("echoes", way) for way in WAYS}, "sleeps": ("sleeps", "auto")}
 VALUES = (3.25, 1e9, -1.0, float("nan"), "text", 0.5)
 """Of which half is bad for the misbehaving units."""
@@ -80,7 +80,7 @@ def measure(unit: str, way: str, jobs: int, trials: int) -> float:
         folder = Path(name)
         with Workspace(set_way(system_of(folder, unit), unit, way), folder / "out", jobs=jobs) as workspace:
             log = workspace.unit_log(unit)
-            runner = workspace.runners.unit(unit, lambda: log, persistent=way == "persistent")
+            runner = workspace.runners.unit(unit, lambda: log)
             ends: list[float] = []
 
             def ended(_: int, outcome: Outcome) -> None:
@@ -93,13 +93,13 @@ def measure(unit: str, way: str, jobs: int, trials: int) -> float:
             return trials / (ends[trials + jobs - 1] - ends[jobs - 1])
 
 
-def verdicts(unit: str, way: str, cases: int, jobs: int) -> tuple[list[str], int]:
-    """Return the verdict and signatures of each case, and how many failed only because of what came before."""
+def verdicts(unit: str, way: str, cases: int, jobs: int) -> list[str]:
+    """Return the verdict and signatures of each case."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with Workspace(set_way(write(folder, [unit]), unit, way), folder / "out", jobs=jobs) as workspace:
             log = workspace.unit_log(unit)
-            runner = workspace.runners.unit(unit, lambda: log, persistent=way == "persistent")
+            runner = workspace.runners.unit(unit, lambda: log)
             ordered = workspace.runners.baseline(unit, lambda: log).ordered
             asked = [
                 TestCase(
@@ -109,23 +109,22 @@ def verdicts(unit: str, way: str, cases: int, jobs: int) -> tuple[list[str], int
                 for at in [number * 7 % 30]
             ]
             outcomes = runner.run(asked)
-        told = [
+        return [
             " | ".join([one.verdict.value, *sorted({each.signature for each in one.violations})]) for one in outcomes
         ]
-        return told, sum("history" in one.statistics for one in outcomes)
 
 
 def paired(units: Sequence[str], cases: int, jobs: int) -> None:
     """Print how often each way gives another verdict than fresh processes."""
-    total = dict.fromkeys(("fresh again", "auto", "persistent"), 0)
+    total = dict.fromkeys(("fresh again", "auto"), 0)
     for unit in units:
-        fresh, _ = verdicts(unit, "fresh", cases, jobs)
+        fresh = verdicts(unit, "fresh", cases, jobs)
         line = [f"{unit:18} {cases} cases, {sum(not each.startswith('pass') for each in fresh)} fail; others:"]
         for way in total:
-            found, after = verdicts(unit, way.partition(" ")[0], cases, jobs)
+            found = verdicts(unit, way.partition(" ")[0], cases, jobs)
             differ = [(one, other) for one, other in zip(fresh, found, strict=True) if one != other]
             total[way] += len(differ)
-            line.append(f"{way} {len(differ)}" + (f" ({after} after others alone)" if after else ""))
+            line.append(f"{way} {len(differ)}")
             line += [f"\n    {one!r} became {other!r}" for one, other in dict.fromkeys(differ)]
         print(*line, flush=True)
     print(f"of {cases * len(units)} cases differ from fresh ones: {total}")

@@ -8,7 +8,6 @@ fields that were not tested and without topics on the way.
 from __future__ import annotations
 
 import re
-import tempfile
 import tomllib
 from html import escape
 from itertools import pairwise
@@ -19,9 +18,9 @@ from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.backtrack import BacktrackRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.steps import STEPS, ChainStep
-from riot_bus.report.backtrack_picture import draw_picture
 from riot_bus.report.plots import region_plots
 from riot_bus.report.templating import page_environment
+from riot_bus_fleet.evidence.picture import COLOURS, picture
 
 DOCS = Path(__file__).parent
 FOLDER = DOCS / "pictures"
@@ -39,14 +38,6 @@ svg { font-family: system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
 :root { --outside: #dceaf7; --target: #f7dcdc; }
 @media (prefers-color-scheme: dark) { :root { --outside: #1d3a55; --target: #5a2624; } }
 """
-_COLOURS = {
-    "#1a1a1a": "var(--ink)",
-    "#8a8a8a": "var(--soft)",
-    "#dceaf7": "var(--outside)",
-    "#f7dcdc": "var(--target)",
-    "#ffffff": "var(--paper)",
-}
-"""Colours of the picture of paths, and the variables that replace them."""
 _PAPER = '<rect class="paper" width="100%" height="100%"/>'
 _EDGE, _COLUMN, _HALF = 40, 142, 56
 """Of the graph: its margin, the distance of columns, and half the width of a node, which has room for 14 letters."""
@@ -211,14 +202,7 @@ def paths(record: BacktrackRecord) -> str:
     Args:
         record: Record of `riot backchain`.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "paths.svg"
-        draw_picture(record, path)
-        text = path.read_text(encoding="utf-8")
-    for colour, variable in _COLOURS.items():
-        text = text.replace(colour, variable)
-    text = re.sub(r"^.*?(?=<svg)|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    return _standalone(text)
+    return _standalone(picture(record, {name: f"var(--{name})" for name in COLOURS}))
 
 
 def _page(width: float, height: float, lines: list[str], label: str) -> str:

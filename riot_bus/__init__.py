@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.findings.steps import STEPS, ChainStep, find_step
     from riot_bus.inject.apply import inject_log
     from riot_bus.interceptors.parsing import from_text
+    from riot_bus.log.engine.limits import LogLimits
     from riot_bus.log.reader import LogReader
     from riot_bus.log.tables.table import columns, iter_columns
     from riot_bus.log.writer import LogWriter
@@ -39,10 +40,11 @@ __version__ = "0.1.0"
 
 # One name for each thing that scripts do: the modules and what each has of it.
 _MODULES = {
-    "chain.workspace": "Workspace",
+    "chain.base.workspace": "Workspace",
     "findings.steps": "STEPS ChainStep find_step",
     "inject.apply": "inject_log",
     "interceptors.parsing": "from_text",
+    "log.engine.limits": "LogLimits",
     "log.reader": "LogReader",
     "log.tables.table": "columns iter_columns",
     "log.writer": "LogWriter",
@@ -72,6 +74,7 @@ __all__ = [
     "Formula",
     "InconclusiveError",
     "Injection",
+    "LogLimits",
     "LogReader",
     "LogWriter",
     "Message",

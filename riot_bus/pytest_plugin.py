@@ -136,7 +136,7 @@ def riot_segment(riot_router: LiveRouter) -> Callable[[str], LiveSegment]:
 def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[RouterTest]:
     """What a test intercepts, injects and sees; the test fails if something that it asked for did not happen."""
     from riot_bus.log.run import run_facts
-    from riot_bus.log.writer import LogWriter
+    from riot_bus.log.writer import LogSettings, LogWriter
     from riot_bus.testing.fixture import router_test
 
     item, config = request.node, request.config
@@ -152,7 +152,7 @@ def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[Ro
         except OSError as error:
             raise pytest.UsageError(f"--riot-record-dir {path.parent}: {error.strerror}") from None
         facts = {**run_facts(), "test": item.nodeid, "seed": str(seed)}
-        log = LogWriter(path, registry=riot_router.registry, metadata=facts, threaded=True)
+        log = LogWriter(path, LogSettings(threaded=True), registry=riot_router.registry, metadata=facts)
         item.stash[_LOG] = path
     types, definitions = config.getini("riot_types"), config.getini("riot_messages")
     place: dict[str, Any] = {"folder": request.path.parent, "out": out}

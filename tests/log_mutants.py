@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, Writer
 
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.message import Message
@@ -156,8 +156,8 @@ def ours(compression: str) -> bytes:
     """A log of riot_bus with everything in it: attachments, originals, provenance, notes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "a.mcap")
-        options: dict[str, Any] = {"chunk_bytes": 900, "clock": ManualClock(START), "metadata": {"seed": "7"}}
-        with LogWriter(path, compression=compression, **options) as writer:
+        settings = LogSettings(compression=compression, chunk_bytes=900)
+        with LogWriter(path, settings, clock=ManualClock(START), metadata={"seed": "7"}) as writer:
             writer.note(layout.GRAPH, {"time": "0", "whole": "true", "gone": "{}", "new": "{}"})
             for number in range(COUNT):
                 payload = json.dumps({"x": number, "name": f"n{number}", "list": [1, 2.5]}).encode()

@@ -181,9 +181,6 @@ class BridgeHost(Protocol):
     def segments(self, asked: OwnRouter) -> Sequence[str]:
         """Return the names of the segments that a router would have.
 
-        Args:
-            asked: Options of the router.
-
         Raises:
             ConfigError: The system file or an option is wrong.
         """
@@ -197,12 +194,6 @@ class BridgeHost(Protocol):
         as_json: bool = False,
     ) -> int:
         """Route and bridge in one process, until the same events as `run`.
-
-        Args:
-            bridge_of: Function that makes the bridge from open ports of the segments, by name.
-            asked: Options of the router.
-            program: Command and arguments, as in `run`.
-            as_json: Whether to print lines of JSON, as in `run`.
 
         Returns:
             The same exit status as `run`.

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _OURS = ("riot_bus", "riot_bus_mavlink", "riot_bus_ros2", "riot_bus_dictionaries")
-_MOST_TOLD = 5  # one difference is enough to refuse; five with 24 letters a side make some 500 letters
 
 
 def facts_of(context: Context) -> dict[str, str]:
@@ -40,8 +39,8 @@ def differences(mine: Mapping[str, str], theirs: Mapping[str, str]) -> str:
     """Return as text what differs between this machine and that of riot; empty if nothing does."""
     names = [name for name in sorted({*mine, *theirs}) if mine.get(name) != theirs.get(name)]
     told = [f"{name} is {_shown(mine, name)} here, {_shown(theirs, name)} where riot runs" for name in names]
-    more = [f"and {len(told) - _MOST_TOLD} more"] if len(told) > _MOST_TOLD else []
-    return "; ".join(told[:_MOST_TOLD] + more)
+    more = [f"and {len(told) - 5} more"] if len(told) > 5 else []  # which make some 500 letters
+    return "; ".join(told[:5] + more)
 
 
 def _shown(facts: Mapping[str, str], name: str) -> str:

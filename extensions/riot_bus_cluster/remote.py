@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import msgpack  # type: ignore[import-untyped]
 
 from riot_bus.pool.local import how_ended, start_worker
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import EXTERNAL_LOG
 from riot_bus_cluster.facts import differences
 
@@ -35,9 +35,8 @@ MOST_FILES = 256 << 20
 """Most bytes of files that one trial returns: enough for most nominal logs; evidence is limited to a tenth of it."""
 TRIAL = Path("trial")
 """Folder of a trial, below the working folder of the process that executes it."""
-_ACQUIRE_S = 1.0
-_LOOK_S = 0.2
-_FACTS_WITHIN_S = 120.0
+LOOK_S = 0.5
+FACTS_WITHIN_S = 120.0
 _UNUSED_S = 60.0
 """How long an unused process is kept; it is unused when riot was killed."""
 
@@ -97,7 +96,7 @@ def _begin(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
 
     system = Path(os.environ.get("RIOT_SYSTEM") or asked["system"])
     command = [sys.executable, "-P", "-m", "riot_bus_cluster.facts", str(system)]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=_FACTS_WITHIN_S, cwd="/", check=False)
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=FACTS_WITHIN_S, cwd="/", check=False)
     if shown.returncode:
         return {"host": socket.gethostname(), "refused": shown.stderr.strip()[-2000:] or "riot_bus does not start"}
     refused = differences(json.loads(shown.stdout.splitlines()[-1]), asked["facts"])
@@ -126,7 +125,7 @@ def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
                 if waited_for():
                     kept.link.send_bytes(asked["request"])
                 while waited_for():
-                    if kept.link.poll(_LOOK_S):
+                    if kept.link.poll(LOOK_S):
                         return {"answer": kept.link.recv_bytes(), **_files(folder)}
                 _end({}, name)
                 return {}
@@ -174,7 +173,7 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
         if name not in _semaphores:
             _semaphores[name] = Semaphore(total, name)
         while waited_for():
-            if _semaphores[name].acquire(timeout=_ACQUIRE_S):
+            if _semaphores[name].acquire(timeout=2 * LOOK_S):
                 held.append(name)
                 return
 

@@ -32,7 +32,7 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus_cluster.address import connect, is_open
 from riot_bus_cluster.facts import facts_of
-from riot_bus_cluster.remote import MOST_FILES, TRIAL, serve
+from riot_bus_cluster.remote import FACTS_WITHIN_S, LOOK_S, MOST_FILES, TRIAL, serve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import TestCase
 
 _LOG = logging.getLogger(__name__)
-_LOOK_S = 0.5
 _SCHEDULER_S = 10.0
 """Longest absence of the scheduler: a broken connection is restored within this time."""
 _WORKERS_S = 60.0
@@ -55,7 +54,6 @@ _FETCH_S = 5.0
 """Longest transfer of a worker's answer once it is complete: a few bytes, maybe over a network.
 If the worker dies just then, Dask waits for another one at the same address, for ever."""
 _HINT = "all trials that have ended are kept: run the same command again to go on"
-_ANSWERS_WITHIN_S = 120.0  # as long as a worker itself waits for its versions and code (`remote._FACTS_WITHIN_S`)
 
 
 def ask(client: Client, address: str, table: Mapping[str, Any]) -> Future[Any]:
@@ -88,7 +86,6 @@ class WorkerState:
         begun: Its answer to `begin`.
         refused: Reason why it takes no trials; empty if it does.
         ready: Whether it has agreed to take trials.
-        worker: The worker of the pool that uses it now.
     """
 
     slot: int
@@ -103,7 +100,6 @@ class ClusterWorkers:
     """Workers of a Dask cluster, as the source of a pool.
 
     Args:
-        executor: `dask://HOST:PORT`.
         context: Context of the system.
         jobs: Maximum number of workers to use; 0 for all.
 
@@ -197,7 +193,7 @@ class ClusterWorkers:
         state.begun = ask(self._client, address, begin_of(self._context, self._facts, name=state.name, slot=state.slot))
 
     def _keep_looking(self) -> None:
-        while not self._closing.wait(_LOOK_S):
+        while not self._closing.wait(LOOK_S):
             try:
                 self._look()
                 self._check()
@@ -406,7 +402,7 @@ def check_cluster(executor: str, context: Context) -> list[WorkerCheck]:
         found = [WorkerCheck(address, "", why) for address, why in wrong.items()]
         for address, future in asked.items():
             try:
-                told = msgpack.unpackb(future.result(timeout=_ANSWERS_WITHIN_S))
+                told = msgpack.unpackb(future.result(timeout=FACTS_WITHIN_S))
                 why = str(told.get("refused") or told.get("error") or "")
                 found.append(WorkerCheck(address, str(told.get("host", "")), why))
             except Exception as error:

@@ -22,17 +22,13 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter
     from riot_bus.vocabulary.message import Message
 
-_PIECE = 1 << 20  # bytes read at once: few calls, and memory does not grow with the file
-
 
 @dataclass(frozen=True, slots=True)
 class ArchiveDone:
     """Result of a conversion.
 
     Attributes:
-        messages: Number of messages written.
         skipped: Number of messages of other kinds, which the format cannot hold.
-        loss: Part of the log that could not be read.
         damage: Part of the other file that could not be read, empty if there is none.
     """
 
@@ -101,12 +97,6 @@ def import_archive(
 ) -> ArchiveDone:
     """Convert a file in a format of another tool to a log; the log appears when complete.
 
-    Args:
-        file: File to read; its ending names the format.
-        out: Log to write.
-        adapters: Adapters, one of which knows the format.
-        force: Whether an existing file is replaced.
-
     Raises:
         ConfigError: The file is missing or holds nothing of its kind, the log exists, or no adapter knows the format.
         EnvironmentFaultError: The log cannot be written.
@@ -128,7 +118,7 @@ def import_archive(
 def _unpacked(file: Path, unpacker: Unpacker) -> Iterator[Message]:
     try:
         with given_file(file).open("rb") as source:
-            while data := source.read(_PIECE):
+            while data := source.read(1 << 20):
                 yield from unpacker.feed(data)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(file)) from error

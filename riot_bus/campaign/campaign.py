@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import more_nominal, repeat_in_order
 from riot_bus.campaign.covering import Covering, is_hang
 from riot_bus.campaign.effects import Effects
-from riot_bus.campaign.triage import AfterOthers, Failure, add_history, group, plainer
+from riot_bus.campaign.triage import Failure, group, plainer
 from riot_bus.monitors.liveness import is_compared
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -57,7 +57,6 @@ class CampaignResult:
         undecided: Variations that failed together, and that the budget did not tell apart.
         coverable: Number of variations to try.
         effects: Effects of the injections.
-        after_others: Failures that occurred after other cases in the same process, but not in a process of their own.
         unjudged: Cases that could not be judged, and why.
         alarms: Signatures from comparison with nominal trials that nominal trials have shown themselves: no failures;
             also in `notes`.
@@ -79,7 +78,6 @@ class CampaignResult:
     undecided: Sequence[Variation] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
-    after_others: dict[str, AfterOthers] = field(default_factory=dict)
     unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
     alarms: Sequence[str] = ()
     unordered: int = 0
@@ -108,7 +106,6 @@ class _Repeating:
 @dataclass(slots=True)
 class _Campaign:
     runner: Runner
-    explorer: Runner
     found: Callable[[Failure], object]
     ordered: bool
     types: Mapping[tuple[str, str], str]
@@ -117,8 +114,6 @@ class _Campaign:
     alarms: dict[str, int] = field(default_factory=dict)
     baseless: dict[str, str] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
-    usual: list[Outcome] = field(default_factory=list)
-    asked: dict[str, TestCase] = field(default_factory=dict)
     unseen: dict[str, dict[int, str]] = field(default_factory=dict)
     controlled: dict[str, int] = field(default_factory=dict)
     hangs: list[float] = field(default_factory=list)
@@ -158,8 +153,7 @@ class _Campaign:
             for name, reason in dict(line.partition(": ")[::2] for line in lines).items():
                 self.unseen.setdefault(name, {}).setdefault(trial, reason)
             if case.injections:
-                result.effects.add(case, outcome, self.usual)
-                add_history(result.after_others, case, outcome, asked=self.asked)
+                result.effects.add(case, outcome, self.nominal)
                 if grown := outcome.statistics.get("grown"):
                     result.grown.append((float(grown), case))
             if outcome.verdict is Verdict.FAIL:
@@ -216,22 +210,13 @@ class _Campaign:
         told = [dict(outcome.statistics.get("baseless", {})) for outcome in outcomes]
         self.baseless = {key: why for key, why in told[0].items() if all(key in each for each in told)}
         outcomes = list(map(self._judged, outcomes))
-        self.nominal = self.usual = outcomes
+        self.nominal = outcomes
         self.judge(cases, outcomes)
         return len(outcomes)
 
     def explore(self, cases: Mapping[int, TestCase]) -> Sequence[Outcome]:
-        """Run injected trials; if they have a runner of their own, first run the nominal log with it."""
-        if self.explorer is not self.runner:
-            if self.usual is self.nominal:
-                first = replace(next(iter(cases.values())), injections=())
-                usual = [self._asked(replace(first, again=number)) for number in range(1, _NOMINAL + 1)]
-                outcomes = _run_nominal(self.explorer, usual)
-                self._know_alarms(outcomes)
-                self.usual = list(map(self._judged, outcomes))
-            for case in cases.values():
-                self._asked(case)
-        return list(map(self._judged, self.explorer.run(list(cases.values()))))
+        """Run injected trials."""
+        return list(map(self._judged, self.runner.run(list(cases.values()))))
 
     def _know_alarms(self, outcomes: Sequence[Outcome]) -> None:
         """Note violations by comparison with nominal trials that nominal trials show themselves: they are nominal."""
@@ -255,10 +240,6 @@ class _Campaign:
         if not self.alarms and not self.baseless:
             return outcome
         return outcome.without(lambda each: each.signature in self.alarms or each.signature in self.baseless)
-
-    def _asked(self, case: TestCase) -> TestCase:
-        self.asked[case.digest()] = case
-        return case
 
 
 def _run_nominal(runner: Runner, cases: Sequence[TestCase]) -> list[Outcome]:
@@ -284,7 +265,6 @@ def run_campaign(
     progress: Callable[[int, int | None, str, float | None], object] | None = None,
     found: Callable[[Failure], object] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
-    explorer: Runner | None = None,
 ) -> CampaignResult:
     """Run trials until the budget ends; each failure is repeated with fresh processes before it counts.
 
@@ -305,13 +285,12 @@ def run_campaign(
             far, their final number (None if unknown), a text on the state, and the seconds left (None for no limit).
         found: Function that is called with each failure as soon as it is confirmed.
         stop: Function that is called before each batch of injected trials; True ends the campaign.
-        explorer: Runner of injected trials, such as one that runs many in one process; None for `runner`.
 
     Raises:
         EnvironmentFaultError: Trials of the nominal log cannot be judged.
     """
     log, stopped = tuple(messages), False
-    work = _Campaign(runner, explorer or runner, found, ordered, schedule.types)
+    work = _Campaign(runner, found, ordered, schedule.types)
     nominal = work.check_nominal(log, seed)
     result = work.result
     done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
@@ -345,7 +324,7 @@ def run_campaign(
         }
         outcomes = work.explore(cases)
         if covering and not done:
-            covering.novelties.know(work.usual)
+            covering.novelties.know(work.nominal)
         done = batch.stop
         work.judge(cases, outcomes)
         for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
@@ -365,7 +344,6 @@ def run_campaign(
         result.tried, result.undecided, result.coverable = covering.tried, covering.undecided, covering.total
     result.trials, result.stopped, result.alarms = nominal + done, stopped, sorted(work.alarms)
     result.exhausted = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
-    result.after_others = {key: each for key, each in result.after_others.items() if key not in result.failures}
     result.grown.sort(key=lambda each: -each[0])
     return result
 

@@ -51,7 +51,7 @@ class RunOptions:
     reports: Annotated[
         Sequence[str],
         Flag(
-            "Keep a report up to date: junit, sarif, allure, markdown, github, or one of another package; repeatable.",
+            "Keep a report up to date: junit, sarif, markdown, github, or one of another package; repeatable.",
             "--report",
             "NAME[=FILE]",
         ),

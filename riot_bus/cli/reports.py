@@ -24,7 +24,7 @@ def report(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="html, text, json: of one finding; junit, sarif, allure, markdown, github: of a campaign, too; or a "
+            help="html, text, json: of one finding; junit, sarif, markdown, github: of a campaign, too; or a "
             "format of another package.",
         ),
     ] = "html",
@@ -34,7 +34,7 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write, or folder (allure). [default: by the format, a file in the folder or stdout]",
+            help="File to write. [default: by the format, a file in the folder or stdout]",
         ),
     ] = None,
     baseline: Annotated[

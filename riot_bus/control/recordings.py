@@ -28,14 +28,6 @@ _OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the 
 class Recordings:
     """The present recording of a bus; thread-safe, except that there must be only one `start` or `settle` at a time.
 
-    Args:
-        bus: Function that returns the open bus.
-        registry: The registry of topics and types.
-        folder: Folder for recordings requested over the network.
-        name: Name of files for which none was given.
-        metadata: Function that returns the metadata of each file.
-        profile: MCAP profile.
-
     Attributes:
         path: Path of the present file; None if there is none.
         graph_notes: Notes of the graph in the recording.
@@ -64,7 +56,6 @@ class Recordings:
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
-        self._before = (0, 0)
 
     def begin(self, path: Path) -> Recorder:
         """Open a file, replacing an existing one; the caller hands the recorder to the bus."""
@@ -73,7 +64,7 @@ class Recordings:
         recorder = Recorder(self._writer(path), topic=self._registry.topic)
         with self.graph_notes.new_log():
             self._recorder, self._stem = recorder, path.stem
-            self._begun(path, (0, 0))
+            self.path, self._since = path, time.monotonic()
         return recorder
 
     def start(self, text: str | None = None) -> Path:
@@ -116,7 +107,8 @@ class Recordings:
             recorder, former = self._present("record/split")
             path = claim(self.folder, text, self._stem)
             with self.graph_notes.new_log():
-                self._begun(path, recorder.switch(self._writer(path)))
+                recorder.switch(self._writer(path))
+                self.path, self._since = path, time.monotonic()
             return former, path
 
     def stop(self) -> tuple[Path, dict[str, Any]]:
@@ -159,11 +151,11 @@ class Recordings:
         recorder, path = self._recorder, self.path
         if recorder is None or path is None:
             return None
-        messages, lost = recorder.totals()
+        account = recorder.present()
         return {
             "file": str(path),
-            "messages": messages - self._before[0],
-            "lost": lost - self._before[1],
+            "messages": sum(account.recorded.values()),
+            "lost": account.total(),
             "seconds": round(time.monotonic() - self._since, 3),
             "problem": recorder.problem,
         }
@@ -173,24 +165,20 @@ class Recordings:
             raise ConfigError("this router does not record", where=where, hint="begin with: riot ctl record start")
         return self._recorder, self.path
 
-    def _begun(self, path: Path, before: tuple[int, int]) -> None:
-        self.path, self._since, self._before = path, time.monotonic(), before
-
     def _writer(self, path: Path) -> LogWriter:
         from riot_bus.log.rosbag2 import bag_epilogue
         from riot_bus.log.run import run_facts
-        from riot_bus.log.writer import LogWriter
+        from riot_bus.log.writer import LogSettings, LogWriter
 
         profile = self._profile or ("ros2" if self._announcements else None)
         return LogWriter(
             path,
+            LogSettings(threaded=True, durable=True),
             registry=self._registry,
             metadata={**run_facts(), **self._metadata()},
             profile=profile,
             channel_metadata=self._announcements.details,
             epilogue=bag_epilogue if profile == "ros2" else None,
-            threaded=True,
-            durable=True,
         )
 
     def _await_observation(self) -> None:

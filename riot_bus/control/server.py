@@ -27,8 +27,6 @@ _MOST_URGENT = 1024
 """Queue length of an urgent command: at 5,000 queries per second, the thread may stall for 0.2 s and lose none."""
 
 
-
-
 class Control:
     """Query service for control commands in some segments; a context manager.
 

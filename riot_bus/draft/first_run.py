@@ -13,7 +13,7 @@ from riot_bus.graph.model import Edge, Graph, Topic
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.processes.launcher import Launcher
 from riot_bus.system.system_file import RunPace
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from riot_bus.draft.plain_draft import PlainFacts
     from riot_bus.pipeline.event import Event
+    from riot_bus.processes.launcher import ComponentProcess
     from riot_bus.trial.context import Context
     from riot_bus.types.capabilities import Role
     from riot_bus.vocabulary.message import Message
@@ -78,24 +79,25 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
     with (
         tempfile.TemporaryDirectory(prefix="riot-init-") as folder,
         Launcher() as launcher,
-        TrialSetup(context, launcher, Path(folder), segments=(), intercept=["**"], pipeline=pipeline) as stage,
+        TrialSetup(context, launcher, Path(folder), segments=(), intercept=["**"], pipeline=pipeline) as setup,
     ):
         for name in names:
             try:
-                stage.start(name, seed=0, pace=RunPace(duration=seconds))
+                setup.start(name, seed=0, pace=RunPace(duration=seconds))
             except EnvironmentFaultError as error:
                 failed[name] = error.message
-        failed |= _not_connected(stage)
-        stage.launcher.wait(list(stage.processes.values()), timeout=seconds)  # less long if all end
-        failed |= {name: _how_ended(stage, name) for name in stage.processes if stage.processes[name].status}
-        flows = [each for each, count in stage.bus.flows().items() if count]
+        started = setup.processes.started
+        failed |= _not_connected(setup)
+        setup.processes.wait(started, timeout=seconds)  # less long if all end
+        failed |= {name: _how_ended(process) for name, process in started.items() if process.status}
+        flows = [each for each, count in setup.network.bus.flows().items() if count]
         asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
         reads = {
-            name: set(asked) - set(stage.bus.wait_subscribed(name, asked, timeout=_ASK_S))
-            for name, process in stage.processes.items()
+            name: set(asked) - set(setup.network.bus.wait_subscribed(name, asked, timeout=_ASK_S))
+            for name, process in started.items()
             if asked and process.status is None
         }
-    writes = {name: {key for key, segment in flows if segment == name} for name in stage.processes}
+    writes = {name: {key for key, segment in flows if segment == name} for name in started}
     return FirstRun(reads, writes, failed, look_at(tap.messages, context.registry)[0])
 
 
@@ -133,25 +135,24 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
     return replace(facts, graph=graph, topics={**run.topics, **facts.topics}, commands=commands)
 
 
-def _not_connected(stage: TrialSetup) -> dict[str, str]:
+def _not_connected(setup: TrialSetup) -> dict[str, str]:
     """Wait until all have connected, ended or timed out; return those that have not connected, and why."""
-    begin, components = time.monotonic(), stage.context.file.components
+    begin, components, started = time.monotonic(), setup.context.file.components, setup.processes.started
     results: dict[str, str] = {}  # empty for those that have connected
-    while missing := stage.processes.keys() - results.keys():
+    while missing := started.keys() - results.keys():
         for name in sorted(missing):
             timeout = components[name].ready.timeout
-            if stage.bus.segment(name).peers() - stage.bus.ids:
+            if setup.network.connected(name):
                 results[name] = ""
-            elif not stage.launcher.alive(stage.processes[name]):
-                results[name] = _how_ended(stage, name)
+            elif not setup.processes.alive([name]):
+                results[name] = _how_ended(started[name])
             elif time.monotonic() - begin > timeout:
                 results[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
         time.sleep(_POLL_S)
     return {name: why for name, why in results.items() if why}
 
 
-def _how_ended(stage: TrialSetup, name: str) -> str:
-    process = stage.processes[name]
+def _how_ended(process: ComponentProcess) -> str:
     words = process.errors().strip().splitlines()
     last = f": {words[-1][-_MOST_WORDS:]}" if words else ""
     return f"it ended with status {process.status}{last}"

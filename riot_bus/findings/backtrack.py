@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pydantic import Field
@@ -77,3 +78,19 @@ class BacktrackRecord(Artefact):
         found = list(dict.fromkeys(one.source for one in self.ranking if one.found))
         names = ", ".join(found) or "no evidence of any"
         return f"{counted(self.looked_at, 'message')} of {counted(len(self.logs), 'log')} -> {names}"
+
+
+def nodes_of(trees: Sequence[Any]) -> Iterator[tuple[dict[str, Any], str, int]]:
+    """Yield each topic of backtrack trees before those that lead to it, with its parent's name and its depth.
+
+    Args:
+        trees: Roots of the trees, as in a record: what is not an object is left out.
+    """
+    ahead: list[tuple[Any, str, int]] = [(tree, "", 0) for tree in reversed(trees)]
+    while ahead:
+        node, parent, depth = ahead.pop()
+        if isinstance(node, dict):
+            yield node, parent, depth
+            hops = node.get("hops")
+            below = reversed(hops if isinstance(hops, list) else [])
+            ahead += [(hop, str(node.get("topic", "?")), depth + 1) for hop in below]

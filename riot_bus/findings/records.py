@@ -180,17 +180,13 @@ class EffectsRecord(_Model):
 
 
 class UnconfirmedRecord(_Model):
-    """A failure that only `hits` of `repeats` fresh trials reproduced: chance, or too rare to tell.
-
-    Its process had run `history` test cases before, on which the failure may depend.
-    """
+    """A failure that only `hits` of `repeats` fresh trials reproduced: chance, or too rare to tell."""
 
     signature: str
     details: tuple[str, ...] = ()
     occurrences: int = 1
     hits: int = 0
     repeats: int = 0
-    history: int = 0
     injections: tuple[dict[str, Any], ...] = ()
 
 

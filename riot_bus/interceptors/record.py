@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from riot_bus.interceptors.recorder import Recorder
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.runner import BoundedCounts
 from riot_bus.vocabulary.errors import ConfigError, DataLossError
 
@@ -50,7 +50,7 @@ class Record:
     @property
     def recorded(self) -> int:
         """Number of messages written."""
-        return 0 if self._recorder is None else self._recorder.totals()[0]
+        return 0 if self._recorder is None else sum(self._recorder.recorded.values())
 
     @property
     def lost(self) -> Counter[str]:
@@ -63,7 +63,7 @@ class Record:
 
     def start(self) -> None:
         """Open the log."""
-        writer = LogWriter(self.path, registry=self._registry, compression=self.compression)
+        writer = LogWriter(self.path, LogSettings(compression=self.compression), registry=self._registry)
         topic = str if self._registry is None else self._registry.topic
         self._recorder = Recorder(writer, capacity=self.capacity, capacity_bytes=self.capacity_bytes, topic=topic)
         self._open, self._told = True, False
@@ -78,7 +78,7 @@ class Record:
             self._unopened.add(event.topic)
         elif self._open:
             self._recorder.delivered(event.message)
-        if self.lost and not self._told:
+        if not self._told and (self._recorder is None or self._recorder.lossy):
             self._told = True
             text = "messages are not recorded"
             raise DataLossError(text, where=str(self.path), hint="is the disk full, or too slow?")

@@ -5,16 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import defaultdict
-from concurrent.futures import Future
-from contextlib import suppress
+from collections import Counter
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING
 
-from riot_bus.log.account import LOST, Account
-from riot_bus.log.writer import LostMessagesError
+from riot_bus.log.account import Account
+from riot_bus.log.recorded_file import RecordedFile, Writer
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.pipeline.mailbox import Mailbox
-from riot_bus.pipeline.runner import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,67 +24,17 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25  # a quarter of the second at which the writer ends a chunk
 _LINGER_S = 0.005  # at 10,000 messages/s one wake-up for 50; small against a chunk's second
-_HANDFUL = 256  # an urgent switch of writers waits until so many messages are written
-_PATIENCE_S = 5.0  # then the new writer writes what is still queued; a guess, not measured
-
-
-class Writer(Protocol):
-    """A writer of messages, such as `riot_bus.log.writer.LogWriter`.
-
-    A LostMessagesError names further messages that are lost; any other error loses only the message at hand.
-    """
-
-    @property
-    def problem(self) -> str:
-        """Why nothing can be written at present; empty if all is well."""
-        ...
-
-    @property
-    def refused(self) -> int:
-        """Number of messages that the log cannot hold."""
-        ...
-
-    def write(self, message: Message, *, role: Role = ..., changes: Sequence[Change] = ...) -> None:
-        """Write one message."""
-        ...
-
-    def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Write a record that is not a message, such as metadata."""
-        ...
-
-    def renew(self, key: str) -> None:
-        """Write further messages of a key with what is now known of the key."""
-        ...
-
-    def tick(self) -> None:
-        """Make what was written readable, if it is time."""
-        ...
-
-    def flush(self) -> None:
-        """Wait until all that was written is in the file, or known to be lost."""
-        ...
-
-    def close(self) -> None:
-        """Finish the file."""
-        ...
-
-
-class _Switch(NamedTuple):
-    writer: Writer
-    totals: Future[tuple[int, int]]
+_HANDFUL = 256  # another file may begin after so many messages
 
 
 class Recorder:
-    """Writes messages from a queue to a log on a separate thread; counts those that do not fit in `lost`.
+    """A recording with a queue before it: messages are written by a separate thread; those that do not fit are lost.
 
     If an intercepted message was changed, delayed, copied or dropped, both the original and what was delivered are
     written, under the same sequence number.
 
-    Args:
-        writer: Writer of the log; closed by `close`.
-        capacity: Largest number of messages in the queue.
-        capacity_bytes: Largest number of payload bytes in the queue.
-        topic: Function that returns the topic of a key.
+    Attributes:
+        lossy: Whether any message is lost.
     """
 
     def __init__(
@@ -97,27 +45,37 @@ class Recorder:
         capacity_bytes: int = 1 << 28,
         topic: Callable[[str], str] = str,
     ) -> None:
-        self.recorded = BoundedCounts()
-        """Messages written per topic, without originals."""
-        self.lost = BoundedCounts()
-        """Messages per topic that did not fit or could not be written."""
-        self._reasons: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
-        self._former = Account()
-        self._writer = writer
+        self.lossy = False
         self._topic = topic
         self._mailbox: Mailbox[Callable[[], None]] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._file = self._file_of(writer)
+        self._former = Account()
+        self._files = [self._file]
+        self._next: tuple[RecordedFile[Writer], threading.Event] | None = None
         self._done = 0
         self._closing = False
-        self._urgent: _Switch | None = None
         self._said: set[type[Exception]] = set()
         self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
         self._thread.start()
 
     @property
+    def recorded(self) -> Mapping[str, int]:
+        """Messages written per topic, without originals."""
+        return self.account().recorded
+
+    @property
+    def lost(self) -> Counter[str]:
+        """Messages per topic that did not fit or could not be written."""
+        total: Counter[str] = Counter()
+        for topics in self.account().lost.values():
+            total.update(topics)
+        return total
+
+    @property
     def problem(self) -> str:
         """Why nothing can be written at present; empty as long as all is well."""
-        return self._writer.problem
+        return self._file.writer.problem
 
     def original(self, message: Message, changes: Sequence[Change]) -> None:
         """Record a message as it was before the interceptors."""
@@ -128,44 +86,42 @@ class Recorder:
         self._offer(message, "delivered", changes)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> bool:
-        """Write a record that is not a message, in order with the messages; return whether there was room.
+        """Write a record that is not a message, in order with the messages; return whether there was room."""
 
-        Args:
-            name: Name of the record, such as `riot_bus.graph`.
-            mapping: Keys and texts of the record.
-        """
-        job = partial(self._guard, lambda: self._writer.note(name, mapping))
-        return self._mailbox.offer(job, sum(map(len, mapping.values())))
+        def write() -> None:
+            self._file.attempt(lambda: self._file.writer.note(name, mapping))
+
+        return self._mailbox.offer(write, sum(map(len, mapping.values())))
 
     def renew(self, key: str) -> None:
         """Write further messages of a key with its type, which has become known."""
-        self._writer.renew(key)
+        self._file.writer.renew(key)
 
-    def totals(self) -> tuple[int, int]:
-        """Return how many messages were written so far, without originals, and how many were lost."""
-        return sum(self.recorded.copy().values()), sum(self.lost.copy().values())
-
-    def switch(self, writer: Writer, *, patience: float = _PATIENCE_S, timeout: float = 60.0) -> tuple[int, int]:
-        """Switch to another writer, so that each message is in exactly one of the two files.
+    def switch(self, writer: Writer, *, patience: float = 5.0, timeout: float = 60.0) -> None:
+        """Continue in another file, each message in exactly one of the two; return when the former one is finished.
 
         Args:
-            writer: The new writer; the former one is closed.
+            writer: Writer of the new file.
             patience: Seconds to wait until earlier messages are written. If messages arrive faster than they can be
                 written, the new writer writes the rest.
-            timeout: Further seconds to wait until the former writer is closed.
-
-        Returns:
-            The `totals` of the former writer and all before it.
+            timeout: Further seconds to wait for the thread that writes, and then for the former writer.
 
         Raises:
             TimeoutError: That took longer; the new writer takes over nevertheless.
         """
-        switch = _Switch(writer, Future())
-        if self._mailbox.offer(partial(self._change, switch), 0):
-            with suppress(TimeoutError):
-                return switch.totals.result(patience)
-        self._urgent = switch
-        return switch.totals.result(timeout)
+        earlier, deadline = self._mailbox.accepted, time.monotonic() + patience
+        while self._done < earlier and time.monotonic() < deadline:
+            time.sleep(_LINGER_S)
+        former, switched = self._file, threading.Event()
+        self._next = self._file_of(writer), switched
+        self._mailbox.wake()
+        finishing = threading.Thread(
+            target=self._finish_former, args=(former, switched), name="riot-finish", daemon=True
+        )
+        finishing.start()
+        finishing.join(timeout)
+        if finishing.is_alive():
+            raise TimeoutError(f"the former file is not finished after {timeout:g} s")
 
     def idle(self) -> bool:
         """Return whether everything accepted so far was written."""
@@ -179,99 +135,85 @@ class Recorder:
         return not self._thread.is_alive()
 
     def account(self) -> Account:
-        """Return what was recorded so far, and what was lost and why."""
+        """Return what was recorded so far, in all files, and what was lost and why."""
         with self._lock:
-            reasons = {reason: dict(topics) for reason, topics in self._reasons.items()}
-        return Account(self.recorded.copy(), reasons)
+            return Account.total_of([self._former, *(each.account() for each in self._files)])
 
-    def _finish(self) -> None:
-        """Note in the file which messages it lacks, and close it."""
-        self._guard(self._writer.flush)
-        account = self.account()
-        self._guard(lambda: self._writer.note(LOST, account.since(self._former).record()))
-        self._former = account
-        self._guard(self._writer.close)
+    def present(self) -> Account:
+        """Return what was recorded in the present file, and what was lost and why."""
+        return self._file.account()
+
+    def _file_of(self, writer: Writer) -> RecordedFile[Writer]:
+        return RecordedFile(writer, topic=self._topic, lock=self._lock, failed=self._failed)
+
+    def _finish_former(self, former: RecordedFile[Writer], switched: threading.Event) -> None:
+        switched.wait()
+        former.finish()
+        with self._lock:
+            self._former = Account.total_of([self._former, former.account()])
+            self._files.remove(former)
 
     def _offer(self, message: Message, role: Role, changes: Sequence[Change]) -> None:
         if self._closing:  # the recording has ended
             return
         if not self._mailbox.offer(partial(self._write, message, role, changes), len(message.payload)):
-            self._count_lost(message, "no room")
+            self._lose(self._file, message, "no room")
 
-    def _count_lost(self, message: Message, reason: str) -> None:
+    def _lose(self, file: RecordedFile[Writer], message: Message, reason: str) -> None:
         topic = self._topic(message.key)
         with self._lock:
-            self.lost.add(topic)
-            self._reasons[reason].add(topic)
+            file.counts.lose(reason, topic)
+            self.lossy = True
 
     def _run(self) -> None:
         ticked = time.monotonic()
         while True:
-            self._hurry()
+            self._begin_next()
             jobs = self._mailbox.take_many(_HANDFUL, 0 if self._closing else _TICK_S, linger_s=_LINGER_S)
             for job in jobs:
                 job()
                 self._done += 1
-            if self._closing and not jobs:
-                self._finish()
+            if self._closing and not jobs and self.idle():
+                self._begin_next()
+                self._file.finish()
                 return
             now = time.monotonic()
             if now - ticked >= _TICK_S:
                 ticked = now
-                self._guard(self._writer.tick)
+                self._file.attempt(self._file.writer.tick)
 
-    def _hurry(self) -> None:
-        """Make a switch of writers that has waited too long in the queue."""
-        urgent = self._urgent
-        if urgent is not None:
-            self._urgent = None
-            self._change(urgent)
-
-    def _change(self, switch: _Switch) -> None:
-        if switch.totals.done():  # made already, by `_hurry` or from the queue
-            return
-        self._finish()
-        self._writer = switch.writer
-        self._said.clear()
-        switch.totals.set_result(self.totals())
+    def _begin_next(self) -> None:
+        """Write to the next file from now on, if there is one."""
+        if self._next is not None:
+            (file, switched), self._next = self._next, None
+            with self._lock:
+                self._file = file
+                self._files.append(file)
+                self._said.clear()
+            switched.set()
 
     def _write(self, message: Message, role: Role, changes: Sequence[Change]) -> None:
-        writer = self._writer
+        file = self._file
+        writer = file.writer
         refused = writer.refused
         try:
             writer.write(message, role=role, changes=changes)
         except Exception as error:
-            self._failed(error)
-            self._count_lost(message, "disk" if isinstance(error, LostMessagesError) else "damaged")
+            file.fail(error)
+            self._lose(file, message, "disk" if isinstance(error, LostMessagesError) else "damaged")
             return
         if writer.refused != refused:
-            self._count_lost(message, "refused")
+            self._lose(file, message, "refused")
         elif role == "delivered":
-            self.recorded.add(self._topic(message.key))
+            file.counts.recorded.add(self._topic(message.key))
 
-    def _guard(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except Exception as error:
-            self._failed(error)
-
-    def _failed(self, error: Exception) -> None:
-        if isinstance(error, LostMessagesError):
-            for reason, lost in error.reasons.items():
-                self._take_back(reason, lost)
+    def _failed(self, file: RecordedFile[Writer], error: Exception) -> None:
+        lost = isinstance(error, LostMessagesError)
+        self.lossy = self.lossy or lost
         if type(error) in self._said:  # a full disk must not flood the diagnostics
             return
         self._said.add(type(error))
-        if isinstance(error, LostMessagesError):
+        if lost:
             _LOG.error("%s", error)
         else:
             _LOG.error("the recording failed; further failures of this kind are only counted", exc_info=error)
-
-    def _take_back(self, reason: str, lost: Mapping[tuple[str, Role], int]) -> None:
-        with self._lock:
-            for (key, role), number in lost.items():
-                topic = self._topic(key)
-                self.lost.add(topic, number)
-                self._reasons[reason].add(topic, number)
-                if role == "delivered":
-                    self.recorded.add(topic, -number)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+from riot_bus.pipeline.runner import BoundedCounts
 
 LOST = "riot_bus.lost"
 _VERSION = 1
@@ -43,11 +45,15 @@ class Account:
     @classmethod
     def total_of(cls, accounts: Sequence[Account]) -> Account:
         """Return the sum of several accounts."""
-        return cls(
-            _summed({"": each.recorded} for each in accounts)[""],
-            _summed(each.lost for each in accounts),
-            _summed(each.left_out for each in accounts),
-        )
+        total = LossCounts()
+        for account in accounts:
+            for topic, number in account.recorded.items():
+                total.recorded.add(topic, number)
+            for part, found in ((account.lost, total.lost), (account.left_out, total.left_out)):
+                for reason, topics in part.items():
+                    for topic, number in topics.items():
+                        found[reason].add(topic, number)
+        return total.account()
 
     def renamed(self, names: Mapping[str, str]) -> Account:
         """Return the numbers of some topics under other names; those without a new name are left out."""
@@ -64,14 +70,6 @@ class Account:
             {reason: kept(topics) for reason, topics in self.left_out.items()},
         )
 
-    def since(self, earlier: Account) -> Account:
-        """Return what was added since an earlier account."""
-        return Account(
-            _less(self.recorded, earlier.recorded),
-            {reason: _less(topics, earlier.lost.get(reason, {})) for reason, topics in self.lost.items()},
-            {reason: _less(topics, earlier.left_out.get(reason, {})) for reason, topics in self.left_out.items()},
-        )
-
     def record(self) -> dict[str, str]:
         """Return it as the mapping of a metadata record."""
         return {
@@ -80,6 +78,37 @@ class Account:
             "lost": _by_reason(self.lost),
             "left_out": _by_reason(self.left_out),
         }
+
+
+class LossCounts:
+    """The counts of one file in bounded memory; not thread-safe.
+
+    Attributes:
+        recorded: Messages by topic that are in the file, or on their way to it.
+        lost: Messages by reason and topic that are not in the file.
+        left_out: Messages by reason and topic that were not wanted.
+    """
+
+    def __init__(self) -> None:
+        self.recorded = BoundedCounts()
+        self.lost: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
+        self.left_out: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
+
+    def lose(self, reason: str, topic: str, number: int = 1, *, written: bool = False) -> None:
+        """Count lost messages; `written`: they were counted as recorded."""
+        self.lost[reason].add(topic, number)
+        if written:
+            self.recorded.add(topic, -number)
+
+    def account(self) -> Account:
+        """Return all counts."""
+        return Account(
+            _present(self.recorded),
+            *(
+                {reason: numbers for reason, topics in [*part.items()] if (numbers := _present(topics))}
+                for part in (self.lost, self.left_out)
+            ),
+        )
 
 
 def account_of(record: Mapping[str, str]) -> Account | None:
@@ -105,14 +134,6 @@ def _by_reason(table: Mapping[str, Numbers]) -> str:
     return json.dumps({reason: _few(topics) for reason, topics in table.items() if any(topics.values())})
 
 
-def _summed(tables: Iterable[Mapping[str, Numbers]]) -> dict[str, Counter[str]]:
-    total: defaultdict[str, Counter[str]] = defaultdict(Counter)
-    for table in tables:
-        for reason, topics in table.items():
-            total[reason].update(topics)
-    return total
-
-
 def _numbers(document: Any) -> dict[str, int]:
     found = {str(topic): number for topic, number in document.items()}
     if not all(isinstance(number, int) for number in found.values()):
@@ -120,13 +141,12 @@ def _numbers(document: Any) -> dict[str, int]:
     return found
 
 
-def _less(numbers: Numbers, earlier: Numbers) -> dict[str, int]:
-    found = {topic: number - earlier.get(topic, 0) for topic, number in numbers.items()}
-    return {topic: number for topic, number in found.items() if number}
+def _present(numbers: Numbers) -> dict[str, int]:
+    return {topic: number for topic, number in dict(numbers).items() if number}
 
 
 def _few(numbers: Numbers) -> dict[str, int]:
-    found = {topic: number for topic, number in numbers.items() if number}
+    found = _present(numbers)
     if len(found) > _MOST_TOPICS:
         ordered = sorted(found.items(), key=lambda each: each[1], reverse=True)
         found = dict(ordered[:_MOST_TOPICS])

@@ -23,12 +23,6 @@ def bus_messages(
 
     Each of the latter gets a number, and the attachment that its middleware needs, from an otherwise unknown publisher.
 
-    Args:
-        reader: Reader of the log.
-        registry: Registry whose adapters tell how topics are published.
-        start: Earliest time, nanoseconds.
-        end: Latest time (exclusive), nanoseconds.
-
     Raises:
         ConfigError: A topic cannot be published.
     """
@@ -62,12 +56,7 @@ class _Topic:
 
 
 def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
-    """Add to a registry the types that a log's schemas describe, of topics whose type it does not know yet.
-
-    Args:
-        reader: Reader of the log.
-        registry: Registry that is added to.
-    """
+    """Add to a registry the types that a log's schemas describe, of topics whose type it does not know yet."""
     for topic, (schema, encoding) in reader.schemas.items():
         if registry.type_of(topic) is None:
             registry.add_schema(topic, schema, encoding)

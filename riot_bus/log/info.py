@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
@@ -12,6 +11,7 @@ from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.engine.scan import read_metadata
 from riot_bus.log.engine.summary import Summary, read_summary
+from riot_bus.log.gaps import Gaps
 from riot_bus.log.limits import lifted
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader, channel_source, open_log
@@ -24,21 +24,12 @@ if TYPE_CHECKING:
     from riot_bus.log.tables.blocks import LoadedBlock
     from riot_bus.types.capabilities import ReadsMetadata, Stamp
 
-_READ_AT_ONCE = 1 << 26  # small enough to be read whole, which finds all losses; not measured
-_REMEMBERED = 1024  # some 40 KB a publisher; a copy that comes later counts as a late message
-_MOST_PUBLISHERS = 10_000  # a log may name any number: with _REMEMBERED each, 400 MB at most
-
 
 @dataclass(slots=True)
 class TopicInfo:
     """One topic of a log.
 
     Attributes:
-        topic: Name of the topic shown to users.
-        key: Zenoh key of the topic.
-        type: Name of the messages' type.
-        encoding: MCAP's message encoding.
-        count: Messages that were delivered.
         originals: Originals of messages that were changed, delayed or dropped.
         bytes: Bytes of all payloads; None if the log was not read.
         first: Time of the first message, nanoseconds; approximate if the log was not read.
@@ -69,19 +60,12 @@ class LogInfo:
     """An overview of a log.
 
     Attributes:
-        path: Path of the file.
-        size: Size of the file in bytes.
-        profile: MCAP profile.
         topics: Facts about each topic, sorted by name.
-        count: Messages that were delivered.
         start: Time of the first message, nanoseconds; None if there is none.
         end: Time of the last message, nanoseconds; None if there is none.
-        metadata: Metadata of the run, from the recorder.
         loss: Messages and blocks that cannot be read; unknown unless `scanned`.
         scanned: Whether all of the file was read, not only its summary.
         account: The recorder's own account of what it lost; None if it gave none.
-        library: Library that has written the file.
-        chunks: Number of chunks.
     """
 
     path: str
@@ -127,7 +111,7 @@ def log_info(
     if not scan:
         file = open_log(path)
         try:
-            small = os.fstat(file).st_size <= _READ_AT_ONCE
+            small = os.fstat(file).st_size <= 1 << 26  # it is soon read whole, which finds all losses
             summary = None if scan is None and small else read_summary(file, limits)
             if summary is not None:
                 return _of_summary(str(path), file, summary, limits)
@@ -235,18 +219,12 @@ def _count(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo]) -> No
         topic.bytes = (topic.bytes or 0) + int(lengths[rows].sum())
 
 
-@dataclass(slots=True)
-class _Publisher:
-    last: int
-    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
-
-
 class _Numbers:
     """Finds gaps in the numbers that publishers give their messages; originals and copies have the same number."""
 
     def __init__(self) -> None:
         self._adapters: Sequence[ReadsMetadata] | None = None
-        self._known: dict[tuple[str, bytes], _Publisher] = {}
+        self._gaps = Gaps()
 
     def add(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
         """Process the messages of a block that have an attachment."""
@@ -258,7 +236,9 @@ class _Numbers:
             source = sources.get(int(channels[place]))
             stamp = self._stamp(attachment) if source is not None else None
             if stamp is not None:
-                self._note(topics[source.key], stamp)
+                topic = topics[source.key]
+                missed = self._gaps.see((topic.key, stamp.publisher), stamp.sequence)
+                topic.missing = (topic.missing or 0) + missed
 
     def _stamp(self, attachment: bytes) -> Stamp | None:
         if self._adapters is None:
@@ -271,21 +251,3 @@ class _Numbers:
             if found is not None:
                 return found
         return None
-
-    def _note(self, topic: TopicInfo, stamp: Stamp) -> None:
-        known = self._known.get((topic.key, stamp.publisher))
-        if topic.missing is None:
-            topic.missing = 0
-        if known is None:
-            if len(self._known) < _MOST_PUBLISHERS:
-                known = self._known[topic.key, stamp.publisher] = _Publisher(stamp.sequence)
-                known.recent.append(stamp.sequence)
-            return
-        if stamp.sequence > known.last:
-            topic.missing += stamp.sequence - known.last - 1
-            known.last = stamp.sequence
-        elif stamp.sequence == known.last or stamp.sequence in known.recent:
-            return
-        elif topic.missing:
-            topic.missing -= 1  # it was late, not lost
-        known.recent.append(stamp.sequence)

@@ -17,7 +17,6 @@ VARIABLE = "RIOT_LOG_LIMITS"
 _TIGHT = LogLimits(
     chunk=1 << 27, loose=1 << 24, total=1 << 28, chunks=1 << 16, messages=1 << 18, held=1 << 26, definitions=1 << 23
 )
-_FEW = 1 << 12  # an hour at a chunk a second for each file, however many share the limit
 
 
 def lifted(limits: LogLimits = DEFAULT_LIMITS) -> LogLimits:
@@ -37,13 +36,9 @@ def lifted(limits: LogLimits = DEFAULT_LIMITS) -> LogLimits:
 
 
 def tight_limits(files: int = 1) -> LogLimits:
-    """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too.
-
-    Args:
-        files: Number of files that are read at once.
-    """
-    share = max(1, files)
-    return lifted(replace(_TIGHT, chunks=max(_FEW, _TIGHT.chunks // share), held=_TIGHT.held // share))
+    """Return limits for a robot's agent, whose unit has 2 GB; the environment changes these, too."""
+    share, hour = max(1, files), 3600  # at a chunk a second, for each file, however many share the limit
+    return lifted(replace(_TIGHT, chunks=max(hour, _TIGHT.chunks // share), held=_TIGHT.held // share))
 
 
 def refusal(error: BeyondLimitError) -> str:

@@ -105,11 +105,7 @@ class LossNotes:
         self._details.add(-place.offset if isinstance(place, Span) else place.number)  # no number of a block
 
     def total(self, scan: Scan) -> Loss:
-        """Return all that is missing of a file.
-
-        Args:
-            scan: Scan of the file.
-        """
+        """Return all that is missing of a file."""
         refused = scan.refused or self._refused
         missing = max(scan.missing_chunks, scan.dropped)
         skipped = missing if scan.stopped else scan.dropped

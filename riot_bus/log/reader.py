@@ -43,13 +43,10 @@ class ChannelSource:
     """The common properties of the messages of a channel.
 
     Attributes:
-        key: Key of the messages.
         topic: Name of the topic shown to users.
         role: Whether they were delivered, or are originals.
         own: Whether riot_bus has written them.
         constants: Further properties that they have in common.
-        schema: Definition of their type, empty if there is none.
-        encoding: MCAP's message encoding.
     """
 
     key: str
@@ -98,9 +95,6 @@ class LogReader:
         path: Path of the file.
         salvage: Whether to take messages of damaged chunks that an index confirms (`riot_bus.log.engine.salvage`).
         limits: Limits of what is read; None for the default ones, with the changes in `RIOT_LOG_LIMITS`.
-
-    Attributes:
-        limits: Limits of what is read; anything beyond them is treated as damage.
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.
@@ -214,11 +208,9 @@ class LogReader:
             if found is not None and low <= entry.time < high:
                 yield message_of(entry, found)
 
-    def originals(
-        self, *, topics: Sequence[str] | None = None, start: int | None = None, end: int | None = None
-    ) -> Iterator[Message]:
+    def originals(self) -> Iterator[Message]:
         """Yield the originals of messages that were changed, delayed or dropped."""
-        return self.messages(topics=topics, role="original", start=start, end=end)
+        return self.messages(role="original")
 
     def provenance(self) -> Iterator[Provenance]:
         """Yield what interceptors did, in the order of writing."""
@@ -227,11 +219,7 @@ class LogReader:
                 yield from self._provenance_at(span)
 
     def notes(self, name: str) -> Iterator[Mapping[str, str]]:
-        """Yield what was written with `LogWriter.note`, in the order of writing; damaged ones are left out.
-
-        Args:
-            name: Name of the notes, such as `riot_bus.graph`.
-        """
+        """Yield what was written with `LogWriter.note`, in the order of writing; damaged ones are left out."""
         return (mapping for found, mapping in self.metadata_records() if found == name)
 
     def metadata_records(self) -> Iterator[tuple[str, Mapping[str, str]]]:
@@ -264,13 +252,7 @@ class LogReader:
         return records_of(data, self.limits, cut=block.cut)
 
     def salvage(self, block: Block, problem: ValueError, *, memory: int | None = None) -> Records | None:
-        """Count a block as damaged, and return what an index confirms of it; None if nothing, or if not to be used.
-
-        Args:
-            block: Block that could not be loaded.
-            problem: Error that `load` raised.
-            memory: Most bytes, before and after decompression, if the limits allow more.
-        """
+        """Count a block as damaged, and return what an index confirms of it; None if nothing, or if not to be used."""
         self._lost.note_damage(block, problem)
         found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
         if found is not None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.given_files import given_file
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.new_file import write_whole
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -30,7 +31,6 @@ RECORD = "rosbag2"
 FIELD = "serialized_metadata"
 """Key of the text in that record."""
 _VERSION, _VERSION_OF_NAMES = 8, 9  # of metadata.yaml: Humble reads 8; from 9 on, QoS are names, not numbers
-_MOST_BYTES = 1 << 26  # default limit of a metadata record (LogLimits.definitions)
 _NAMES = re.compile(r"(?:history|reliability|durability|liveliness):\s*[A-Za-z]")
 _DISTRO = re.compile(r'^ros_distro:\s*"?([\w.-]*)"?\s*$', re.MULTILINE)
 _CUSTOM = re.compile(r"^custom_data:(?:[ \t]*\n(?:[ \t]+.*(?:\n|\Z))+|[^\n]*)", re.MULTILINE)
@@ -69,9 +69,6 @@ class BagDetails:
     """The metadata of a bag that does not follow from its messages; an edit keeps that of its input.
 
     Attributes:
-        present: Whether the bag has metadata.
-        mapping: Mapping of its metadata record.
-        distro: Name of the ROS distribution.
         custom: The user's own data, as YAML.
     """
 
@@ -83,7 +80,7 @@ class BagDetails:
 
 def bag_details(text: str, mapping: Mapping[str, str] | None = None) -> BagDetails:
     """Return the details in the text of a `metadata.yaml`, or of a metadata record `rosbag2` with this mapping."""
-    text = text[:_MOST_BYTES]
+    text = text[: DEFAULT_LIMITS.definitions]
     if text.startswith(_HEAD):
         text = textwrap.dedent(text.removeprefix(_HEAD))
     distro, custom = _DISTRO.search(text), _CUSTOM.search(text)
@@ -104,16 +101,7 @@ def bag_file(name: str, writer: LogWriter) -> BagFile:
 def bag_of(
     name: str, channels: Sequence[Channel], schemas: Sequence[Schema], counts: Mapping[int, int], start: int, end: int
 ) -> BagFile:
-    """Return the content of a file.
-
-    Args:
-        name: Name of the file, without folder.
-        channels: All channels; those without messages may be left out.
-        schemas: Schemas of the channels.
-        counts: Number of messages by channel.
-        start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message, nanoseconds.
-    """
+    """Return the content of a file."""
     types = {each.id: each.name for each in schemas}
     topics = [
         BagTopic(

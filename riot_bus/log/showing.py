@@ -41,8 +41,6 @@ class ShownMessage:
     Attributes:
         number: Position among the delivered messages, from 0; None if it was not delivered.
         seconds: Seconds since the first message of the log.
-        topic: Name of its topic.
-        type: Name of its type; empty if that is not known.
         fields: Fields, changed ones first, up to a limit.
         more: Number of fields that are not among them.
         note: Further remarks, such as why there are no fields.
@@ -62,7 +60,6 @@ class ShownLog:
     """Messages of a log: all, or if there are too many, the changed ones, or the first ones if none was changed.
 
     Attributes:
-        messages: Messages in their order.
         total: Number of delivered messages in the log.
         modified: Number of messages that were changed or dropped.
         left_out: Number of changed messages that are not shown.
@@ -84,8 +81,8 @@ class ShownLog:
             yield f"{number}  {message.seconds:+.3f} s  {message.topic}  {message.type}{note}"
             width = max((len(each.path) for each in message.fields), default=0)
             for each in message.fields:
-                was = f"{_text(each.before)} -> " if each.changed else ""
-                yield f"  {'*' if each.changed else ' '} {each.path:{width}}  {was}{_text(each.value)}"
+                was = f"{value_text(each.before)} -> " if each.changed else ""
+                yield f"  {'*' if each.changed else ' '} {each.path:{width}}  {was}{value_text(each.value)}"
             if message.more:
                 yield f"    ... {counted(message.more, 'further field')}"
         if self.left_out:
@@ -117,13 +114,7 @@ class ShownLog:
 
 
 def show_log(reader: LogReader, *, registry: TypeRegistry, most: int = 20) -> ShownLog:
-    """Return a view of a log with a limited number of messages.
-
-    Args:
-        reader: Reader of the log.
-        registry: Registry that names topics and knows their types.
-        most: Most messages that are shown.
-    """
+    """Return a view of a log with a limited number of messages."""
     total = sum(1 for _ in reader.messages())
     originals: dict[int, Message] = {}
     modified = 0
@@ -203,7 +194,8 @@ def _json(value: Scalar | None) -> bool | int | float | str | None:
     return value.hex() if isinstance(value, bytes) else value
 
 
-def _text(value: Scalar | None) -> str:
+def value_text(value: Scalar | None) -> str:
+    """Return a value as text that fits in a line."""
     if value is None:
         return "(none)"
     shown = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(_json(value))

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
 HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
 
-_FASTER = 1.1  # a tenth, as in `ros2 bag play`; 24 presses change the rate tenfold
-_SEEK_S = 10.0  # `HELP` says so; usual in players of videos
 _LOWEST, _HIGHEST = 0.01, 1000.0  # keys go no further; beyond, `-r` or rate 0 will do
 
 
@@ -31,7 +29,7 @@ def key_actions(service: PlayService) -> dict[str, Callable[[], None]]:
         if rate:  # 0, as fast as possible, stays 0
             service.set_rate(float(f"{min(max(_HIGHEST, rate), max(min(_LOWEST, rate), rate * factor)):.3g}"))
 
-    faster, slower = partial(accelerate, _FASTER), partial(accelerate, 1 / _FASTER)
+    faster, slower = partial(accelerate, 1.1), partial(accelerate, 1 / 1.1)  # as in `ros2 bag play`
     return {
         " ": toggle,
         "s": service.step,
@@ -40,8 +38,8 @@ def key_actions(service: PlayService) -> dict[str, Callable[[], None]]:
         "+": faster,
         "down": slower,
         "-": slower,
-        "]": partial(seek, _SEEK_S),
-        "[": partial(seek, -_SEEK_S),
+        "]": partial(seek, 10.0),
+        "[": partial(seek, -10.0),
         "0": lambda: service.seek(service.status()["start"]),
         "q": service.stop,
     }

@@ -28,11 +28,6 @@ _LOOK_S = 0.1  # so late may a stop be noticed; an arrival ends the wait at once
 class Settling(ABC):
     """Wait for the subscribers to settle after each message, by the messages that come on some keys.
 
-    Args:
-        session: Session that watches.
-        keys: Key expressions of the messages to wait for.
-        timeout: Longest wait after a message, in seconds.
-
     Attributes:
         unsettled: Number of times that they did not settle within the timeout.
     """

@@ -30,15 +30,10 @@ if TYPE_CHECKING:
 class PlaybackPlan:
     """Logs, topics and interceptors of a playback.
 
-    Args:
-        options: Options of the playback; files are opened and checked at once.
-
     Attributes:
         cast: Topics and how to publish them.
         source: Messages after the interceptors.
         origin: Beginning of the logs, nanoseconds, before any start offset.
-        pipeline: The interceptors; None if there are none.
-        warnings: Warnings, each one sentence.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.

@@ -14,19 +14,11 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-_ASK_S = 1.0  # for each expression; delays the start only where an answer does not come
 _LISTEN_S = 1.0  # finds publishers without a token that send at least once a second
 
 
 class PublisherConflicts:
-    """Search for other publishers, by their liveliness tokens and, for one second, by their messages.
-
-    Args:
-        session: Session of the player, whose own tokens and messages do not count.
-        keys: Keys that are to be played.
-        registry: Registry that can parse tokens.
-        found: Function called once for each key with a publisher, with the key and the publisher's name.
-    """
+    """Search for other publishers, by their liveliness tokens and, for one second, by their messages."""
 
     def __init__(
         self,
@@ -48,7 +40,7 @@ class PublisherConflicts:
         from riot_bus.zenoh import api as zenoh
 
         for expression in expressions(self._registry):
-            for reply in self._session.liveliness().get(expression, timeout=_ASK_S):
+            for reply in self._session.liveliness().get(expression, timeout=_LISTEN_S):
                 if reply.ok is not None:
                     self._token(str(reply.ok.key_expr))
         for key in self._keys:
@@ -66,9 +58,6 @@ class PublisherConflicts:
         with self._lock:
             subscribers, self._subscribers = self._subscribers, []
         release(*subscribers)
-
-    def _heard(self, sample: zenoh.Sample) -> None:
-        self._add(str(sample.key_expr), "another publisher")
 
     def _token(self, text: str) -> None:
         token = parse_token(text, self._registry)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.control.signals import ended_by_signals
 from riot_bus.play.keys import HELP, key_actions
-from riot_bus.play.service import PlayService
+from riot_bus.play.service import SHOWN, PlayService
 from riot_bus.play.text import progress_line, result_line, speed
 from riot_bus.vocabulary.errors import DataLossError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
@@ -23,15 +23,10 @@ if TYPE_CHECKING:
     from riot_bus.play.options import PlayOptions
 
 _SWITCH_S = 2e-4  # with Python's 5 ms, another busy thread makes a message late by as much
-_SHOWN = 5  # topics with lost messages that an error names
 
 
 def run_play(options: PlayOptions, foreground: Foreground) -> bool:
     """Play, then report the result.
-
-    Args:
-        options: Logs, and how they are played.
-        foreground: Frame that prints the result and takes keys.
 
     Returns:
         False if a signal has ended it.
@@ -64,9 +59,9 @@ def run_play(options: PlayOptions, foreground: Foreground) -> bool:
     if not result:
         parts = [f"{path}: {loss}" for path, loss in result.unread.items()]
         if result.lost:
-            lost = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(_SHOWN))
+            lost = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(SHOWN))
             parts.append(f"{result.lost.total()} messages were not published: {lost}")
-        parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:_SHOWN]]
+        parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:SHOWN]]
         raise DataLossError(escape_control_chars("; ".join(parts)), hint=service.programme.hint)
     return not interrupted.is_set()
 

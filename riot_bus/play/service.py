@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
 _END_S = _FLUSH_S + 5.0
-_LOOK_S = 0.002
-_SHOWN = 5
+SHOWN = 5  # topics that a message names
 _CONFIG = {
     "timestamping/enabled": True,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,  # microseconds; 5 s are the usual
@@ -55,12 +54,8 @@ class PlayResult:
     """Result of a playback.
 
     Attributes:
-        published: Number of published messages.
-        seconds: Duration of the playback.
         passes: Number of times that the logs were begun.
-        stopped: Whether it was stopped before the end.
         lateness: Seconds that messages were late: `p50`, `p99` and `max`.
-        lost: Number of messages by topic that could not be published.
         problems: The first error by topic, and other failures.
         unread: Messages that could not be read, by log.
         unsettled: Number of messages in lock-step after which subscribers did not settle in time.
@@ -83,10 +78,6 @@ class PlayResult:
 
 class PlayService:
     """Playback of logs; as a context manager, it starts on entry and stops on exit.
-
-    Args:
-        options: Logs, and how they are played.
-        warn: Function that receives each warning as one line.
 
     Raises:
         ConfigError: A log, option, plan or interceptor is not usable.
@@ -292,7 +283,7 @@ class PlayService:
     def _wait_matched(self) -> None:
         deadline = time.monotonic() + self.options.wait
         while (unmatched := self._publishing.unmatched()) and time.monotonic() < deadline and not self._stopped:
-            time.sleep(_LOOK_S)
+            time.sleep(0.002)
         self._waiting = False
         self._unmatched = set(unmatched)
         if unmatched and self.options.wait and not self._stopped:
@@ -306,8 +297,8 @@ class PlayService:
 
     def _names(self, keys: Collection[str]) -> str:
         names = sorted(map(self.programme.name, keys))
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-        return ", ".join(names[:_SHOWN]) + more
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        return ", ".join(names[:SHOWN]) + more
 
     def _publish(self, message: Message) -> None:
         if self._ticker is not None:

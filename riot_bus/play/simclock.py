@@ -15,14 +15,7 @@ if TYPE_CHECKING:
 
 
 class Ticker:
-    """Publishes the time at a constant frequency, also while the player is paused, and always before newer messages.
-
-    Args:
-        clock: Type, key and QoS of the messages.
-        publish: Function that publishes a message.
-        position: Function that returns the log's time.
-        hertz: Number of messages per second.
-    """
+    """Publishes the time at a constant frequency, also while the player is paused, and always before newer messages."""
 
     def __init__(
         self, clock: SimClock, publish: Callable[[Message], None], position: Callable[[], int], hertz: float

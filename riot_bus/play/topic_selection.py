@@ -44,11 +44,6 @@ class TopicSelection:
 def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters: Sequence[Adapter]) -> TopicSelection:
     """Decide what is played.
 
-    Args:
-        logs: The topics of each log.
-        options: Options of the playback.
-        adapters: Adapters that are asked in this order how to publish.
-
     Raises:
         ConfigError: Something is wanted that the logs do not hold, or that cannot be published.
     """

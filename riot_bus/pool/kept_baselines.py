@@ -33,25 +33,13 @@ _MOST = 16 << 20
 
 
 class KeptBaselines:
-    """Baselines in a folder, each in a file that is bound to code, settings and nominal log.
-
-    Args:
-        folder: Folder of the files; created when the first one is written.
-        fingerprint: Fingerprint of the system's code and riot.toml.
-    """
+    """Baselines in a folder, each in a file that is bound to code, settings and nominal log."""
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
         self._folder, self._fingerprint = folder, fingerprint
 
     def get(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
-        """Return the kept baseline, or measure one, and keep it if its trials have passed.
-
-        Args:
-            unit: Name of the unit.
-            where: `alone`, or how the whole system runs.
-            log: Nominal log of the unit.
-            measure: Function that measures the baseline.
-        """
+        """Return the kept baseline, or measure one, and keep it if its trials have passed."""
         path, key = self._path(unit, where), self._key(unit, where, log)
         found = self._read(path, key)
         if found is not None:

@@ -26,11 +26,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Protocol, Self
 
-from riot_bus.pool.wire import TrialBatch, read_answer, remember
+from riot_bus.pool.wire import MOST_KNOWN, TrialBatch, read_answer, remember
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.kept import FOLDER_PREFIX
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.running_system import FOLDER_PREFIX
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus.zenoh.session import environment_of_others
 
@@ -46,7 +46,6 @@ _ROOM = 64 << 10
 _DEATHS = 3
 """Number of workers that may die of one case: one may die by chance, such as for lack of memory, but not three."""
 _ENDS_WITHIN_S = TORN_DOWN_WITHIN_S + 10.0  # a worker ends its components first: seconds, even on a loaded machine
-_MOST_BATCHES = 4  # a batch holds a log in memory; a chain works with one or two at a time
 
 
 @dataclass(eq=False, slots=True)
@@ -254,7 +253,7 @@ class Pool:
         self._workers: list[_PoolWorker] = []
         self._imports: dict[str, Sequence[str]] = {}
         self._hangs = {} if hangs is None else hangs
-        self._batches: deque[TrialBatch] = deque(maxlen=_MOST_BATCHES)
+        self._batches: deque[TrialBatch] = deque(maxlen=MOST_KNOWN)
         self._lock = threading.Lock()
         self._closed = False
         self._woken, self._wake = Pipe(duplex=False)
@@ -462,8 +461,6 @@ class LocalRunner:
     """A `Runner` over a pool.
 
     Args:
-        trial: Function that returns the trial; called when there are cases.
-        pool: Pool that executes the cases.
         slots: Function that returns how many trials run at once, given the share of a processor that earlier trials
             took, 0 if there were none.
         into: Target of what a case is asked to leave.

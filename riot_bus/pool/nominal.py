@@ -32,7 +32,7 @@ _TRIALS = 3
 _HELD_OUT = 4
 """Held-out trials of each history for the false alarm rate of mined rules. If all eight are silent, the exact bound is
 37 %; a bound of 1 % would take 368 trials, longer than most campaigns. A violation is repeated before it counts."""
-_RUNS = 4
+_RUNS = _HELD_OUT
 """Number of nominal runs that are measured, and of further ones that are judged by the result."""
 _KINDS = frozenset({"exit", "hang", "silent", "growth", "mined"})
 """Monitors that compare a unit with nominal trials."""
@@ -42,12 +42,6 @@ def measure_baseline(context: Context, unit: str, pool: Pool, log: Sequence[Mess
     """Measure the behaviour of a unit without input, and with its nominal log.
 
     If nominal trials fail, only the former is known.
-
-    Args:
-        context: Context of the system.
-        unit: Name of the unit.
-        pool: Pool that executes the trials.
-        log: Nominal log of the unit.
 
     Raises:
         EnvironmentFaultError: The unit does not start.

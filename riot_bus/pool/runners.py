@@ -14,7 +14,6 @@ from riot_bus.pool.local import LocalRunner, Pool
 from riot_bus.pool.nominal import measure_baseline, measure_in_system
 from riot_bus.trial.baseline import UNKNOWN
 from riot_bus.trial.evidence import DEBUGGER, has_debugger, native_backtrace
-from riot_bus.trial.persistent import PersistentTrial
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.trial.unit_trial import UnitTrial
 
@@ -34,8 +33,6 @@ if TYPE_CHECKING:
 _EVIDENCE_TRIALS = 5
 _MOST_SLOTS = 4
 """Trials at once for each processor: more of them cost memory, and wake up at the same time."""
-_SYSTEM_BATCH = 2
-"""Runs of a whole system that are asked for at once, for each processor: they wait for about as long as they work."""
 
 
 def slots_for(busy: float, processors: int) -> int:
@@ -51,13 +48,12 @@ def slots_for(busy: float, processors: int) -> int:
 class RunnerFactory(Protocol):
     """Gives the runners that answer the questions of a chain."""
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> Runner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> Runner:
         """Return a runner for trials of a unit alone.
 
         Args:
             unit: Name of the unit.
             log: Function that returns the nominal log, which the baseline is measured with; called when first needed.
-            persistent: Whether trials that pass may share a process.
         """
         ...
 
@@ -68,14 +64,7 @@ class RunnerFactory(Protocol):
     def in_system(
         self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
     ) -> Baseline:
-        """Return the baseline of a unit in nominal runs of the whole system, which is measured once.
-
-        Args:
-            unit: Name of the unit.
-            log: Function that returns the nominal log.
-            pace: Duration and speed of external components.
-            driving: Messages that are played to the system instead, if it has no external components.
-        """
+        """Return the baseline of a unit in nominal runs of the whole system, which is measured once."""
         ...
 
     def keep_evidence(
@@ -124,7 +113,6 @@ class LocalRunners:
     """Factory of runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
-        context: Context of the system.
         jobs: Number of trials at once; 0 for one on each processor, and more for units that mostly wait.
         workers: Function that returns a source of workers to use instead of this machine; called when first needed.
         keep: Folder in which the files of failing trials, and the baselines, are kept.
@@ -166,12 +154,11 @@ class LocalRunners:
     def _measured(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
         return measure() if self._fresh else self._kept.get(unit, where, log, measure)
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> LocalRunner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
-        kind = PersistentTrial if persistent else UnitTrial
 
         def trial() -> Trial:
-            return kind(unit, self.baseline(unit, log))
+            return UnitTrial(unit, self.baseline(unit, log))
 
         def slots(_: float) -> int:
             return slots_for(self.baseline(unit, log).busy, self._processors) if self._spread else self._pool.jobs
@@ -253,7 +240,7 @@ class LocalRunners:
         if timed or not self._spread:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
         # The load of runs varies from day to day, but the questions of a search must not: a batch has a fixed size.
-        batch = _SYSTEM_BATCH * self._processors
+        batch = 2 * self._processors  # runs wait for about as long as they work
 
         def slots(busy: float) -> int:
             return min(batch, slots_for(busy, self._processors))

@@ -15,7 +15,6 @@ from riot_bus.processes.python_report import ThreadStack
 from riot_bus.system.system_file import RunPace
 from riot_bus.trial.baseline import Baseline, NominalTrial
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.persistent import PersistentTrial
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.trial.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary import errors
@@ -27,12 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _T = TypeVar("_T")
-_MOST_KNOWN = 8
+MOST_KNOWN = 4
 """Number of logs that a worker keeps in memory; a chain works with one or two at a time."""
-Trial = UnitTrial | PersistentTrial | IdleTrial | SystemTrial
+Trial = UnitTrial | IdleTrial | SystemTrial
 """Ways in which a worker can execute a test case."""
 
-_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, PersistentTrial, IdleTrial, SystemTrial)}
+_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, IdleTrial, SystemTrial)}
 _ERRORS = {name: getattr(errors, name) for name in vars(errors) if name.endswith("Error")}
 _LARGE_INT = 1
 """Extension type of integers that do not fit into 64 bits."""
@@ -96,12 +95,7 @@ def _unpack_other(code: int, data: bytes) -> Any:
 class TrialBatch:
     """Data that many requests share: how cases are executed, and the log from which their messages come.
 
-    Args:
-        trial: Trial that executes each case.
-        log: Messages that are sent once; cases refer to them by number.
-
     Attributes:
-        shared: The shared data as bytes.
         digest: Hash of the shared data, which is not sent again to a worker that knows it.
     """
 
@@ -157,7 +151,7 @@ class TrialBatch:
 
 
 def _log_of(trial: Trial) -> tuple[Message, ...]:
-    return trial.baseline.log if isinstance(trial, UnitTrial | PersistentTrial) else ()
+    return trial.baseline.log if isinstance(trial, UnitTrial) else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +192,7 @@ class TrialRequest:
 def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:
     """Add the shared data of a request and forget the oldest; the worker and riot use the same rule."""
     known[digest] = shared
-    if len(known) > _MOST_KNOWN:
+    if len(known) > MOST_KNOWN:
         del known[next(iter(known))]
 
 
@@ -212,7 +206,6 @@ class TrialAnswer:
     """The answer of a worker.
 
     Attributes:
-        outcome: Outcome of the trial.
         imports: Modules that Python components import, by program, without those known to the worker before.
         hangs: Known hangs, by component, where they differ from the request.
     """

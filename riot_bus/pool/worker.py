@@ -26,10 +26,9 @@ from riot_bus.processes.launcher import Launcher
 from riot_bus.processes.supervisor import IGNORED
 from riot_bus.trial.context import Context, open_system
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.kept import end_kept
-from riot_bus.trial.kept_network import KeptNetwork
-from riot_bus.trial.persistent import PersistentTrial
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.network import KeptNetwork
+from riot_bus.trial.running_system import end_kept
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.zenoh.session import prepare_runtime
 
@@ -42,17 +41,10 @@ if TYPE_CHECKING:
 
 _ENDS_WITHIN_S = 15.0
 """Time that a trial with dead components needs at most to remove its segments, even on a loaded machine."""
-_SPARE_RECEIVERS = 8
-"""Receive threads of a router for its links to other routers and riot's own sessions; each component adds two."""
 
 
 class TrialWorker:
-    """Executes requests.
-
-    Args:
-        system: Path of riot.toml.
-        launcher: Launcher of components.
-    """
+    """Executes requests."""
 
     def __init__(self, system: Path, launcher: Launcher) -> None:
         self._system, self._launcher = system, launcher
@@ -64,7 +56,8 @@ class TrialWorker:
     @cached_property
     def _context(self) -> Context:
         context = open_system(self._system)
-        prepare_runtime(2 * len(context.file.components) + _SPARE_RECEIVERS)
+        # a thread receives from each component's two links; some, from other routers and riot's own sessions
+        prepare_runtime(2 * len(context.file.components) + 8)
         return context
 
     def _place(self, directory: Path) -> TrialPlace:
@@ -87,7 +80,7 @@ class TrialWorker:
             for name, told in request.hangs.items():
                 hangs[name].know(told)
             place = self._place(request.directory)
-            if not isinstance(request.trial, PersistentTrial | SystemTrial):  # these end them themselves if needed
+            if not isinstance(request.trial, SystemTrial):  # it ends them itself if needed
                 end_kept(place)
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)

@@ -13,7 +13,6 @@ from riot_bus.monitors.model import ResourceSample
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-_LEAST_SHARE = 0.1  # a divisor; it is near 0 if all time was spent waiting, and rates had no bound
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
 _OF_PROCESS, _OF_THREAD = 2, 6  # last bits of the number of a processor time clock: clock_getcpuclockid(3)
 
@@ -40,7 +39,8 @@ class Activity:
 
     def had_since(self, before: Activity, *, seconds: float) -> float:
         """Return how many of these seconds the processes did not wait for a processor, at least a tenth of them."""
-        return max(seconds - self.waited_since(before), seconds * _LEAST_SHARE)
+        # it is a divisor, and near 0 if all time was spent waiting; then rates had no bound
+        return max(seconds - self.waited_since(before), seconds * 0.1)
 
     def share_since(self, before: Activity, *, seconds: float) -> float:
         """Return the time for which they ran, relative to the result of `had_since`."""
@@ -264,12 +264,7 @@ def families(pids: Sequence[int]) -> list[int]:
 
 
 def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
-    """Read the resources of processes from /proc; ended processes count as nothing.
-
-    Args:
-        pids: Ids of the processes.
-        messages: Number of inputs published so far.
-    """
+    """Read the resources of processes from /proc; ended processes count as nothing."""
     memory = files = threads = 0
     for pid in pids:
         memory += int(read_proc(f"/proc/{pid}/status").partition(b"VmRSS:")[2].split(b"kB")[0] or 0) << 10

@@ -18,11 +18,8 @@ if TYPE_CHECKING:
 
     from riot_bus.system.system_file import Container
 
-ENGINE_FAILED = 125
-"""Status of `run` when the engine, not the program, has failed."""
 _ENGINES = ("podman", "docker")
 """Engines in order of preference: podman comes first, as its containers are descendants of riot's own processes."""
-_ASKED_S = 30.0
 _REMOVE = '"$0" kill "$1"; "$0" rm -f "$1"; exit 0'
 """Kill before removal, since some engines give a removed container ten seconds to end; it may be gone already."""
 
@@ -140,6 +137,6 @@ def image_id(container: Container) -> str:
 
 def _ask(engine: str, *words: str) -> subprocess.CompletedProcess[str]:
     try:
-        return subprocess.run([engine, *words], capture_output=True, text=True, timeout=_ASKED_S, check=False)
+        return subprocess.run([engine, *words], capture_output=True, text=True, timeout=30.0, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EnvironmentFaultError(f"{engine!r} cannot be asked about containers: {error}") from None

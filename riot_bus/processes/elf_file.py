@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-_LARGEST_TABLE = 64 << 20
 _PT_LOAD, _PT_EH_FRAME = 1, 0x6474E550
 _SHT_SYMTAB, SHT_DYNSYM = 2, 11
 _FUNCTIONS = (2, 10)  # STT_FUNC, STT_GNU_IFUNC
@@ -158,7 +157,7 @@ class ElfFile:
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: It is nott a file of this format.
+        ValueError: It is not a file of this format.
     """
 
     def __init__(self, path: str) -> None:
@@ -175,7 +174,7 @@ class ElfFile:
 
     def _read(self, offset: int, size: int) -> bytes:
         with open(self._path, "rb", buffering=0) as stream:
-            return os.pread(stream.fileno(), min(size, _LARGEST_TABLE), offset)
+            return os.pread(stream.fileno(), min(size, 64 << 20), offset)
 
     def address(self, offset: int) -> int:
         """Return the address in the file's address space of a position in the file."""

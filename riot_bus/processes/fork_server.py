@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import Any, BinaryIO
 
-PR_SET_PDEATHSIG = 1
 INSTALLED = ("site-packages", "dist-packages")
 compiled: dict[str, tuple[tuple[int, int, int], types.CodeType]] = {}
 RIOT = "riot_bus"
@@ -120,7 +119,7 @@ def become(request: dict[str, Any]) -> None:
     os.setsid()
     while os.getppid() == request["between"]:  # it is ending
         os.sched_yield()
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG
     if os.getppid() != request["parent"]:
         os._exit(1)
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT

@@ -14,8 +14,6 @@ from riot_bus.processes.elf_file import CallFrame, ElfFile
 
 UNREADABLE = (OSError, ValueError, LookupError, ArithmeticError, struct.error)
 """Exceptions caused by memory or files that are unreadable or malformed."""
-_DEEPEST = 64  # a signature names three functions after system libraries; endless recursion has thousands
-_MOST_FILES = 256  # a process maps dozens; tables of files since rebuilt must not fill the memory
 
 
 class Machine(NamedTuple):
@@ -79,7 +77,7 @@ def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]
     frames: list[tuple[str, str]] = []
     exact = True  # else it is a return address, and the call is before it
     with open(f"/proc/{pid}/mem", "rb", buffering=0) as memory, suppress(*UNREADABLE):
-        while len(frames) < _DEEPEST and (known[machine.pc] or exact):
+        while len(frames) < 64 and (known[machine.pc] or exact):  # endless recursion has thousands
             place, top = known[machine.pc] - (not exact), known[machine.sp]
             mapping = next((each for each in mappings if each.start <= place < each.end), None)
             function, frame = _look_up(mapping, place) if mapping else ("", None)
@@ -123,7 +121,7 @@ def _elf_file(path: str) -> ElfFile | None:
     about = os.stat(path)
     key = path, about.st_mtime_ns, about.st_ino
     if key not in _files:
-        if len(_files) >= _MOST_FILES:
+        if len(_files) >= 256:  # a process maps dozens; tables of files since rebuilt must not fill the memory
             _files.clear()
         _files[key] = None
         _files[key] = ElfFile(path)

@@ -1,16 +1,13 @@
-"""Environment of a test's processes that puts some of them into another segment (see `hook/sitecustomize.py`)."""
+"""Environment in which a process starts only some of its child processes (see `placement_hook/sitecustomize.py`)."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +15,6 @@ if TYPE_CHECKING:
 HOOK = Path(__file__).with_name("placement_hook")
 STARTED = ".started"
 """Suffix of the file next to a plan of `only_some` in which the hook reports what was to be started."""
-_LARGEST = 1 << 20  # four times the size at which the hook stops writing reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,53 +22,19 @@ class StartedProcesses:
     """Numbers of processes that Python has started, by name.
 
     Attributes:
-        chosen: Processes in the other segment.
-        others: Processes in the segment of the command.
+        chosen: Processes with a chosen name.
+        others: The other ones.
     """
 
     chosen: Mapping[str, int]
     others: Mapping[str, int]
 
 
-class Placement:
-    """Puts processes into a segment by their names.
-
-    Args:
-        folder: Folder for two files; only this user should be able to write there.
-        segment: Segment of the chosen processes.
-        nodes: Regular expression for a whole name; None for none.
-        variables: Environment variables that a process of that segment needs.
-
-    Raises:
-        ConfigError: `nodes` is not a regular expression.
-    """
-
-    def __init__(self, folder: Path, *, segment: str, nodes: str | None, variables: Mapping[str, str]) -> None:
-        try:
-            re.compile(nodes or "")
-        except re.error as error:
-            hint = "such as 'planner|/robot1/controller'"
-            text = f"{nodes!r} is not a regular expression: {error}"
-            raise ConfigError(text, where="--unit-nodes", hint=hint) from None
-        self._plan, self._told = folder / "placement.json", folder / "started.jsonl"
-        self._told.touch(0o600)
-        plan = {"segment": segment, "nodes": nodes or "", "variables": dict(variables), "told": str(self._told)}
-        self._plan.write_text(json.dumps(plan), encoding="utf-8")
-
-    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
-        """Return the variables that activate the hook in a process with the given variables."""
-        return hooked(given, self._plan)
-
-    def started(self) -> StartedProcesses:
-        """Return what was started so far."""
-        return started_in(self._told)
-
-
 def started_in(told: Path) -> StartedProcesses:
     """Return what was started so far, according to the hook's file of reports."""
     found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
     with told.open("rb") as stream:
-        lines = stream.read(_LARGEST).splitlines()
+        lines = stream.read(1 << 20).splitlines()
     for line in lines:
         event = _event(line)
         names = event.get("names")

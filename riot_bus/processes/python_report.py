@@ -21,7 +21,6 @@ _OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))
 
 _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
 _LARGEST = 1 << 20
-_STACKS_S = 1.0
 _POLL = 0.005
 _SAFE_S = 0.5
 """Seconds to wait for the answer of a main thread, which comes if it returns to Python code."""
@@ -53,11 +52,7 @@ class ThreadStack:
 
 
 class PythonReport:
-    """The files of one trial that the hook writes.
-
-    Args:
-        directory: Folder of the trial.
-    """
+    """The files of one trial that the hook writes."""
 
     def __init__(self, directory: Path) -> None:
         self._events = directory / "python.events"
@@ -122,7 +117,7 @@ class PythonReport:
             if pid in ready:
                 number, safe = int(str(ready[pid]["signal"])), int(str(ready[pid].get("safe", 0)))
                 text = self._ask(pid, safe, _SAFE_S) if safe and _another_runs(pid) else ""
-                found += parse_stacks(text or self._ask(pid, number, _STACKS_S))
+                found += parse_stacks(text or self._ask(pid, number, 2 * _SAFE_S))
         return found
 
     def _ask(self, pid: int, number: int, seconds: float) -> str:

@@ -46,16 +46,7 @@ def domain_environment(domain: int, folder: Path) -> dict[str, str]:
 def start_bridge(
     launcher: Launcher, name: str, *, endpoint: str, domain: int, folder: Path, parameters: Iterable[str] = ()
 ) -> ComponentProcess:
-    """Start a bridge that joins a ROS domain to a segment.
-
-    Args:
-        launcher: Owner of the process.
-        name: Name of the bridge.
-        endpoint: Endpoint of the segment.
-        domain: Number of the domain.
-        folder: Folder for its output.
-        parameters: Nodes whose parameters are set from the segment.
-    """
+    """Start a bridge that joins a ROS domain to a segment."""
     options = [
         *(f"--parameters={node}" for node in parameters),
         f"--domain={domain}",

@@ -6,7 +6,7 @@ import shlex
 from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.processes.attached import attached_command
-from riot_bus.processes.containers import ENGINE_FAILED, container_commands, engine_of
+from riot_bus.processes.containers import container_commands, engine_of
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from riot_bus.system.system_file import Component, RemoteHost
 
-CONNECTION_LOST = 255
-"""Status of `ssh` when the connection, not the command, has failed."""
 _OPTIONS = ("BatchMode=yes", "ExitOnForwardFailure=yes", "ServerAliveInterval=5", "ServerAliveCountMax=3")
 _THERE = "exec 3<&0; {{ cat <&3; kill -9 0; }} >/dev/null 2>&1 & cd {cwd} && {own}env {call} </dev/null 3<&-; exit $?\n"
 """Script there. All of the process group is killed when standard input ends, as it does with the connection."""
@@ -77,10 +75,12 @@ def start_of(
         run, remove = container_commands(component.container, called, command=argv, env=env, folder=folder, cwd=cwd)
         if component.teardown:
             remove = ["sh", "-c", f"{shlex.join(remove)}; {shlex.join(component.teardown)}"]
-        return Start(run, remove, engine_of(component.container), called, relayed=True, lost=ENGINE_FAILED)
+        # 125: the engine, not the program, has failed
+        return Start(run, remove, engine_of(component.container), called, relayed=True, lost=125)
     if component.ssh is not None:
         words, script = ssh_command(component.ssh, endpoint, there, command=argv, env=env, cwd=component.cwd)
-        return Start(words, component.teardown, script=script, relayed=True, lost=CONNECTION_LOST)
+        # 255: the connection, not the command, has failed
+        return Start(words, component.teardown, script=script, relayed=True, lost=255)
     if component.attach is not None:
         return Start(attached_command(int(component.attach.rpartition(":")[2])), component.teardown, lost=1)
     return Start(argv, component.teardown)

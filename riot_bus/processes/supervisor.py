@@ -43,12 +43,9 @@ if TYPE_CHECKING:
     from typing import Any
 
 
-PR_SET_PDEATHSIG = 1
-PR_SET_CHILD_SUBREAPER = 36
 ADDR_NO_RANDOMIZE = 0x0040000
 STARTS_WITHIN_S = 60.0
 """Time limit for the imports of a fork server, sufficient also on a loaded machine."""
-_POLL = 0.005  # short against the time in which an engine removes a container, up to a second
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -61,7 +58,7 @@ def become_component() -> None:
     """Take signals as usual again, and ask the kernel for death with the parent (runs between fork and exec)."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_DFL)
-    _prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    _prctl(1, int(signal.SIGKILL), 0, 0, 0)  # PR_SET_PDEATHSIG
 
 
 def become_fixed_component() -> None:
@@ -274,7 +271,7 @@ class Supervisor:
         deadline = time.monotonic() + self._torn_down_within
         while (self._ending or self._teardowns) and time.monotonic() < deadline:
             self.reap()
-            time.sleep(_POLL)
+            time.sleep(0.005)  # short against the time in which an engine removes a container, up to a second
         servers = {server.pid for server in self._servers.values()}
         while children := set(children_of(os.getpid())) - servers:
             for pid in children:
@@ -347,7 +344,7 @@ def main() -> int:
     """Serve the socket on file descriptor 0 until it ends; then remove the folders that the arguments name."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
-    _prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    _prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
     supervisor = Supervisor(socket.socket(fileno=0))
     try:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):

@@ -16,18 +16,11 @@ if TYPE_CHECKING:
 
     from riot_bus.zenoh import api as zenoh
 
-_TIMEOUT_S = 2.0  # publishers are asked one by one, so a silent one delays the others
 _TOKENS = "**/@adv/pub/**"
 
 
 class LatchedCaches:
-    """Queries of the publishers' caches, one for each publisher that announces a cache.
-
-    Args:
-        session: Session that sends the queries.
-        wanted: Function that returns whether a key is recorded.
-        record: Function called with the key and the samples of one publisher, oldest first.
-    """
+    """Queries of the publishers' caches, one for each publisher that announces a cache."""
 
     def __init__(
         self, session: zenoh.Session, *, wanted: Callable[[str], bool], record: Callable[[str, list[Any]], None]
@@ -58,7 +51,7 @@ class LatchedCaches:
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
-            timeout=_TIMEOUT_S,
+            timeout=2.0,  # publishers are asked one by one, so a silent one delays the others
         )
         samples = [reply.ok for reply in replies if reply.ok is not None and str(reply.ok.key_expr) == source.key]
         if samples:

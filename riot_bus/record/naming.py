@@ -14,14 +14,10 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
 
 _SUFFIX = ".mcap"
-_MOST_TRIES = 100_000  # one system call each: a folder full of such names is given up soon
 
 
 class Naming:
     """Names files one after another: `run.mcap`, `run-2.mcap` ..., or in a bag `run/run_0.mcap`, `run/run_1.mcap` ...
-
-    Args:
-        options: `output`, `folder`, `bag` and `overwrite`.
 
     Raises:
         ConfigError: The output exists already, or is not a name of a log.
@@ -60,7 +56,7 @@ class Naming:
             return claim(self._remote, text, self.stem)
         if self.bag and not self._number:
             self._make_bag()
-        for _ in range(_MOST_TRIES):
+        for _ in range(100_000):  # one system call each: a folder full of such names is given up soon
             self._number += 1
             path = self.folder / self._name()
             first = self._number == 1

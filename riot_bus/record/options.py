@@ -13,7 +13,7 @@ from riot_bus.vocabulary.flags import Definitions, Flag, Types, flags_of
 if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant
 
-_LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28  # headers weigh much below; above, `iter_columns` has no room
+_LEAST_CHUNK, LARGEST_CHUNK = 1 << 10, 1 << 28  # headers weigh much below; above, `iter_columns` has no room
 _MOST_KEYS = 200  # each expression costs a subscriber and a thread
 
 
@@ -145,8 +145,8 @@ class CaptureOptions:
             hint = "wildcards and --exclude say it shorter"
             raise ConfigError(f"{len(self.keys)} key expressions are too many", hint=hint)
         check_compression(self.compression, "--compression")
-        if not _LEAST_CHUNK <= self.chunk_bytes <= _LARGEST_CHUNK:
-            hint = f"{_LEAST_CHUNK} to {_LARGEST_CHUNK}"
+        if not _LEAST_CHUNK <= self.chunk_bytes <= LARGEST_CHUNK:
+            hint = f"{_LEAST_CHUNK} to {LARGEST_CHUNK}"
             raise ConfigError(f"a chunk cannot have {self.chunk_bytes} bytes", where="--chunk-size", hint=hint)
         for each, flag, names in flags_of(CaptureOptions):
             value = getattr(self, each.name)

@@ -1,21 +1,26 @@
-"""What both destinations of a recording have in common: a writer, counts of losses, and tracks that may be outdated."""
+"""What both destinations of a recording have in common: what is written to, and tracks that may be outdated."""
 
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.recorded_file import RecordedFile
+from riot_bus.log.writer import LogSettings, LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from riot_bus.log.account import LossCounts
     from riot_bus.log.engine.chunk import Row
-    from riot_bus.record.losses import LossCounts
     from riot_bus.record.naming import Naming
     from riot_bus.record.options import CaptureOptions
     from riot_bus.types.registry import TypeRegistry
+
+FileT = TypeVar("FileT", bound=RecordedFile[LogWriter])
 
 
 class RecordingSink:
@@ -55,13 +60,18 @@ class RecordingSink:
         self.generation = 0
         self._options, self._registry, self._naming = options, registry, naming
         self._metadata, self._details, self._profile, self._warn = metadata, details, profile, warn
+        self._settings = LogSettings(
+            compression=options.compression,
+            chunk_bytes=options.chunk_bytes,
+            chunk_seconds=options.chunk_seconds,
+            threaded=True,
+            durable=options.durable,
+            queue_bytes=options.queue_bytes,
+        )
 
     def append(self, rows: Sequence[Row], *, patient: bool) -> None:
         """Write messages, with the lock held; lost ones are counted."""
-        try:
-            self.writer.append(rows, patient=patient)
-        except LostMessagesError as error:
-            self._failed(error)
+        self._file.attempt(partial(self.writer.append, rows, patient=patient))
 
     def renew(self, key: str) -> None:
         """Record further messages of a key with its type, which has become known."""
@@ -69,23 +79,15 @@ class RecordingSink:
             self.writer.renew(key)
             self.generation += 1
 
-    def _new_writer(self, path: Path | str, **settings: Any) -> LogWriter:
-        options = self._options
-        return LogWriter(
-            path,
-            registry=self._registry,
-            chunk_bytes=options.chunk_bytes,
-            channel_metadata=self._details,
-            threaded=True,
-            queue_bytes=options.queue_bytes,
-            **settings,
-        )
+    def _use(self, file: RecordedFile[LogWriter]) -> None:
+        """Append to a file from now on."""
+        self._file, self.writer, self.counts = file, file.writer, file.counts
 
-    def _failed(self, error: LostMessagesError) -> None:
-        """Count the messages that a writer has lost; called with the lock."""
-        self._count_lost(self.counts, error)
+    def _new_file(self, kind: type[FileT], path: Path | str, settings: LogSettings, **more: Any) -> FileT:
+        writer = LogWriter(path, settings, registry=self._registry, channel_metadata=self._details, **more)
+        return kind(writer, topic=self._registry.topic, lock=self.lock, failed=self._failed)
 
-    def _count_lost(self, counts: LossCounts, error: LostMessagesError) -> None:
-        for reason, lost in error.reasons.items():
-            for (key, _), number in lost.items():
-                counts.lose(reason, self._registry.topic(key), number, written=True)
+    def _failed(self, file: RecordedFile[LogWriter], error: Exception) -> None:
+        """React to an error of a writer; the messages that it has lost are counted already."""
+        if not isinstance(error, LostMessagesError):
+            raise error

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.log import layout
 from riot_bus.log.account import LOST
 from riot_bus.log.engine.ring import Ring
+from riot_bus.log.recorded_file import RecordedFile
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
-from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.losses import LossCounts
+from riot_bus.log.writer import LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -30,25 +31,19 @@ if TYPE_CHECKING:
 
 
 class RingSink(RecordingSink):
-    """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded.
-
-    Args:
-        options: Limits of the ring and of its chunks.
-        notes: Function that returns further records for the beginning of each file.
-        more: Further arguments of `RecordingSink`.
-    """
+    """Sink that keeps messages in memory; `counts` include what the ring has dropped as recorded."""
 
     def __init__(
         self, options: CaptureOptions, *, notes: Callable[[], Sequence[tuple[str, Mapping[str, str]]]], **more: Any
     ) -> None:
         super().__init__(options, **more)
-        self.counts = LossCounts()
         self.problem = ""
         self._notes = notes
         self._ring = Ring(options.ring_seconds, most_bytes=options.ring_bytes, compression=options.compression)
         # Chunks are dropped as a whole, so they must be short compared with the ring.
         age = min(options.chunk_seconds, options.ring_seconds / 10)
-        self.writer = self._new_writer("ring", chunk_seconds=age, storage=self._ring)
+        settings = replace(self._settings, chunk_seconds=age, durable=False)
+        self._use(self._new_file(RecordedFile[LogWriter], "ring", settings, storage=self._ring))
         self._files: list[FileResult] = []
         self._bag: list[BagFile] = []
         self._dumping = threading.Lock()
@@ -63,11 +58,7 @@ class RingSink(RecordingSink):
 
     def tick(self) -> None:
         """End chunks by age; call it several times a second."""
-        try:
-            self.writer.tick()
-        except LostMessagesError as error:
-            with self.lock:
-                self._failed(error)
+        self._file.attempt(self.writer.tick)
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
         """Raise ConfigError: there is no file to split."""
@@ -75,9 +66,6 @@ class RingSink(RecordingSink):
 
     def dump(self, text: str | None = None) -> Path:
         """Write the ring to a file; recording continues meanwhile.
-
-        Args:
-            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or nothing is kept.
@@ -123,8 +111,7 @@ class RingSink(RecordingSink):
 
     def account(self) -> Account:
         """Return the counts since the beginning."""
-        with self.lock:
-            return self.counts.account()
+        return self._file.account()
 
     def files(self) -> list[FileResult]:
         """Return the files, the oldest first."""

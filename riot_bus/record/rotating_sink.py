@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.log.account import LOST, Account
+from riot_bus.log.account import Account
+from riot_bus.log.recorded_file import RecordedFile
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
-from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.losses import LossCounts, summed
+from riot_bus.log.writer import LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.recording_sink import RecordingSink
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.log.writer import LogWriter
     from riot_bus.record.options import CaptureOptions
 
 _AGAIN_S = 5.0  # each attempt may leave a file: a failing disk gets 12 a minute
@@ -47,31 +47,29 @@ class FileResult:
         return {**row, "deleted": True} if self.deleted else row
 
 
-class _OpenFile:
-    """A file that is being written."""
-
-    def __init__(self, path: Path, writer: LogWriter) -> None:
-        self.path, self.writer, self.counts = path, writer, LossCounts()
-        self.result: FileResult | None = None
+class _LogFile(RecordedFile[LogWriter]):
+    def __init__(self, writer: LogWriter, **more: Any) -> None:
+        super().__init__(writer, **more)
+        self.path = Path(writer.path)
+        self.finished: FileResult | None = None
         self.began = time.monotonic()
         self.noted = 0
         self.noted_at = 0.0
 
+    def result(self) -> FileResult:
+        return self.finished or FileResult(str(self.path), self.writer.size, self.account())
+
 
 class RotatingSink(RecordingSink):
-    """Sink that writes to files.
+    """Sink that writes to files; `began` is called, without the lock, when another file has begun."""
 
-    Args:
-        options: Limits of files and chunks.
-        began: Function called, without the lock, when another file has begun.
-        more: Further arguments of `RecordingSink`.
-    """
+    _file: _LogFile
 
     def __init__(self, options: CaptureOptions, *, began: Callable[[], None], **more: Any) -> None:
         super().__init__(options, **more)
         self._began = began
         self._bag: dict[str, BagFile] = {}
-        self._files: list[_OpenFile] = []
+        self._files: list[_LogFile] = []
         self._finishing: list[threading.Thread] = []
         self._problem = ""
         self._said = self._tried = -_REPEAT_S
@@ -86,13 +84,13 @@ class RotatingSink(RecordingSink):
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write a metadata record."""
         file = self._file
-        self._guard(file, lambda: file.writer.note(name, mapping))
+        file.attempt(lambda: file.writer.note(name, mapping))
 
     def tick(self) -> None:
         """End chunks by age, begin other files, report problems; call this several times a second."""
         file = self._file
-        self._guard(file, file.writer.tick)
-        self._note_account(file)
+        file.attempt(file.writer.tick)
+        self._note_losses(file)
         self._look()
         options = self._options
         too_large = options.split_bytes and file.writer.size >= options.split_bytes
@@ -105,9 +103,6 @@ class RotatingSink(RecordingSink):
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
         """Continue in another file, and return the former and the new path; each message is in one of the two.
-
-        Args:
-            text: Path as it was requested; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or cannot be written.
@@ -144,15 +139,12 @@ class RotatingSink(RecordingSink):
 
     def account(self) -> Account:
         """Return the counts of all files."""
-        return summed([each.account for each in self.files()])
+        return Account.total_of([each.account for each in self.files()])
 
     def files(self) -> list[FileResult]:
         """Return the files, in the order of writing."""
         with self.lock:
-            return [
-                each.result or FileResult(str(each.path), each.writer.size, each.counts.account())
-                for each in self._files
-            ]
+            return [each.result() for each in self._files]
 
     def status(self) -> dict[str, Any]:
         """Return the state of the present file as JSON values."""
@@ -166,38 +158,30 @@ class RotatingSink(RecordingSink):
 
     # -- files --------------------------------------------------------------------------------------------------------
 
-    def _open(self, path: Path) -> _OpenFile:
-        options = self._options
-        writer = self._new_writer(
+    def _open(self, path: Path) -> _LogFile:
+        return self._new_file(
+            _LogFile,
             path,
+            self._settings,
             metadata=self._metadata(),
             profile=self._profile,
-            compression=options.compression,
-            chunk_seconds=options.chunk_seconds,
-            durable=options.durable,
             epilogue=bag_epilogue if self._profile == "ros2" else None,
         )
-        return _OpenFile(path, writer)
 
-    def _use(self, file: _OpenFile) -> None:
-        """Append to a file from now on."""
-        self._file, self.writer, self.counts = file, file.writer, file.counts
-        self._files.append(file)
+    def _use(self, file: RecordedFile[LogWriter]) -> None:
+        super()._use(file)
+        self._files.append(self._file)
         self._write_bag()
 
-    def _finish(self, file: _OpenFile) -> None:
-        writer = file.writer
-        self._guard(file, writer.flush)
-        entry = bag_file(file.path.name, writer)
-        self._guard(file, lambda: writer.note(LOST, file.counts.account().record()))
-        self._guard(file, writer.close)
+    def _finish(self, file: _LogFile) -> None:
+        file.finish()
         try:
             size = os.stat(file.path).st_size
         except OSError:
             size = 0
         with self.lock:
-            file.result = FileResult(str(file.path), size, file.counts.account())
-            self._bag[file.path.name] = entry
+            file.finished = FileResult(str(file.path), size, file.account())
+            self._bag[file.path.name] = bag_file(file.path.name, file.writer)
             self._forget_oldest()
             self._write_bag()
 
@@ -205,11 +189,11 @@ class RotatingSink(RecordingSink):
         most = self._options.max_files
         kept = [each for each in self._files if os.path.lexists(each.path)]
         for each in kept[: max(0, len(kept) - most)] if most else ():
-            if each.result is None:
+            if each.finished is None:
                 return  # it is still being finished, and then looked at again
             try:
                 os.unlink(each.path)
-                each.result = replace(each.result, deleted=True)
+                each.finished = replace(each.finished, deleted=True)
             except OSError as error:
                 self._warn(f"{each.path} cannot be deleted: {error.strerror}")
 
@@ -222,35 +206,29 @@ class RotatingSink(RecordingSink):
         except OSError as error:
             self._warn(f"metadata.yaml cannot be written: {error.strerror}")
 
-    def _note_account(self, file: _OpenFile) -> None:
+    def _note_losses(self, file: _LogFile) -> None:
         """Write losses to the file as they happen, so that they survive a crash."""
         now = time.monotonic()
-        if now - file.noted_at < _NOTE_S:
-            return
-        with self.lock:
-            account = file.counts.account()
-        if account.total() != file.noted and not file.writer.problem:
-            file.noted, file.noted_at = account.total(), now
-            self._guard(file, lambda: file.writer.note(LOST, account.record()))
+        if (
+            now - file.noted_at >= _NOTE_S
+            and (lost := file.account().total()) != file.noted
+            and not file.writer.problem
+        ):
+            file.noted, file.noted_at = lost, now
+            file.note_account()
 
     # -- trouble ------------------------------------------------------------------------------------------------------
 
-    def _guard(self, file: _OpenFile, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except LostMessagesError as error:
-            with self.lock:
-                self._failed(error, file)
-
-    def _failed(self, error: LostMessagesError, file: _OpenFile | None = None) -> None:
-        file = file or self._file
-        self._count_lost(file.counts, error)
-        if file is not self._file or self._problem:
-            return
-        self._problem = error.message
-        self._alarm(f"{error.message}: {file.path}: messages are being lost")
-        if error.errno == errno.EFBIG:
-            self._tried = -_AGAIN_S  # files may not be larger here: another one will do
+    def _failed(self, file: RecordedFile[LogWriter], error: Exception) -> None:
+        if not isinstance(error, LostMessagesError):
+            raise error
+        with self.lock:
+            if file is not self._file or self._problem:
+                return
+            self._problem = error.message
+            self._alarm(f"{error.message}: {file.writer.path}: messages are being lost")
+            if error.errno == errno.EFBIG:
+                self._tried = -_AGAIN_S  # files may not be larger here: another one will do
 
     def _look(self) -> None:
         """Report whether the problem persists, and try another file where that may help."""

@@ -27,10 +27,6 @@ def run_capture(options: CaptureOptions, foreground: Foreground) -> None:
 
     SIGUSR1 writes the ring, or begins another file. A second SIGINT or SIGTERM ends the process at once.
 
-    Args:
-        options: Options of the recording.
-        foreground: Frame that prints the result and takes keys.
-
     Raises:
         ConfigError: An option is wrong, or the file cannot be written.
         EnvironmentFaultError: No router answers at the endpoint.

@@ -22,12 +22,6 @@ _MOST_NAMED = 100  # each is compared with every new key; silent ones are lines 
 class RecordingSelection:
     """Selection of what is recorded; thread-safe.
 
-    Args:
-        options: `keys`, `exclude`, `bag` and `throttle`.
-        registry: Names and types of topics.
-        trigger: Trigger that needs to see some messages.
-        warn: Function that receives each warning as one line.
-
     Attributes:
         expressions: Canonical key expressions to subscribe to; none includes another.
 

@@ -21,9 +21,9 @@ from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import registry_of
 from riot_bus.control.server import Control, free_name
 from riot_bus.log.account import Account
+from riot_bus.log.gaps import Gaps
 from riot_bus.log.run import run_facts
 from riot_bus.record.latched import LatchedCaches
-from riot_bus.record.losses import Gaps
 from riot_bus.record.naming import Naming
 from riot_bus.record.ring_sink import RingSink
 from riot_bus.record.rotating_sink import FileResult, RotatingSink
@@ -34,6 +34,7 @@ from riot_bus.record.watched_network import WatchedNetwork
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Claims
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
 from riot_bus.zenoh.publisher_tokens import Announcements
@@ -49,8 +50,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
-_LINK_S = 1.0  # a guess: a lost link is reported this late; each look lists all transports
-_ASK_S = 1.0  # routers answer at once; one that does not delays the start by as much
+_LINK_S = 1.0  # a lost link is reported, and a router that does not answer holds up the start, for as long
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
 
@@ -93,10 +93,6 @@ class CaptureService:
     """Recording of a network; as a context manager, it starts on entry and stops on exit.
 
     Its operations may be called by several threads.
-
-    Args:
-        options: Options of the recording.
-        warn: Function that receives each warning as one line; called on other threads too.
 
     Raises:
         ConfigError: An option is not usable.
@@ -190,9 +186,6 @@ class CaptureService:
 
     def split(self, path: str | None = None) -> tuple[Path, Path]:
         """Continue in another file; return the former and the new path.
-
-        Args:
-            path: Path relative to the folder; None for the next name in turn.
 
         Raises:
             ConfigError: It is refused, or there is nothing to split.
@@ -314,7 +307,7 @@ class CaptureService:
         claims, numbers = Claims(expressions), itertools.count(1)
         for text in expressions:
             subscriber = RecordingSubscriber(
-                session,
+                Batches(session, text),
                 text,
                 sink=sink,
                 gaps=self._gaps,
@@ -435,7 +428,7 @@ class CaptureService:
 def _await_routes(session: zenoh.Session) -> None:
     """Wait until the router knows our subscriptions, since it processes what comes over a link in order."""
     with suppress(Exception):  # whatever is at the other end
-        for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_ASK_S):
+        for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_LINK_S):
             pass
 
 

@@ -14,28 +14,26 @@ from collections import Counter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.pipeline.runner import BoundedCounts
+from riot_bus.log.engine.blocks import TIMES
+from riot_bus.pipeline.runner import MOST_TOPICS, BoundedCounts
 from riot_bus.vocabulary.message import Message
-from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Converter, is_delete
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Hashable, Iterator
 
     from riot_bus.log.engine.chunk import Row
+    from riot_bus.log.gaps import Gaps
     from riot_bus.log.layout import Constants
-    from riot_bus.log.writer import ChannelWriter
-    from riot_bus.record.losses import Gaps
+    from riot_bus.log.log_channels import ChannelWriter
     from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
+    from riot_bus.zenoh.batches import Batches
 
 _LOG = logging.getLogger(__name__)
 _SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
-_CACHED_KEYS = 1 << 16  # any client may invent keys: bounds the memory; a log holds 65,000 at most
-_MOST_SENDERS = 64  # ids of a key: any client may invent them, and few keys have more publishers
 _MOST_FETCHED = 10_000  # timestamps of a key, 1 to 2 MB: a cache may send any number
-_LARGEST = 1 << 64  # MCAP stores times in 64 bits
 _TAKE = attrgetter(
     "key_expr",
     "payload",
@@ -53,13 +51,12 @@ class KeyRules:
     """Rules for the messages of one key.
 
     Attributes:
-        topic: Name of the topic.
         stamp: Function that reads attachments; None if they say nothing.
         least_ns: Least time between two recorded messages, nanoseconds; 0 to record all.
         trigger: Function that gets each message; None if there is none.
     """
 
-    __slots__ = ("due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
+    __slots__ = ("choosy", "due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
 
     def __init__(
         self,
@@ -70,6 +67,7 @@ class KeyRules:
         trigger: Callable[[bytes, str], None] | None = None,
     ) -> None:
         self.topic, self.stamp, self.least_ns, self.trigger = topic, stamp, least_ns, trigger
+        self.choosy = trigger is not None or least_ns > 0
         self.due = 0
         self.first: Any = None  # Zenoh timestamp of the first message that was not fetched
         self.fetched: set[str] | None = None  # timestamps of messages that were fetched from a cache
@@ -90,22 +88,11 @@ class _KeyRoute:
 
 
 class RecordingSubscriber:
-    """Subscriber that records; one per key expression.
-
-    Args:
-        session: Session that receives.
-        expression: Key expression of what is recorded.
-        sink: Sink that is written to.
-        gaps: Tracking of publishers' numbers.
-        owner: Function that returns which of several overlapping expressions a key belongs to.
-        rules: Function that returns the rules for a key, None if it is not recorded.
-        paused: Function that returns whether recording is paused.
-        sequence: Numbers for messages that have none.
-    """
+    """Subscriber that records; one per key expression."""
 
     def __init__(
         self,
-        session: zenoh.Session,
+        batches: Batches,
         expression: str,
         *,
         sink: RecordingSink,
@@ -126,7 +113,7 @@ class RecordingSubscriber:
         self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
         self._known: dict[str, KeyRules | None] = {}
         self._senders: dict[str, set[str]] = {}
-        self._batches = Batches(session, expression)
+        self._batches = batches
         self._thread = threading.Thread(target=self._run, name="riot-subscriber", daemon=True)
         self._thread.start()
 
@@ -198,10 +185,13 @@ class RecordingSubscriber:
         return found, True
 
     def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
+        """Return what is to be written, and whether a slow disk may hold up the publishers.
+
+        Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
+        """
         rows: list[Row] = []
         put, take, routes, clock, number_of = rows.append, _TAKE, self._routes, time.time_ns, self._sequence.__next__
-        paused, patient = self._paused(), False
-        # Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
+        paused, patient, origin, see = self._paused(), False, self._origin, None if fetched else self._gaps.see
         for sample in samples:
             key, content, encoding, priority, congestion, express, attached, stamp, info = take(sample)
             try:
@@ -210,42 +200,20 @@ class RecordingSubscriber:
                 route = self._learn(key, sample)
             if route is None:
                 continue
-            now = clock()
-            payload = content.to_bytes()
+            now, payload, rules = clock(), content.to_bytes(), route.rules
             extras: dict[str, Any] | None = None
             sequence = published = None
-            rules = route.rules
-            if attached is not None:
-                attachment = attached.to_bytes()
-                extras = {"a": attachment}
-                if rules.stamp is not None and (said := rules.stamp(attachment)) is not None:
-                    sequence, published, publisher = said
-                    if not fetched and (missed := self._gaps.see((route.key, publisher), sequence)):
-                        self._sink.counts.lose("missed", rules.topic, missed)
-            if info is not None and sequence is None:
-                source = info.source_id
-                sequence = info.source_sn
-                if not fetched and (missed := self._gaps.see((route.key, str(source.zid), source.eid), sequence)):
-                    self._sink.counts.lose("missed", rules.topic, missed)
+            if attached is not None or info is not None:
+                sequence, published, extras = origin(route, attached, info, see)
             if stamp is not None:
-                if rules.first is None and not fetched:
-                    rules.first = stamp
-                if rules.fetched is not None and not fetched and str(stamp) in rules.fetched:
+                if not fetched and (rules.first is None or rules.fetched is not None) and _came_before(rules, stamp):
                     continue
                 if published is None:
                     published = stamp.get_time_as_ntp64().as_nanos()
-            if rules.trigger is not None:
-                rules.trigger(payload, route.key)
-            if paused:
-                self._sink.counts.left_out["paused"].add(rules.topic)
+            if (paused or rules.choosy) and not self._is_chosen(route, payload, now, paused=paused):
                 continue
-            if rules.least_ns:
-                if now < rules.due:
-                    self._sink.counts.left_out["throttled"].add(rules.topic)
-                    continue
-                rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
-            if route.number < 0:
-                self._refused(route)
+            if route.number < 0:  # there is no room for its key in the file
+                self._sink.counts.lose("refused", rules.topic)
                 continue
             if not (
                 express is route.express
@@ -259,7 +227,7 @@ class RecordingSubscriber:
                 extras = {**(extras or {}), "d": True}
             if published is None:
                 published = now
-            elif published == now or not 0 <= published < _LARGEST:
+            elif published == now or not 0 <= published < TIMES:
                 extras = {**(extras or {}), "p": str(published)}
                 published = now
             if sequence is None:
@@ -268,6 +236,40 @@ class RecordingSubscriber:
                 extras = {**(extras or {}), "n": sequence}
             put((route.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
         return rows, patient
+
+    def _origin(
+        self, route: _KeyRoute, attached: Any, info: Any, see: Callable[[Hashable, int], int] | None
+    ) -> tuple[int | None, int | None, dict[str, Any] | None]:
+        """Return number and time that the publisher gave, and extras; count the numbers that are missing."""
+        sequence = published = extras = None
+        publisher: Hashable = None
+        if attached is not None:
+            attachment = attached.to_bytes()
+            extras = {"a": attachment}
+            stamp = route.rules.stamp
+            if stamp is not None and (said := stamp(attachment)) is not None:
+                sequence, published, publisher = said
+        if info is not None and sequence is None:
+            source, sequence = info.source_id, info.source_sn
+            publisher = str(source.zid), source.eid
+        if sequence is not None and see is not None and (missed := see((route.key, publisher), sequence)):
+            self._sink.counts.lose("missed", route.rules.topic, missed)
+        return sequence, published, extras
+
+    def _is_chosen(self, route: _KeyRoute, payload: bytes, now: int, *, paused: bool) -> bool:
+        """Show a message to the trigger; return whether it is recorded, and count it if it is not."""
+        rules, left_out = route.rules, self._sink.counts.left_out
+        if rules.trigger is not None:
+            rules.trigger(payload, route.key)
+        if paused:
+            left_out["paused"].add(rules.topic)
+            return False
+        if now < rules.due:
+            left_out["throttled"].add(rules.topic)
+            return False
+        if rules.least_ns:
+            rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
+        return True
 
     def _different(self, sample: Any, route: _KeyRoute, extras: dict[str, Any] | None) -> dict[str, Any] | None:
         """Add what differs from the channel's first message."""
@@ -278,14 +280,8 @@ class RecordingSubscriber:
         found = {name: found[name] for name in ("e", "q") if name in found}
         return {**(extras or {}), **found} or None
 
-    def _refused(self, route: _KeyRoute) -> None:
-        """Count a message for whose key there is no room in the file."""
-        counts, topic = self._sink.counts, route.rules.topic
-        counts.recorded.add(topic)
-        counts.lose("refused", topic, written=True)
-
     def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
-        if len(self._routes) >= _CACHED_KEYS:
+        if len(self._routes) >= MOST_TOPICS:
             self._routes.clear()
             self._known.clear()
         key = str(key_expr)
@@ -315,11 +311,14 @@ class RecordingSubscriber:
     def _note_sender(self, sample: Any) -> None:
         stamp = sample.timestamp
         route = self._routes.get(sample.key_expr)
-        if (
-            stamp is not None
-            and route is not None
-            and (route.key in self._senders or len(self._senders) < _CACHED_KEYS)
-        ):
+        if stamp is not None and route is not None and (route.key in self._senders or len(self._senders) < MOST_TOPICS):
             zids = self._senders.setdefault(route.key, set())
-            if len(zids) < _MOST_SENDERS:
+            if len(zids) < 64:  # any client may invent ids, and few keys have more publishers
                 zids.add(str(stamp.get_id()))
+
+
+def _came_before(rules: KeyRules, stamp: Any) -> bool:
+    """Return whether a message was fetched from a cache before it was received."""
+    if rules.first is None:
+        rules.first = stamp
+    return rules.fetched is not None and str(stamp) in rules.fetched

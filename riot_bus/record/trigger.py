@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.model import TrialView
+from riot_bus.pipeline.runner import MOST_TOPICS
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.predicate import parse_predicate
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.predicate import Predicate
-
-_MOST_KEYS = 1 << 16  # any client may invent keys: bounds the memory; when full, conditions fire again
 
 
 class Trigger:
@@ -85,7 +84,7 @@ class Trigger:
                     self.unread += 1
                 if holds and not self._held.get((text, key)):
                     self._fire(text)
-                if len(self._held) >= _MOST_KEYS:
+                if len(self._held) >= MOST_TOPICS:  # any client may invent keys; conditions then fire again
                     self._held.clear()
                 self._held[text, key] = holds
             for number in watching:

@@ -16,10 +16,6 @@ class WatchedNetwork:
     """Implementation of `riot_bus.graph.observe.WatchedBus` for one client.
 
     It has one session, and neither intercepts keys nor bridges links.
-
-    Args:
-        session: Session of the client.
-        subscribers: Function that returns the subscribers.
     """
 
     ids_ever: Collection[str] = ()

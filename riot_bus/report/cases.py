@@ -40,7 +40,6 @@ class ReportedCase:
         lines: All that is known of that.
         told: Further lines, whatever the result.
         seconds: Duration; None if that is not known.
-        finding: The finding that it stands for; None for other cases.
     """
 
     name: str
@@ -50,7 +49,6 @@ class ReportedCase:
     lines: Sequence[str] = ()
     told: Sequence[str] = ()
     seconds: float | None = None
-    finding: FindingView | None = None
 
     @property
     def line(self) -> str:
@@ -124,7 +122,7 @@ def _campaign_case(view: CampaignView) -> ReportedCase:
 def _nominal_doubts(campaign: CampaignRecord) -> list[str]:
     """Return what trials of the nominal log have shown besides findings: alarms, and unconfirmed failures."""
     alarms = [f"not told: {each}" for each in campaign.untold if each.endswith(" show the same")]
-    own = [each.signature for each in campaign.unconfirmed if not each.injections and not each.history]
+    own = [each.signature for each in campaign.unconfirmed if not each.injections]
     return [*alarms, *(f"failed in a trial of the nominal log, not confirmed: {each}" for each in own)]
 
 
@@ -134,15 +132,15 @@ def _finding_case(view: CampaignView, one: FindingView) -> ReportedCase:
     seconds = sum(record.seconds for step, record in one.steps if record and step.name != "test")
     if one not in view.current and finding.fixed_in and finding.fixed_in == view.fingerprint:
         told = ["fixed: fresh trials of its log do not fail any more", one.command("reproduce")]
-        return ReportedCase(name, told=told, seconds=seconds, finding=one)
+        return ReportedCase(name, told=told, seconds=seconds)
     if one not in view.current:
         why = "found with other code or another riot.toml, and not seen by this campaign"
         lines = [why, one.command("reproduce")]
-        return ReportedCase(name, "skipped", "earlier", why, lines, seconds=seconds, finding=one)
+        return ReportedCase(name, "skipped", "earlier", why, lines, seconds=seconds)
     place, unit = find_place(one), unit_place(finding)
     about = [f"at {place}", f"unit {finding.unit} of {unit}", *finding.details[:1], TextReport().render(one)]
     if view.standing(one) == "known":
         lines = [one.verdict_text, *about]
-        return ReportedCase(name, "skipped", "known", view.told(one), lines, seconds=seconds, finding=one)
+        return ReportedCase(name, "skipped", "known", view.told(one), lines, seconds=seconds)
     lines = [*([view.told(one)] if view.entry(one) else []), *about]
-    return ReportedCase(name, "failure", finding.monitor, one.verdict_text, lines, seconds=seconds, finding=one)
+    return ReportedCase(name, "failure", finding.monitor, one.verdict_text, lines, seconds=seconds)

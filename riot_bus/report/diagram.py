@@ -18,8 +18,7 @@ class DiagramBox:
     """One box of the chain.
 
     Attributes:
-        title: Name of what the box stands for.
-        lines: Known facts about it: two short lines.
+        lines: Known facts about what the box stands for.
         effort: Trials and seconds of its step.
         state: Whether its step has finished, is the next one, or comes later.
     """

@@ -233,12 +233,7 @@ def evidence_files(directory: Path) -> list[Path]:
 
 
 def tail_of(path: Path, most: int) -> str:
-    """Return the end of a file that a failing trial has left, as text.
-
-    Args:
-        path: File in the folder of the evidence.
-        most: Largest number of bytes.
-    """
+    """Return the end of a file that a failing trial has left, as text of so many bytes at most."""
     with path.open("rb") as stream:
         stream.seek(max(0, path.stat().st_size - most))
         return stream.read().decode(errors="replace")
@@ -246,9 +241,6 @@ def tail_of(path: Path, most: int) -> str:
 
 def load(directory: Path) -> FindingView:
     """Read the records of a finding that are there.
-
-    Args:
-        directory: The finding's directory.
 
     Raises:
         ConfigError: `finding.json` is missing or unusable.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from riot_bus.report.formats import CampaignFormat, append_summary, write_file
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from types import TracebackType
 
     from riot_bus.events import RunEvent
@@ -36,22 +35,14 @@ _EXPLAINING = {step.name for step in STEPS[1:]}
 
 @dataclass(frozen=True, slots=True)
 class AskedReport:
-    """A requested report of a campaign.
-
-    Attributes:
-        path: File that it is written to; None for stdout.
-    """
+    """A requested report of a campaign, and the file that it is written to; None for stdout."""
 
     made: CampaignFormat
     path: Path | None
 
 
 def asked_report(text: str, *, out: Path) -> AskedReport:
-    """Return the report that `NAME` or `NAME=FILE` requests.
-
-    Args:
-        text: Name of the format, and the file; without a file, the format's own file name in the output folder.
-        out: The output folder.
+    """Return the report that `NAME` or `NAME=FILE` requests; without a file, the format's own in the output folder.
 
     Raises:
         ConfigError: There is no such format, it does not report campaigns, or the file has no name.
@@ -62,7 +53,7 @@ def asked_report(text: str, *, out: Path) -> AskedReport:
         raise ConfigError(
             f"report format {name!r} is of one finding, not of a campaign",
             where="--report",
-            hint=f"junit, sarif, allure, markdown or github; `riot report FINDING --format {name}` for one finding",
+            hint=f"junit, sarif, markdown or github; `riot report FINDING --format {name}` for one finding",
         )
     if equals and not file:
         raise ConfigError(f"{text!r} names no file", where="--report", hint=f"{name} or {name}=FILE")
@@ -72,10 +63,6 @@ def asked_report(text: str, *, out: Path) -> AskedReport:
 
 def reports_of(texts: Sequence[str], folders: Mapping[str, Path]) -> dict[str, list[str]]:
     """Return the requests for each of several units, with `{unit}` replaced by the name of its folder.
-
-    Args:
-        texts: Requests, as for `asked_report`.
-        folders: Output folders of the units.
 
     Raises:
         ConfigError: As for `asked_report`, or several units would write to one file.
@@ -98,9 +85,6 @@ class ReportFollower:
     Reports without a file are printed once, at the end. However the work ends, the reports say how.
 
     Args:
-        asked: Requested reports.
-        out: The campaign's output folder.
-        say: Function that prints.
         known: The baseline, if findings that it knows do not count.
         lenient: Whether faults of the environment do not count as errors.
     """
@@ -119,7 +103,6 @@ class ReportFollower:
         self._unit = self._fingerprint = ""
         self._finished = self._excused = False
         self._remarks: list[str] = []
-        self._written: dict[Path, set[str]] = {}
 
     def __enter__(self) -> Self:
         """Write that nothing is known yet.
@@ -161,8 +144,8 @@ class ReportFollower:
     def _end(self, problem: str = "") -> None:
         view = self._write(problem)
         for each in self._asked:
-            if each.path is None and not isinstance(content := each.made.render_campaign(view), Mapping):
-                self._say(content)
+            if each.path is None:
+                self._say(each.made.render_campaign(view))
             append_summary(each.made, view)
 
     def _write(self, problem: str = "") -> CampaignView:
@@ -171,11 +154,7 @@ class ReportFollower:
             if each.path is not None:
                 with suppress(OSError):  # then writing fails, which is reported
                     each.path.parent.mkdir(parents=True, exist_ok=True)
-                write_file(content := each.made.render_campaign(view), each.path)
-                if isinstance(content, Mapping):  # what was told before the unit was known is out of date
-                    for name in self._written.get(each.path, set()).difference(content):
-                        (each.path / name).unlink(missing_ok=True)
-                    self._written[each.path] = set(content)
+                write_file(each.made.render_campaign(view), each.path)
         return view
 
     def _view(self, problem: str) -> CampaignView:

@@ -6,21 +6,16 @@ Formats of other packages are found by the entry points `riot_bus.reports`; `rio
 from __future__ import annotations
 
 import os
-import shutil
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
-from riot_bus.new_file import whole_file
+from riot_bus.new_file import write_whole
 from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
-
-Content = str | bytes | Mapping[str, str | bytes | Path]
-"""A report: a text, bytes, or the files of a folder by their names, some of which are copies of others."""
 
 
 @runtime_checkable
@@ -28,12 +23,12 @@ class ReportFormat(Protocol):
     """A format for reports of one finding; a class without arguments.
 
     Attributes:
-        file: Name of the file, or folder, in the finding's folder that it is written to; empty for stdout.
+        file: Name of the file in the finding's folder that it is written to; empty for stdout.
     """
 
     file: str
 
-    def render(self, view: FindingView) -> Content:
+    def render(self, view: FindingView) -> str | bytes:
         """Return the report; texts in the view come from others, and may hold anything.
 
         Raises:
@@ -47,12 +42,12 @@ class CampaignFormat(Protocol):
     """A format for reports of all that a campaign has found; it may be a `ReportFormat`, too.
 
     Attributes:
-        file: Name of the file, or folder, in the output folder that it is written to; empty for stdout.
+        file: Name of the file in the output folder that it is written to; empty for stdout.
     """
 
     file: str
 
-    def render_campaign(self, view: CampaignView) -> Content:
+    def render_campaign(self, view: CampaignView) -> str | bytes:
         """Return the report; texts in the view come from others, and may hold anything.
 
         Raises:
@@ -63,11 +58,7 @@ class CampaignFormat(Protocol):
 
 @runtime_checkable
 class SummaryFormat(Protocol):
-    """A format that also adds to a file which an environment variable names, once the work has ended.
-
-    Attributes:
-        summary_variable: Name of the variable.
-    """
+    """A format that, once the work has ended, also adds to the file that an environment variable names."""
 
     summary_variable: str
 
@@ -85,7 +76,7 @@ def view_of(folder: Path) -> FindingView | CampaignView:
     return load(folder) if FindingRecord.exists(folder) else load_campaign(folder)
 
 
-def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> Content:
+def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> str | bytes:
     """Return a report of a finding or a campaign.
 
     A format that knows only campaigns gets a finding as a campaign that has found nothing else.
@@ -102,11 +93,6 @@ def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView
 
 def beside_baseline(made: object, view: FindingView | CampaignView, path: Path) -> CampaignView:
     """Return a view in which the findings that a baseline knows do not count.
-
-    Args:
-        made: Format of the report.
-        view: Finding or campaign that is reported.
-        path: File of the baseline.
 
     Raises:
         ConfigError: There is no such file, it is unusable, or the format does not show which findings are known.
@@ -137,23 +123,14 @@ def append_summary(made: object, view: FindingView | CampaignView) -> None:
         raise ConfigError(f"cannot add to the summary: {error.strerror}", where=where) from error
 
 
-def write_file(content: Content, path: Path) -> Path:
+def write_file(content: str | bytes, path: Path) -> Path:
     """Write a report atomically, so that a reader never sees half of it; return its path.
-
-    Of a folder, each file is written so, and other files in it stay.
 
     Raises:
         ConfigError: It cannot be written there.
     """
     try:
-        if isinstance(content, Mapping):
-            path.mkdir(parents=True, exist_ok=True)
-        for name, each in content.items() if isinstance(content, Mapping) else [("", content)]:
-            with whole_file(path / name, sync=False) as temporary:
-                if isinstance(each, Path):
-                    shutil.copyfile(each, temporary)
-                else:
-                    temporary.write_bytes(each.encode() if isinstance(each, str) else each)
+        write_whole(path, content, sync=False)
     except OSError as error:
         raise ConfigError(f"cannot write the report: {error.strerror}", where=str(path)) from error
     return path

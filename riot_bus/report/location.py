@@ -40,12 +40,7 @@ _OTHERS = {"site-packages", "dist-packages"}
 
 @dataclass(frozen=True, slots=True)
 class SourcePlace:
-    """A line of a file.
-
-    Attributes:
-        path: The file from the root of the repository, with `/` between its parts.
-        line: The line, from 1.
-    """
+    """A line, from 1, of a file: its path from the root of the repository, with `/` between its parts."""
 
     path: str
     line: int
@@ -55,11 +50,7 @@ class SourcePlace:
 
 
 def find_place(view: FindingView) -> SourcePlace:
-    """Return the place of a finding: the innermost line of the user's code that failed, else that of the unit.
-
-    Args:
-        view: The finding; what a failing trial has left is read from its folder.
-    """
+    """Return the place of a finding: the innermost line of the user's code that failed, else that of the unit."""
     finding = view.finding
     system = _real(finding.system_file)
     root = _root_of(system)

@@ -27,8 +27,7 @@ LONGEST = 65_536
 _PLAIN = re.compile(r"(?!.*(?:www\.|//))[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+/-]*", re.IGNORECASE)
 _ENTITY = re.compile(r"[!-/:-@\[-`{-~]")
 _LONGEST_CELL = 300  # rows have up to seven cells: 30 of the longest fit into a comment
-_MOST_DETAILS = 20  # lines of up to 1,000 characters: less than a third of a comment
-_MOST_FIELDS = 20  # rows of five cells of 300 characters: less than half a comment
+_MOST = 20  # lines of up to 1,000 characters, rows of five cells: each less than half a comment
 
 
 class MarkdownReport:
@@ -46,13 +45,7 @@ class MarkdownReport:
 
 
 def bounded(parts: list[str], *, where: str, longest: int = LONGEST) -> str:
-    """Return the first parts that fit, and how many were left out.
-
-    Args:
-        parts: Parts of a document, each with its line ends.
-        where: Command that shows everything.
-        longest: Largest number of characters.
-    """
+    """Return the first parts that fit, how many were left out, and the command that shows everything."""
     room, kept = longest - len(_left_out(len(parts), where)), list[str]()
     if sum(map(len, parts)) <= longest:
         return "".join(parts)
@@ -100,11 +93,11 @@ def _finding(view: FindingView) -> Iterator[str]:
     yield f"\n### {code(clean(view.finding.id, limit=100))} ({view.severity})\n\n{verdict}\n"
     yield f"\nAt {code(str(find_place(view)))}:\n"
     if view.finding.details:
-        yield f"\n{_block(view.finding.details[:_MOST_DETAILS])}"
+        yield f"\n{_block(view.finding.details[:_MOST])}"
     yield f"\n{_block(TextReport().render(view).splitlines()[1:])}"
     if view.fields and view.fields.fields:
         yield _heads("field", "fails with", "passes with", "failing log", "passing log")
-    for field in view.fields.fields[:_MOST_FIELDS] if view.fields else ():
+    for field in view.fields.fields[:_MOST] if view.fields else ():
         proof = field.certificate
         pair = [value(proof.failing), value(proof.passing), proof.failing_log, proof.passing_log]
         yield f"| {' | '.join(map(cell, [field.name, *pair]))} |\n"

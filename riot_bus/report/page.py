@@ -7,11 +7,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from riot_bus.findings.backtrack import nodes_of
 from riot_bus.findings.permeability import EdgeRecord
 from riot_bus.findings.records import FieldRecord, FieldsRecord
+from riot_bus.plugins import HOOKS
 from riot_bus.report import format as words
-from riot_bus.report.backtrack import lines as backtrack_lines
-from riot_bus.report.backtrack import nodes_of
 from riot_bus.report.diagram import links
 from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, evidence_files, load, tail_of
 from riot_bus.report.formats import write_file
@@ -48,7 +48,7 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
 
     Raises:
         ConfigError: `finding.json` is missing or unusable.
-        MissingExtraError: jinja2 or matplotlib is not installed.
+        MissingExtraError: jinja2 is not installed.
     """
     return write_file(HtmlReport(open_questions).render(load(directory)), directory / PAGE)
 
@@ -69,7 +69,7 @@ class HtmlReport:
         """Return the page.
 
         Raises:
-            MissingExtraError: jinja2 or matplotlib is not installed.
+            MissingExtraError: jinja2 is not installed.
         """
         return rendered("report.html.j2", **_context(view, self._open_questions))
 
@@ -97,7 +97,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "trees": _trees(view),
         "paths": _paths(view),
         "best_paths": [str(path) for path in view.permeability.paths] if view.permeability else [],
-        "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
+        "backtrack": _backtrack(view),
         "nominal": nominal,
         "parameters": activation is not None and any(name.startswith(_PARAMETER) for name in activation.found or ()),
         "met": sum(one.phase == "search" and not one.failed for one in met),
@@ -108,6 +108,12 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "forms": [name for name in _FORMS if (view.directory / name).is_file()],
         "evidence": _evidence(view.directory),
     }
+
+
+def _backtrack(view: FindingView) -> list[str]:
+    """Return the paths in logs alone as lines, which the extension that finds them writes."""
+    there = view.backtrack is not None and "backtrack_lines" in HOOKS.targets()
+    return list(HOOKS.load("backtrack_lines")(view.backtrack)) if there else []
 
 
 def _evidence(directory: Path) -> list[tuple[str, str]]:

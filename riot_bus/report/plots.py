@@ -2,44 +2,33 @@
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from riot_bus.findings.activation import PointRecord, RegionRecord
 from riot_bus.findings.records import RuleRecord
 from riot_bus.report.format import clean, number
-from riot_bus.report.svg import embed, own_style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
+from riot_bus.report.svg import Axis, element, text, width_of
 
 Kind = Literal["failed", "passed", "refused"]
 Pair = tuple[float, float]
 
-_MOST = 1500  # about 110 bytes of SVG each: 0.5 MB for three kinds of marks
+_MOST = 1500  # about 40 bytes of SVG each: 0.2 MB for three kinds of marks
 _FAR = 1e30  # replaces infinities; differences of doubles near 1.8e308 would overflow
-_INK, _SOFT, _LINE, _FAIL, _PASS, _PAPER, _NOMINAL = (f"#0a0a0{place}" for place in range(1, 8))
-_MARKS: dict[Kind, dict[str, Any]] = {
-    "refused": {"marker": "+", "s": 16, "c": _SOFT, "linewidths": 0.7},
-    "passed": {"marker": "o", "s": 13, "c": "none", "edgecolors": _PASS, "linewidths": 0.9},
-    "failed": {"marker": "x", "s": 20, "c": _FAIL, "linewidths": 1.3},
+_WIDTH, _HEIGHT, _MARGIN = 360, 288, 10
+_SIZE = 9.5
+"""Of letters, in the same unit."""
+_SOFT, _LINE = "var(--soft)", "var(--line)"
+_MARKS: dict[Kind, tuple[str, dict[str, Any]]] = {
+    "refused": ("m-2 0h4m-2-2v4", {"stroke": _SOFT, "stroke_width": 0.7}),
+    "passed": ("m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0", {"stroke": "var(--pass)", "stroke_width": 0.9}),
+    "failed": ("m-2.2-2.2l4.4 4.4m0-4.4l-4.4 4.4", {"stroke": "var(--fail)", "stroke_width": 1.3}),
 }
-_STYLE: dict[Any, Any] = {
-    "font.size": 9.5,
-    "axes.unicode_minus": False,
-    "text.color": _INK,
-    "axes.labelcolor": _INK,
-    "axes.edgecolor": _LINE,
-    "axes.linewidth": 0.8,
-    "xtick.color": _LINE,
-    "ytick.color": _LINE,
-    "xtick.labelcolor": _SOFT,
-    "ytick.labelcolor": _SOFT,
-}
+"""The path of each mark around its place, and how it is drawn."""
+_REGION = {"stroke": "var(--fail)", "stroke_width": 1.2, "fill": "var(--fail)", "fill_opacity": "0.16"}
+_NOMINAL = {"stroke": "var(--nominal)", "stroke_width": 1.2, "stroke_dasharray": "4.4 1.9", "fill": "none"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +43,10 @@ class Dots:
 class PlotArea:
     """A part of the plane: the crash region, or the nominal values."""
 
-    kind: Literal["region", "nominal"]
+    label: str
     x: Pair
     y: Pair
+    look: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +71,7 @@ def rule_plot(record: RuleRecord) -> Plot | None:
         for kind in ("passed", "failed")
     ]
     spread = (record.scale.get(x, 1.0), record.scale.get(y, 1.0))
-    return _symlog(dots, (x, y), spread=spread, ident="rule", what="Samples that taught the rule")
+    return _symlog(dots, (x, y), spread=spread, what="Samples that taught the rule")
 
 
 def region_plots(
@@ -93,11 +83,7 @@ def region_plots(
     """Return the map of trials around the crash region, and the one over the whole searched range.
 
     A region in more fields is drawn in its first two; one of a single field is not drawn.
-
-    Args:
-        points: Runs of the whole system.
-        region: The crash region.
-        nominal: Center and spread of external fields.
+    Of external fields, `nominal` has center and spread.
     """
     if len(region.ranges) < 2:
         return []
@@ -108,16 +94,15 @@ def region_plots(
     sides = [(first.low, first.high), (second.low, second.high)]
     if not all(math.isfinite(end) for side in sides for end in side):
         return []
-    boxes = [PlotArea("region", sides[0], sides[1])]
+    areas = [PlotArea("crash region", sides[0], sides[1], _REGION)]
     known = [(nominal or {}).get(name) for name in names]
     nominals = [(one[0] - one[1], one[0] + one[1]) for one in known if one and math.isfinite(one[0] + one[1])]
     if len(nominals) == 2:
-        boxes.append(PlotArea("nominal", nominals[0], nominals[1]))
-    window = tuple(_window([side, *nominals[place : place + 1]]) for place, side in enumerate(sides))
-    svg = draw(dots, labels=names, ident="zoom", title="Around the crash region", boxes=boxes, window=window)
-    zoom = Plot(svg, "Around the crash region, linear axes.")
+        areas.append(PlotArea("nominal values", nominals[0], nominals[1], _NOMINAL))
+    x, y = (Axis(*_window([side, *nominals[place : place + 1]])) for place, side in enumerate(sides))
+    zoom = Plot(_draw(dots, areas, x, y, names, "Around the crash region"), "Around the crash region, linear axes.")
     spread = tuple(max(abs(end) for end in side) for side in sides)
-    whole = _symlog(dots, names, spread=(spread[0], spread[1]), ident="whole", what="All runs", boxes=boxes)
+    whole = _symlog(dots, names, spread=(spread[0], spread[1]), what="All runs", areas=areas)
     return [zoom, whole] if whole else [zoom]
 
 
@@ -144,7 +129,7 @@ def _real(entry: Any) -> float | None:
 
 def _window(sides: Sequence[Pair]) -> Pair:
     """Return the interval that shows the region, and the nominal values unless they are too far away."""
-    low, high = sides[0]
+    low, high = (min(max(end, -_FAR), _FAR) for end in sides[0])
     width = max(high - low, abs(high) * 0.05, 1e-9)
     for side in sides[1:]:
         both = min(low, side[0]), max(high, side[1])
@@ -155,21 +140,20 @@ def _window(sides: Sequence[Pair]) -> Pair:
 
 
 def _symlog(
-    dots: Sequence[Dots],
-    names: Pair | tuple[str, str],
-    *,
-    spread: Pair,
-    ident: str,
-    what: str,
-    boxes: Sequence[PlotArea] = (),
+    dots: Sequence[Dots], names: tuple[str, str], *, spread: Pair, what: str, areas: Sequence[PlotArea] = ()
 ) -> Plot | None:
     if not any(one.places for one in dots):
         return None
-    labels = (str(names[0]), str(names[1]))
-    linear = (_decade(spread[0]), _decade(spread[1]))
-    svg = draw(dots, labels=labels, ident=ident, title=what, boxes=boxes, linear=linear)
-    ends = f"linear within ±{number(linear[0])} and ±{number(linear[1])}"
-    return Plot(svg, f"{what}: the whole range on symlog axes ({ends}).")
+    axes = []
+    for which, linear in enumerate(map(_decade, spread)):
+        values = [place[which] for one in dots for place in one.places]
+        values += [end for area in areas for end in (area.x, area.y)[which]]
+        low, high = max(min(values), -_FAR), min(max(values), _FAR)
+        aside = 0.0 if low < high else abs(low) or linear
+        axes.append(Axis(low - aside, high + aside, linear))
+    x, y = axes
+    ends = f"linear within ±{number(x.linear or 0)} and ±{number(y.linear or 0)}"
+    return Plot(_draw(dots, areas, x, y, names, what), f"{what}: the whole range on symlog axes ({ends}).")
 
 
 def _decade(spread: float) -> float:
@@ -177,118 +161,82 @@ def _decade(spread: float) -> float:
     return float(10.0 ** min(max(math.floor(math.log10(usable)), -12), 12))
 
 
-def draw(
-    dots: Sequence[Dots],
-    *,
-    labels: tuple[str, str],
-    ident: str,
-    title: str,
-    boxes: Sequence[PlotArea] = (),
-    window: tuple[Pair, ...] | None = None,
-    linear: Pair | None = None,
-) -> str:
-    """Return a scatter plot as an SVG element.
+def _draw(dots: Sequence[Dots], areas: Sequence[PlotArea], x: Axis, y: Axis, names: tuple[str, str], title: str) -> str:
+    """Return a scatter plot as an SVG element: areas below dots, a legend above, labels left and below."""
+    legend, top = _legend(dots, areas, x, y)
+    left = _MARGIN + 2 * _SIZE + max((width_of(label, _SIZE) for label in y.ticks().values()), default=0)
+    width, height = _WIDTH - _MARGIN - left, _HEIGHT - 3.5 * _SIZE - top
+    inset = 0.0 if x.linear is None else 0.04  # symlog axes end at dots, of which no half is cut off
 
-    Args:
-        dots: Trials, drawn in this order.
-        labels: Names of the two fields.
-        ident: Prefix of ids, distinct in the page.
-        title: Text for screen readers.
-        boxes: Shaded parts of the plane.
-        window: Limits of both axes; without it, all dots and boxes are inside.
-        linear: Half widths of the linear parts of symlog axes; without it, the axes are linear.
+    def across(value: float) -> float:
+        return width * (inset + (1 - 2 * inset) * x.share(value))
 
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    with own_style(_STYLE):
-        from matplotlib.figure import Figure
+    def down(value: float) -> float:
+        return height * (1 - inset - (1 - 2 * inset) * y.share(value))
 
-        figure = Figure(figsize=(5.0, 4.0), layout="constrained")
-        figure.patch.set_visible(False)
-        axes = figure.add_subplot()
-        axes.patch.set_visible(False)
-        _fill(axes, dots, boxes=boxes, window=window)
-        _frame(axes, dots, boxes=boxes, window=window, linear=linear)
-        axes.set_xlabel(clean(labels[0], limit=48))
-        axes.set_ylabel(clean(labels[1], limit=40))
-        figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize=9, handletextpad=0.4)
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return embed(buffer.getvalue(), ident=ident, label=title)
-
-
-def _fill(axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window: tuple[Pair, ...] | None) -> None:
-    from matplotlib.patches import Rectangle
-
-    for box in boxes:
-        corner, width, height = (box.x[0], box.y[0]), box.x[1] - box.x[0], box.y[1] - box.y[0]
-        look: dict[str, Any] = {
-            "edgecolor": _NOMINAL,
-            "facecolor": "none",
-            "linestyle": "--",
-            "label": "nominal values",
-        }
-        if box.kind == "region":
-            look = {"edgecolor": _FAIL, "facecolor": (_FAIL, 0.16), "label": "crash region"}
-        axes.add_patch(Rectangle(corner, width, height, linewidth=1.2, zorder=1, **look))
+    grid: dict[str, Any] = {"stroke": _LINE, "stroke_width": 0.5, "stroke_opacity": "0.5"}
+    inside = []
+    outside = [element("rect", x=left, y=top, width=width, height=height, fill="none", stroke=_LINE, stroke_width=0.8)]
+    for tick, label in x.ticks().items():
+        place = across(tick)
+        inside.append(element("path", d=f"M{place:.1f} 0v{height:.1f}", **grid))
+        middle = min(left + place, _WIDTH - width_of(label, _SIZE) / 2)
+        outside.append(text(label, middle, top + height + 1.5 * _SIZE, size=_SIZE, fill=_SOFT))
+    for tick, label in y.ticks().items():
+        place = down(tick)
+        inside.append(element("path", d=f"M0 {place:.1f}h{width:.1f}", **grid))
+        outside.append(text(label, left - 5, top + place + 3.5, size=_SIZE, fill=_SOFT, anchor="end"))
+    for area in areas:
+        (first, last), (low, high) = map(across, area.x), map(down, area.y)
+        # A path, as rectangles without a width are not drawn.
+        inside.append(element("path", d=f"M{first:.1f} {low:.1f}H{last:.1f}V{high:.1f}H{first:.1f}z", **area.look))
     for one in dots:
-        inside = [place for place in one.places if window is None or _within(place, window)]
-        if one.places:
-            step = max(1, math.ceil(len(inside) / _MOST))
-            told = str(len(inside)) if len(inside) == len(one.places) else f"{len(inside)} of {len(one.places)}"
-            shown = inside[::step]
-            label = f"{one.kind} ({told})" if step == 1 else f"{one.kind} ({told}, every {step}th drawn)"
-            axes.scatter([x for x, _ in shown], [y for _, y in shown], label=label, zorder=3, **_MARKS[one.kind])
-
-
-def _within(place: Pair, window: tuple[Pair, ...]) -> bool:
-    return all(low <= one <= high for one, (low, high) in zip(place, window, strict=True))
-
-
-def _frame(
-    axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window: tuple[Pair, ...] | None, linear: Pair | None
-) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    for which in (0, 1):
-        values = [place[which] for one in dots for place in one.places]
-        values += [end for box in boxes for end in (box.x, box.y)[which]]
-        low, high = window[which] if window else (min(values, default=-1.0), max(values, default=1.0))
-        low, high = max(low, -_FAR), min(high, _FAR)
-        if linear:
-            getattr(axes, ("set_xscale", "set_yscale")[which])("symlog", linthresh=linear[which])
-        axis: Axis = (axes.xaxis, axes.yaxis)[which]
-        if not window:
-            low, high = _padded(axis, low, high)
-        getattr(axes, ("set_xlim", "set_ylim")[which])(low, high)
-        if linear:
-            _ticks(axis, linear[which], low=low, high=high)
-        else:
-            axis.set_major_locator(MaxNLocator(6))
-    axes.grid(visible=True, color=_LINE, linewidth=0.5, alpha=0.5)
-    axes.set_axisbelow(True)
-
-
-def _padded(axis: Axis, low: float, high: float) -> Pair:
-    transform = axis.get_transform()
-    first, last = transform.transform([low, high])
-    pad = 0.04 * (last - first) or 0.5
-    ends = transform.inverted().transform([first - pad, last + pad])
-    return float(ends[0]), float(ends[1])
-
-
-def _ticks(axis: Axis, linear: float, *, low: float, high: float) -> None:
-    first = round(math.log10(linear))
-    last = max(first, math.floor(math.log10(max(abs(low), abs(high), linear))))
-    step = max(1, math.ceil((last - first + 1) / 4))
-    sizes = [10.0**power for power in range(last, first - 1, -step)]
-    ticks = [tick for tick in (*(-size for size in sizes), 0.0, *reversed(sizes)) if low <= tick <= high]
-    axis.set_ticks(ticks, [_tick(tick) for tick in ticks])
-    axis.set_ticks([], minor=True)
-
-
-def _tick(tick: float) -> str:
-    return (
-        f"{tick:.0e}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e") if abs(tick) >= 1e5 else f"{tick:g}"
+        shown, _ = _shown(one, x, y)
+        mark, look = _MARKS[one.kind]
+        marks = "".join(f"M{across(place[0]):.1f} {down(place[1]):.1f}{mark}" for place in shown)
+        inside.append(element("path", d=marks, fill="none", **look))
+    middle = top + height / 2
+    ink: dict[str, Any] = {"size": _SIZE, "fill": "var(--ink)"}
+    return element(
+        "svg",
+        element("svg", *inside, x=left, y=top, width=width, height=height),  # cuts off what is not within the axes
+        *outside,
+        *legend,
+        text(clean(names[0], limit=48), left + width / 2, _HEIGHT - 0.5 * _SIZE, **ink),
+        text(clean(names[1], limit=40), _SIZE, middle, transform=f"rotate(-90 {_SIZE} {middle:.1f})", **ink),
+        **{"viewBox": f"0 0 {_WIDTH} {_HEIGHT}", "class": "plot", "role": "img", "aria-label": title},
     )
+
+
+def _shown(one: Dots, x: Axis, y: Axis) -> tuple[list[Pair], str]:
+    """Return the places of dots that are drawn, and what the legend says of them."""
+    inside = [place for place in one.places if x.low <= place[0] <= x.high and y.low <= place[1] <= y.high]
+    step = max(1, math.ceil(len(inside) / _MOST))
+    of = "" if len(inside) == len(one.places) else f" of {len(one.places)}"
+    every = "" if step == 1 else f", every {step}th drawn"
+    return inside[::step], f"{one.kind} ({len(inside)}{of}{every})"
+
+
+def _legend(dots: Sequence[Dots], areas: Sequence[PlotArea], x: Axis, y: Axis) -> tuple[list[str], float]:
+    """Return the elements of a legend in rows, and where it ends."""
+    entries = [(area.label, element("rect", x=-7, y=-7, width=13, height=7, **area.look)) for area in areas]
+    for one in dots:
+        if one.places:
+            mark, look = _MARKS[one.kind]
+            entries.append((_shown(one, x, y)[1], element("path", d=f"M0-3.5{mark}", fill="none", **look)))
+    rows: list[list[tuple[str, str, float]]] = [[]]
+    for label, sample in entries:
+        width = 26 + width_of(label, _SIZE)
+        if rows[-1] and (len(rows[-1]) == 3 or sum(one for *_, one in rows[-1]) + width > _WIDTH):
+            rows.append([])
+        rows[-1].append((label, sample, width))
+    return list(_rows(rows)), 14 * len(rows) + 9
+
+
+def _rows(rows: Sequence[Sequence[tuple[str, str, float]]]) -> Iterator[str]:
+    for row, entries in enumerate(rows):
+        place, low = (_WIDTH - sum(width for *_, width in entries)) / 2, 14 * (row + 1)
+        for label, sample, width in entries:
+            yield element("g", sample, transform=f"translate({place + 8:.1f} {low})")
+            yield text(label, place + 19, low, size=_SIZE, fill="var(--ink)", anchor="start")
+            place += width

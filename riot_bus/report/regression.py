@@ -65,12 +65,7 @@ def regression_name(finding: FindingRecord) -> str:
 
 
 def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
-    """Write the test into the directory of a finding.
-
-    Args:
-        directory: The finding's directory.
-        finding: Record of the finding.
-    """
+    """Write the test into the directory of a finding."""
     text = _TEXT.format(
         component=_plain(finding.component),
         what=f"fails ({_plain(finding.monitor)}) on a log of riot's",

@@ -1,123 +1,82 @@
-"""Conversion of Matplotlib's SVG for use inside a page: no styles, no metadata, colours of the page.
-
-Style attributes become presentation attributes, which a content security policy without inline styles lets through.
-"""
+"""SVG: elements, texts and the axes of a plot, without styles, so a strict content security policy lets it through."""
 
 from __future__ import annotations
 
-import re
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any
-from xml.etree import ElementTree
-
-from riot_bus.vocabulary.errors import needs_extra
-
-COLOURS = {
-    "#0a0a01": "var(--ink)",
-    "#0a0a02": "var(--soft)",
-    "#0a0a03": "var(--line)",
-    "#0a0a04": "var(--fail)",
-    "#0a0a05": "var(--pass)",
-    "#0a0a06": "var(--paper)",
-    "#0a0a07": "var(--nominal)",
-}
-"""Colours to draw with, and the variables of the page, light or dark, that replace them."""
-
-_HREF = "{http://www.w3.org/1999/xlink}href"
-_SIZE = re.compile(r"([\d.]+)px")
-_URL = re.compile(r"url\(#([^)]+)\)")
-_ROOT = ("viewBox",)
-_DROPPED = {"metadata", "style"}
-_PROPERTIES = {
-    "clip-path",
-    "fill",
-    "fill-opacity",
-    "fill-rule",
-    "opacity",
-    "stroke",
-    "stroke-dasharray",
-    "stroke-dashoffset",
-    "stroke-linecap",
-    "stroke-linejoin",
-    "stroke-opacity",
-    "stroke-width",
-    "text-anchor",
-}
+import math
+from dataclasses import dataclass
+from html import escape
+from unicodedata import east_asian_width
 
 
-@contextmanager
-def own_style(settings: Mapping[Any, Any]) -> Iterator[None]:
-    """Draw with Matplotlib's defaults and some settings, whatever the user's own; texts stay texts, and are untrusted.
+def element(tag: str, *content: str, **attributes: float | str) -> str:
+    """Return an element with finished ones inside, and attributes with `_` for `-`; numbers are rounded to tenths."""
+    given = "".join(
+        f' {name.replace("_", "-")}="{escape(one) if isinstance(one, str) else f"{one:.1f}".removesuffix(".0")}"'
+        for name, one in attributes.items()
+    )
+    return f"<{tag}{given}>{''.join(content)}</{tag}>"
 
-    Args:
-        settings: Settings of Matplotlib by name.
 
-    Raises:
-        MissingExtraError: matplotlib is not installed.
+def text(words: str, x: float, y: float, *, size: float, fill: str, anchor: str = "middle", **more: str) -> str:
+    """Return a line of text; what it says may come from others."""
+    return element("text", escape(words), x=x, y=y, font_size=size, fill=fill, text_anchor=anchor, **more)
+
+
+def width_of(words: str, size: float) -> float:
+    """Return about how wide a line of text is in usual fonts, rather more than less."""
+    return sum(1.0 if east_asian_width(letter) in "WF" else 0.6 for letter in words) * size
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """Values along one side of a plot.
+
+    Attributes:
+        low: Smallest value.
+        high: Largest value.
+        linear: Half width of the linear part of a symlog axis, a power of ten; None for a linear axis.
     """
-    with needs_extra("matplotlib", "report"):
-        import matplotlib
-    with warnings.catch_warnings(), matplotlib.rc_context():
-        warnings.simplefilter("ignore")  # names may use letters that the measuring font lacks; the reader has its own
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "riot_bus", "text.parse_math": False})
-        matplotlib.rcParams.update(settings)
-        yield
+
+    low: float
+    high: float
+    linear: float | None = None
+
+    def share(self, value: float) -> float:
+        """Return where a value is: 0.0 at the smallest one, 1.0 at the largest one, others at -1.0 to 2.0."""
+        first, last = self._stretched(self.low), self._stretched(self.high)
+        return min(max((self._stretched(value) - first) / ((last - first) or 1.0), -1.0), 2.0)
+
+    def _stretched(self, value: float) -> float:
+        """Return a value as the axis shows it: on a symlog one, a decade is as long as half of the linear part."""
+        if self.linear is None:
+            return value
+        size = abs(value) / self.linear
+        return math.copysign(size if size <= 1 else 1 + math.log10(size), value)
+
+    def ticks(self) -> dict[float, str]:
+        """Return round values with their labels."""
+        if self.linear is None:
+            step = _round_step((self.high - self.low) / 6)
+            first, last = math.ceil(self.low / step), math.floor(self.high / step)
+            # Enough digits to tell a tick from the next one.
+            digits = max(6, math.ceil(math.log10(max(abs(self.low), abs(self.high)) / step)) + 2)
+            return {place * step: _label(place * step, digits) for place in range(first, last + 1)}
+        lowest = round(math.log10(self.linear))
+        highest = max(lowest, math.floor(math.log10(max(abs(self.low), abs(self.high), self.linear))))
+        sizes = [10.0**power for power in range(highest, lowest - 1, -max(1, math.ceil((highest - lowest + 1) / 4)))]
+        ticks = (*(-size for size in sizes), 0.0, *reversed(sizes))
+        return {tick: _label(tick, 6) for tick in ticks if self.low <= tick <= self.high}
 
 
-def embed(source: str, *, ident: str, label: str) -> str:
-    """Return the SVG as an element for a page.
-
-    Args:
-        source: SVG that matplotlib wrote.
-        ident: Prefix of its ids, distinct in the page.
-        label: Text for screen readers.
-    """
-    old = ElementTree.fromstring(source)  # noqa: S314 - written by matplotlib a moment ago
-    new = _copy(old, ident=ident)
-    new.attrib = {name: new.attrib[name] for name in _ROOT if name in new.attrib}
-    new.attrib |= {"class": "plot", "role": "img", "aria-label": label}
-    return ElementTree.tostring(new, encoding="unicode")
+def _round_step(least: float) -> float:
+    """Return the smallest of 1, 2, 2.5, 3, 4, 5, 6 and 8 times a power of ten that is not less."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next((power * factor for factor in (1, 2, 2.5, 3, 4, 5, 6, 8) if power * factor >= least), 10 * power)
 
 
-def _copy(old: ElementTree.Element, *, ident: str) -> ElementTree.Element:
-    tag = _bare(old.tag)
-    new = ElementTree.Element(tag)
-    for name, text in old.attrib.items():
-        if name == _HREF:
-            new.set("href", f"#{ident}-{text.removeprefix('#')}")
-        elif name == "style":
-            _spread(new, text)
-        elif name == "id":
-            if tag in {"clipPath", "path"}:
-                new.set("id", f"{ident}-{text}")
-        elif name in {"x", "y"}:
-            new.set(name, f"{float(text):.1f}")
-        elif "}" not in name:
-            new.set(name, text)
-    clip = new.get("clip-path")
-    if clip:
-        new.set("clip-path", _URL.sub(lambda found: f"url(#{ident}-{found[1]})", clip))
-    new.text, new.tail = (_solid(old.text), _solid(old.tail))
-    new.extend(_copy(child, ident=ident) for child in old if _bare(child.tag) not in _DROPPED)
-    return new
-
-
-def _bare(tag: str) -> str:
-    return tag.rpartition("}")[2]
-
-
-def _solid(text: str | None) -> str | None:
-    return text if text and text.strip() else None
-
-
-def _spread(element: ElementTree.Element, style: str) -> None:
-    for declaration in style.split(";"):
-        name, _, text = declaration.partition(":")
-        name, text = name.strip(), text.strip()
-        if name in _PROPERTIES:
-            element.set(name, COLOURS.get(text, text))
-        elif name in {"font", "font-size"} and (size := _SIZE.search(text)):
-            element.set("font-size", size[1])
+def _label(tick: float, digits: int) -> str:
+    mantissa, e, power = f"{tick:.{digits - 1}e}".partition("e")
+    exact = f"{tick:.{digits}g}"
+    if "e" not in exact and abs(tick) < 1e5:
+        return exact
+    return f"{mantissa.rstrip('0').rstrip('.')}{e}{int(power)}"

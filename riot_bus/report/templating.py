@@ -21,15 +21,7 @@ _LONGEST = 20_000  # letters: more than a page's longest excerpt of a file (6000
 
 
 def rendered(template: str, **context: Any) -> str:
-    """Return a page.
-
-    Args:
-        template: Name of its template.
-        context: Values that the template names.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-    """
+    """Return the page of a template with the values that it names."""
     return page_environment().get_template(template).render(context)
 
 

@@ -12,14 +12,7 @@ _NAMES = 8  # of up to 80 letters, in one line of the console; fields.json has a
 
 
 def summary(directory: Path) -> str:
-    """Return what is known of a finding, for the console; nothing in it can move the terminal's cursor.
-
-    Args:
-        directory: The finding's directory.
-
-    Raises:
-        ConfigError: `finding.json` is missing or unusable.
-    """
+    """Return what is known of a finding, for the console; nothing in it can move the terminal's cursor."""
     return TextReport().render(load(directory)).rstrip("\n")
 
 

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.segments import Segment
 
 
-
 class Bus:
     """Segments, their junction and the interception between them; a context manager.
 
@@ -436,7 +435,7 @@ class Bus:
             shed=self._cut.shed(),
             undelivered=_sum(self._deliveries.losses().values()),
             held=self._deliveries.held() + self._cut.held(),
-            recorded=_sum(recorder.recorded.copy() for recorder in self._recorders),
+            recorded=_sum(recorder.recorded for recorder in self._recorders),
             unrecorded=self._unrecorded(),
         )
 

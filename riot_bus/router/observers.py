@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.segments import Segment
 
 
-
 class Observers:
     """Subscribers, stand-ins for services and probes of a bus; callbacks run on one thread.
 

@@ -36,8 +36,8 @@ def source_files(file: SystemFile) -> list[Path]:
         folders = {(file.root / component.cwd).resolve() for component in file.programs}
         found = [path for folder in _outermost({file.root.resolve(), *folders}) for path in _below(folder)]
         found += [path for component in file.programs for path in _named(component, file.root)]
-        resets = (file.system.reset, *(unit.reset for unit in file.unit.values()))
-        found += [path for reset in resets if reset for path in _files_of(reset.command, file.root)]
+        if file.system.reset is not None:
+            found += _files_of(file.system.reset.command, file.root)
     named = [
         *file.monitor_files,
         *file.system.messages,

@@ -411,8 +411,7 @@ class Unit(_Table):
     order kept, too.
 
     Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
-    is forked from a process that has imported what it needs, where that makes no difference. With "persistent" the
-    trials of a campaign that pass share a process (`persistent`), which gets the message `reset` before each.
+    is forked from a process that has imported what it needs, where that makes no difference.
 
     `command`, `env` and `cwd` are for these trials alone, such as a build with assertions; each replaces that of the
     component. In runs of the whole system the component's own hold.
@@ -422,8 +421,7 @@ class Unit(_Table):
     command: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     env: dict[str, str] | None = None
     cwd: str | None = None
-    isolation: Literal["auto", "fresh", "persistent"] = "auto"
-    reset: Reset | None = None
+    isolation: Literal["auto", "fresh"] = "auto"
     log: str | None = None
     rate: float = Field(default=0.0, ge=0)
     order: Literal["auto", "log", "fast"] = "auto"
@@ -432,6 +430,15 @@ class Unit(_Table):
     dictionaries: tuple[str, ...] = ()
     leave: tuple[str, ...] = ()
     include: tuple[str, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_shared_process(cls, table: Any) -> Any:
+        if isinstance(table, dict) and (table.get("isolation") == "persistent" or "reset" in table):
+            hint = 'leave out `reset`, and `isolation` or write "auto", which saves most of a Python program\'s start'
+            place = ["reset" if "reset" in table else "isolation"]
+            raise MistakeError("trials of a unit no longer share a process", hint=hint, place=place)
+        return table
 
 
 class SystemFile(_Table):
@@ -487,8 +494,6 @@ class SystemFile(_Table):
             if part not in self.components:
                 yield _unknown(f"unit.{name}.component" if unit.component else f"unit.{name}", part, self.components)
                 continue
-            if unit.reset is not None and unit.isolation != "persistent":
-                yield f"unit.{name}.reset", "only a process that goes on is reset", 'add isolation = "persistent"'
             if self.components[part].ssh is not None:
                 why = "a unit runs on this machine, where riot can see what its processes do"
                 yield f"unit.{name}", why, "leave `ssh` out, or test another component"

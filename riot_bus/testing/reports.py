@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 import json
 import unicodedata
-from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -263,12 +262,7 @@ class ReportConformance:
         self._is_harmless(tmp_path, view_at, "until activate")
 
     def _report(self, view: FindingView | CampaignView) -> str | bytes:
-        content = render(type(self).report(), view)
-        if not isinstance(content, Mapping):
-            return content
-        assert all(Path(name).name == name for name in content)
-        texts = [each for each in content.values() if not isinstance(each, Path)]
-        return "\n".join([*content, *map(self._text, texts)])
+        return render(type(self).report(), view)
 
     def _is_reported(self, view: FindingView | CampaignView, folder: Path) -> None:
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -23,12 +23,12 @@ _PROBE = 16
 class Growth(NamedTuple):
     """Increase of a unit's memory in bytes, open files and threads from the start to the end of a trial."""
 
-    memory: int
-    files: int
-    threads: int
+    memory: int = 0
+    files: int = 0
+    threads: int = 0
 
 
-NO_GROWTH = Growth(0, 0, 0)
+NO_GROWTH = Growth()
 _MUCH = Growth(32 << 20, 32, 32)
 """Allowed growth above twice the nominal one: allocators keep some MB, pools open some files and threads."""
 _PER_BYTE = 8
@@ -50,12 +50,9 @@ class NominalTrial:
     Attributes:
         log_answers: Number of outputs while the log was played, by topic.
         probe_answers: Number of outputs while the probe was played after the log, by topic.
-        stacks: Stacks of the Python threads at rest.
         main_ended: Whether a Python main thread had ended.
         status: Exit status, None if the unit still ran.
-        growth: Growth of memory, files and threads during the trial.
         mute: Monitors that miss the violation in a copy of the trial made to violate them, and why.
-        outputs: All outputs, in order of reception.
         probed: Index of the first output after the start of the probe; None if there was no probe.
     """
 
@@ -75,9 +72,7 @@ class Baseline:
     """Common behaviour of all nominal trials of a unit.
 
     Attributes:
-        idle: Activity of the unit without any input.
         trials: Number of nominal trials; 0 if nothing is known, so that nothing can be concluded.
-        log: The nominal log.
         probe: Some messages of the log that a live unit answers.
         log_answers: Least number of outputs for the whole log, by topic; topics without any are left out.
         probe_answers: Least number of outputs for the probe after the log, by topic; topics without any are left out.
@@ -85,7 +80,6 @@ class Baseline:
         threads: Functions in which Python threads began, with the least number of threads of each.
         main_ends: Whether the main thread ends although the process continues.
         ends: Whether the unit ends by itself with status 0.
-        growth: The largest growth of memory, files and threads.
         mute: Monitors that miss the violation in a copy of each trial made to violate them, and why.
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
         mined: Mined rules that all answers to the probe follow.
@@ -140,13 +134,7 @@ class Baseline:
         return tuple(sorted(standing.keys() - self.at_rest.keys()))
 
     def grown(self, growth: Growth, *, messages: int, input_bytes: int) -> dict[str, str]:
-        """Return the resources that have grown too much, each with a text that says how much.
-
-        Args:
-            growth: Growth of the unit during the trial.
-            messages: Number of inputs of the trial.
-            input_bytes: Total size of the inputs in bytes.
-        """
+        """Return the resources that have grown too much, each with a text that says how much."""
         usual = Growth(*(max(0, each) for each in self.growth))
         allowed = Growth(*(2 * nominal + much for nominal, much in zip(usual, _MUCH, strict=True)))
         found = {}
@@ -163,10 +151,6 @@ class Baseline:
 
     def excess(self, growth: Growth, *, input_bytes: int) -> float:
         """Return the growth that neither nominal growth nor the input explains, as a share of what is allowed above it.
-
-        Args:
-            growth: Growth of the unit during the trial.
-            input_bytes: Total size of the inputs in bytes.
 
         Returns:
             The largest share among memory, files and threads; 0 if nothing is known.

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.trial.starter import FIXED, fixes_addresses
+from riot_bus.trial.processes import FIXED, fixes_addresses
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Violation
 
 _MOST_OUTPUT = 16 << 20
-_MOST_TEXT = 256 << 10
 _FATAL = "SIGSEGV SIGABRT SIGBUS SIGFPE SIGILL SIGTRAP"
 DEBUGGER = (
     *("gdb", "-q", "-nx", "-batch"),
@@ -96,4 +95,4 @@ def has_debugger() -> bool:
 
 def native_backtrace(printed: str) -> str:
     """Return the native stacks in the output of a component run by `DEBUGGER`; empty if there are none."""
-    return printed.partition("riot: backtrace\n")[2].strip()[-_MOST_TEXT:]
+    return printed.partition("riot: backtrace\n")[2].strip()[-256 << 10 :]

@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
     from riot_bus.system.system_file import Parameter
     from riot_bus.trial.context import Context
-    from riot_bus.trial.stage import TrialSetup
+    from riot_bus.trial.setup import TrialSetup
     from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.message import Scalar
 
 
-def set_parameters(stage: TrialSetup, names: Sequence[str], chosen: Mapping[str, Scalar]) -> dict[str, str]:
+def set_parameters(setup: TrialSetup, names: Sequence[str], chosen: Mapping[str, Scalar]) -> dict[str, str]:
     """Set the parameters that running components take, each to its chosen or its nominal value.
 
     One that is refused is set to its nominal value, since a process that goes on has that of an earlier run.
 
     Args:
-        stage: Setup on which the components are ready.
+        setup: Setup in which the components are ready.
         names: Names of the components inside the system.
         chosen: Values by parameter; others are nominal.
 
@@ -36,18 +36,18 @@ def set_parameters(stage: TrialSetup, names: Sequence[str], chosen: Mapping[str,
         ConfigError: A nominal value is refused, or a value is of a type that the parameter cannot have.
         EnvironmentFaultError: A node does not answer though all its values are nominal.
     """
-    context = stage.context
+    context, network = setup.context, setup.network
     if not context.file.external.in_nodes:
         return {}
     with ExitStack() as stack:
-        segments = sorted(set(map(stage.segment_of, names)))
-        ports = [stack.enter_context(open_port([stage.bus.endpoint(each)])) for each in segments]
+        segments = sorted(set(map(network.segment_of, names)))
+        ports = [stack.enter_context(open_port([network.bus.endpoint(each)])) for each in segments]
         return set_in_nodes(
             context,
             chosen,
             ports,
             timeout=max(context.file.components[name].ready.timeout for name in names),
-            alive=lambda: all(stage.launcher.alive(stage.processes[name]) for name in names),
+            alive=lambda: setup.processes.alive(names),
         )
 
 

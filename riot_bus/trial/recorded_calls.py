@@ -15,17 +15,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.trial.context import Context
-    from riot_bus.trial.stage import TrialSetup
+    from riot_bus.trial.network import TrialNetwork
 
 
-def serve_calls(stage: TrialSetup, unit: str) -> None:
-    """Answer the calls that a unit makes on a stage; raises as `calls_of_unit`."""
-    segment = stage.segment_of(stage.context.file.component_of(unit))
-    for number, (key, calls) in enumerate(calls_of_unit(stage.context, unit).items(), start=1):
-        service = RecordedService(calls)
-        stage.services.append(service)
-        zid = stage.bus.segment(segment).zid
-        stage.bus.serve(segment, key, service, tokens=stage.context.registry.server_tokens(key, zid, number))
+def serve_calls(network: TrialNetwork, context: Context, unit: str) -> None:
+    """Answer the calls that a unit makes; raises as `calls_of_unit`."""
+    segment = network.segment_of(context.file.component_of(unit))
+    for number, (key, calls) in enumerate(calls_of_unit(context, unit).items(), start=1):
+        network.serve(segment, key, RecordedService(calls), number=number)
 
 
 def calls_of_unit(context: Context, unit: str) -> Mapping[str, Sequence[RecordedCall]]:

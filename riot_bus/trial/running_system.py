@@ -1,49 +1,54 @@
-"""The components of a system in one or several runs: in real time, or in virtual time with a segment for each."""
+"""The components of a system in one or several runs: in real time, or in virtual time with a segment for each.
+
+Systems that can be reset stay in `TrialPlace.kept` after a run that has passed, which saves starts. A case that fails
+with one is executed again at once with a new one, and that outcome counts, so no failure depends on earlier runs.
+"""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+import os
+import shutil
+import tempfile
+from abc import ABC, abstractmethod
+from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.trial.kept import MOST_TRIALS, KeptSetup, kept_folder, reset_components
 from riot_bus.trial.scarce import held
-from riot_bus.trial.virtual_time import VirtualTime
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.trial.virtual_time import VirtualTime, single_key
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.injection import PARAMETERS
+from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.session import includes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from contextlib import ExitStack
 
     from riot_bus.system.system_file import Reset, RunPace, SystemFile, VirtualClock
-    from riot_bus.trial.stage import TrialPlace, TrialSetup, Watch
-    from riot_bus.vocabulary.message import Message, Scalar
+    from riot_bus.trial.network import Subscribe
+    from riot_bus.trial.setup import TrialPlace, TrialSetup
+    from riot_bus.vocabulary.message import Scalar
     from riot_bus.vocabulary.trial import TestCase
 
+FOLDER_PREFIX = "kept-{}-"
+"""Prefix of the folders of kept systems, with the process id of the worker."""
+_MOST_RUNS = 100
+"""Largest number of runs of one set of processes, so that a start costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
-_RESET_WINDOW = 0.1
-"""Window of rest after a reset, in seconds; on a loaded machine, a reset may take ten such windows to arrive."""
 
 
-class RunningSystem(KeptSetup):
+class RunningSystem(ABC):
     """The components of a system in successive runs; a context manager.
 
     Args:
-        place: Place in which they run.
-        names: Names of the components.
         reset: Message or command that resets them to their first state; None if they serve one run only.
-        seed: Value of {seed} in commands.
-        pace: Values of {duration} and {speed} in commands.
-        parameters: Values of {param:NAME} that differ from the nominal ones.
         timeout: Seconds after which a component that is still busy counts as hanging.
         stall: Seconds after which a component that takes no messages loses its link.
-
-    Attributes:
-        runs: Number of runs so far.
     """
+
+    setup: TrialSetup
 
     def __init__(
         self,
@@ -62,16 +67,29 @@ class RunningSystem(KeptSetup):
         self._made_for = seed, pace, dict(parameters)
         self._timeout, self._stall = timeout, stall
 
-    def _open(self, stack: ExitStack) -> TrialSetup:
-        stack.enter_context(held(self._place.context.file, self._reserved()))
-        return stack.enter_context(
-            self._place.setup(
-                directory=kept_folder(self._place, stack) if self.may_go_on else None,
-                stall=self._stall,
-                parameters=self._made_for[2],
-                **self._crossing(),
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(held(self._place.context.file, self._reserved()))
+            self.setup = stack.enter_context(
+                self._place.setup(
+                    directory=self._make_folder(stack) if self.may_go_on else None,
+                    stall=self._stall,
+                    parameters=self._made_for[2],
+                    **self._crossing(),
+                )
             )
-        )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
+    def _make_folder(self, stack: ExitStack) -> Path:
+        """Create a folder that lasts longer than that of the present run; `stack` removes it."""
+        prefix = FOLDER_PREFIX.format(os.getpid())
+        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self._place.directory.parent))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        return folder
 
     def _reserved(self) -> Sequence[str]:
         """Return the components whose limited resources are reserved as long as the setup is open."""
@@ -91,7 +109,7 @@ class RunningSystem(KeptSetup):
         """
 
     @abstractmethod
-    def watching(self, segment: str) -> Watch:
+    def watching(self, segment: str) -> Subscribe:
         """Return a function that observes a segment until the next run."""
 
     @abstractmethod
@@ -103,12 +121,12 @@ class RunningSystem(KeptSetup):
         """Whether another run is possible: they can be reset, and hold no limited resource that others wait for."""
         components = self._place.context.file.components
         free = not any(components[name].resources or components[name].attach for name in self._names)
-        return self._reset is not None and self.runs < MOST_TRIALS and free
+        return self._reset is not None and self.runs < _MOST_RUNS and free
 
     def fits(self, *, seed: int, pace: RunPace, parameters: Mapping[str, Scalar]) -> bool:
         """Return whether all components run, another run is possible, and it needs the same commands."""
-        stage, file = self.stage, self._place.context.file
-        if not self.may_go_on or not all(stage.launcher.alive(stage.processes[name]) for name in self._names):
+        file = self._place.context.file
+        if not self.may_go_on or not self.setup.processes.alive(self._names):
             return False
         made_for, wanted = self._made_for, (seed, pace, dict(parameters))
         words = [word for name in self._names for word in file.texts_of(file.components[name])]
@@ -119,19 +137,33 @@ class RunningSystem(KeptSetup):
         """Start the components."""
         seed, pace, _ = self._made_for
         for name in self._names:
-            self.stage.start(name, seed=seed, pace=pace)
-        self.stage.wait_ready(self._names)
+            self.setup.start(name, seed=seed, pace=pace)
+        self.setup.readiness.wait_ready(self._names)
+
+    def _reset_components(self, reset: Reset, publish: Callable[[Message], bool], *, where: str) -> None:
+        """Reset components to their first state, by the command or by the message that riot.toml names.
+
+        Raises:
+            ConfigError: The command fails, or no component has subscribed to the message.
+            EnvironmentFaultError: The command cannot be executed, or takes too long.
+        """
+        where = f"{self._place.context.file.path}: {where}"
+        if reset.topic is None:
+            self.setup.processes.execute("reset", reset.command, timeout=self._timeout)
+            return
+        key, now = single_key(self._place.context, reset.topic, where=where), self.setup.network.now()
+        message = Message(now, key, reset.payload.encode(), encoding=reset.encoding, qos=Qos(congestion="block"))
+        if not publish(message):
+            hint = "name a topic that resets them, or leave `reset` out"
+            raise ConfigError(f"no component has subscribed to {reset.topic!r}", where=where, hint=hint)
 
 
 class RealTimeSystem(RunningSystem):
     """Components that run in real time.
 
     Args:
-        place: Place in which they run.
-        names: Names of the components.
         drivers: Names of the external components that drive a run.
         injected: Topics that injections change.
-        options: Further arguments of `RunningSystem`.
 
     Attributes:
         intercepted: Topics that are cut between segments: those of injections or, where another run is possible, all
@@ -168,59 +200,54 @@ class RealTimeSystem(RunningSystem):
             ConfigError: No component has subscribed to the message that is to reset them.
             EnvironmentFaultError: The components cannot be reset.
         """
-        stage, self.runs = self.stage, self.runs + 1
+        bus, self.runs = self.setup.network.bus, self.runs + 1
         if self.runs > 1:
             for observers in self._observers.values():
                 observers.clear()
             self._bring_back()
-            stage.renew()
-        stage.bus.set_interceptors(interceptors)
-        stage.bus.restart()
+            self.setup.restart()
+        bus.set_interceptors(interceptors)
+        bus.restart()
 
     def start(self) -> None:
         """Start the components in the first run."""
         if self.runs == 1:
             self._start()
 
-    def watching(self, segment: str) -> Watch:
+    def watching(self, segment: str) -> Subscribe:
         """Return a function that observes a segment until the next run."""
 
         def watch(expression: str, take: Callable[[Message], None]) -> None:
             known = self._observers.get((segment, expression))
             if known is None:
                 known = self._observers[segment, expression] = []
-                self.stage.bus.subscribe(segment, expression, partial(_tell, known))
+                self.setup.network.bus.subscribe(segment, expression, partial(_tell, known))
             known.append(take)
 
         return watch
 
     def _bring_back(self) -> None:
-        stage = self.stage
+        bus, observation = self.setup.network.bus, self.setup.observation
         assert self._reset is not None
-        where, before = f"{self._place.context.file.path}: system.reset", stage.activity(self._names)
+        before = observation.activity(self._names)
 
         def publish(message: Message) -> bool:
-            cut = any(includes(text, message.key) for text in stage.bus.intercepted)
-            reached = (stage.bus.deliver(name, message) for name in stage.bus.sessions)
+            cut = any(includes(text, message.key) for text in bus.intercepted)
+            reached = (bus.deliver(name, message) for name in bus.sessions)
             return any(list(reached)) if cut else any(reached)  # if not cut, it is routed to the others
 
-        reset_components(stage, self._reset, publish, where=where, timeout=self._timeout)
-        if not stage.settle(self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=stage.idle, since=before):
+        self._reset_components(self._reset, publish, where="system.reset")
+        if not observation.settle(self._names, window=0.1, timeout=self._timeout, idle=observation.idle, since=before):
+            where = f"{self._place.context.file.path}: system.reset"
             raise EnvironmentFaultError(f"components are still busy {self._timeout:g} s after their reset", where=where)
-        stage.bus.drain(self._timeout)
+        bus.drain(self._timeout)
 
 
 class VirtualTimeSystem(RunningSystem):
     """Components that run in virtual time, each on a separate segment.
 
     Args:
-        place: Place in which they run.
-        clock: Settings of the virtual clock and of the reset.
         timeout: Seconds after which a component that is still busy counts as hanging.
-        options: Further arguments of `RunningSystem`.
-
-    Attributes:
-        time: Virtual time of the components.
     """
 
     intercepted: Sequence[str] = ()
@@ -230,6 +257,11 @@ class VirtualTimeSystem(RunningSystem):
         super().__init__(place, names, reset=clock.reset, timeout=timeout, **options)
         self.time = VirtualTime(clock, names, timeout=timeout)
 
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self.time.setup = self.setup
+        return self
+
     def _crossing(self) -> dict[str, Any]:
         pipeline = Pipeline([self.time], registry=self._place.context.registry)
         return {"segments": (), "intercept": ["**"], "pipeline": pipeline}
@@ -237,10 +269,10 @@ class VirtualTimeSystem(RunningSystem):
     def begin(self, interceptors: Sequence[object], *, time: int) -> None:
         """Begin a run at a virtual time; messages come from a log alone, which was changed before."""
         self.time.begin(time)
-        self.stage.now = self.time.now
-        self.stage.renew()
+        self.setup.network.now = self.time.now
+        self.setup.restart()
 
-    def watching(self, segment: str) -> Watch:
+    def watching(self, segment: str) -> Subscribe:
         """Return a function that observes the messages of all segments until the next run."""
         matches = self._place.context.registry.matches
 
@@ -260,9 +292,13 @@ class VirtualTimeSystem(RunningSystem):
         if self.runs == 1:
             self._start()
         elif self._reset is not None:
-            where = f"{self._place.context.file.path}: system.clock.reset"
-            give = partial(self.time.give, self.stage)
-            reset_components(self.stage, self._reset, give, where=where, timeout=self._timeout)
+            self._reset_components(self._reset, self.time.give, where="system.clock.reset")
+
+
+def end_kept(place: TrialPlace) -> None:
+    """End all systems that are kept over trials, since the next trial needs the place for itself."""
+    while place.kept:
+        place.kept.pop().__exit__(None, None, None)
 
 
 def can_be_kept(file: SystemFile, case: TestCase) -> bool:

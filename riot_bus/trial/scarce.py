@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from riot_bus.system.system_file import SystemFile
 
-_POLL = 0.05  # how long a free piece may stay unused; a look locks a few files
-
 
 def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:
     """Return how many of which resource components need that run together; an address to attach to is one, too."""
@@ -39,10 +37,6 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
 
     Resources are taken in the order of their names, and only one trial at a time takes pieces of a resource, so that no
     two trials wait for each other.
-
-    Args:
-        file: The system file.
-        names: Names of the components that run together.
     """
     needs = needed(file, names)
     if not needs:
@@ -62,7 +56,7 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
                             pieces.remove(piece)
                             count -= 1
                     if count:
-                        time.sleep(_POLL)
+                        time.sleep(0.05)  # how long a free piece may stay unused; a look locks a few files
         yield
 
 

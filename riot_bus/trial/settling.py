@@ -31,11 +31,9 @@ if TYPE_CHECKING:
 
     from riot_bus.processes.activity import Activity, Idle, Threads
 
-_POLL = 0.004
-_LONGEST_POLL = 0.02
-_POLLS = 8
-_TAKEN_POLL = 0.0001
-_SENT_POLL = 0.0003
+POLL = 0.004
+"""Seconds between looks at what takes some time."""
+_SENT_POLL = 0.0002
 _REST_POLL, _REST_S = 0.001, 0.05
 """As long as a unit usually takes for a log, it is asked often whether it rests: its outputs tell at little cost."""
 _SENDERS = (b"app-", b"tx-", b"net-")
@@ -116,7 +114,7 @@ def wait_taken(
         ran = threads.ran()
         if ran > before and not senders.busy(new=False) and threads.rests(ran):
             return True
-        time.sleep(_TAKEN_POLL)
+        time.sleep(_SENT_POLL)
     return False
 
 
@@ -153,7 +151,7 @@ def wait_settled(
     """
     begun = threads.activity()
     start = time.monotonic()
-    pause = min(max(window / _POLLS, _POLL), _LONGEST_POLL)
+    pause = min(max(window / 8, POLL), 5 * POLL)  # some looks in a window, without taking the unit's time
     calm = _Calm(begun, idle, start)
     received, looked = since is None, -math.inf
     while True:

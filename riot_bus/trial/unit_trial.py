@@ -16,6 +16,7 @@ from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.trial.baseline import UNKNOWN, Baseline, growth_of
 from riot_bus.trial.evidence import write_evidence
+from riot_bus.trial.observation import MEASURE_S
 from riot_bus.trial.recorded_calls import serve_calls
 from riot_bus.trial.scarce import held
 from riot_bus.trial.signs import Feeder
@@ -26,20 +27,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from riot_bus.trial.stage import TrialPlace, TrialSetup
+    from riot_bus.trial.setup import TrialPlace, TrialSetup
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-_DEBUGGER_S = 60.0
-"""Timeout behind a debugger, which spends most of it reading symbols."""
-_MOST_KEYS = 64
-"""Largest number of keys whose outputs are compared with nominal ones; it keeps a line of the store to a few KiB."""
 _GROWN = 1 / 32
 """Least share of allowed growth that a trial reports: 1 MiB, since allocators differ by some hundred KiB, or 1 file."""
-_WARM_UP = 0.15  # as `stage._MEASURE`: Zenoh's threads for callbacks wake up after 0.1 s
 _MOST_NAMES = 64
-"""Largest number of topics and fields in a summary, so that a line of the store stays below some KiB."""
+"""Largest number of keys whose outputs are compared with nominal ones, and of topics and fields in a summary, so that a
+line of the store stays below some KiB."""
 _MOST_OUTPUTS = 512
 """Largest number of outputs that are decoded."""
 
@@ -53,13 +50,13 @@ class IdleTrial:
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Start the unit and watch it."""
         try:
-            with unit_setup(self.unit, place) as stage:
-                name = stage.context.file.component_of(self.unit)
-                serve_calls(stage, self.unit)
-                stage.start(name, seed=case.seed)
-                stage.wait_ready([name])
-                stage.settle([name], window=_WARM_UP, timeout=1.0)
-                idle = stage.measure_timers([name])
+            with unit_setup(self.unit, place) as setup:
+                name, observation = setup.context.file.component_of(self.unit), setup.observation
+                serve_calls(setup.network, setup.context, self.unit)
+                setup.start(name, seed=case.seed)
+                setup.readiness.wait_ready([name])
+                observation.settle([name], window=MEASURE_S, timeout=1.0)
+                idle = observation.measure_timers([name])
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
         return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
@@ -74,7 +71,6 @@ class UnitTrial:
         nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics is the `NominalTrial`.
         evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
             is forked.
-        before: Prefix of the unit's command, such as a debugger.
     """
 
     unit: str
@@ -90,82 +86,67 @@ class UnitTrial:
         """
         more: dict[str, Any] = {"imports": None} if self.evidence else {}
         try:
-            with unit_setup(self.unit, place, **more) as stage:
-                self.start(stage, case)
-                return self.play(stage, case, evidence=place.left if self.evidence else None)
+            with unit_setup(self.unit, place, **more) as setup:
+                self._start(setup, case)
+                return self._play(setup, case, place.left)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
 
-    def start(self, stage: TrialSetup, case: TestCase) -> None:
-        """Start the unit for a case, and wait until it has subscribed to the keys of the messages that it will get.
-
-        Raises:
-            EnvironmentFaultError: It does not start.
-        """
-        name = stage.context.file.component_of(self.unit)
-        component = stage.context.file.components[name]
-        serve_calls(stage, self.unit)
-        stage.start(name, seed=case.seed, before=self.before)
+    def _start(self, setup: TrialSetup, case: TestCase) -> None:
+        """Start the unit, and wait until it has subscribed to the keys of the messages that it will get."""
+        name, network = setup.context.file.component_of(self.unit), setup.network
+        serve_calls(network, setup.context, self.unit)
+        setup.start(name, seed=case.seed, before=self.before)
         keys = dict.fromkeys(each.key for each in (*case.messages, *self.baseline.probe))
-        stage.wait_subscribed(name, keys)
-        stage.watch_all_outputs(segment=stage.context.file.segment_of(component), inputs=component.inputs)
+        setup.readiness.wait_subscribed(name, keys)
+        inputs = setup.context.file.components[name].inputs
+        network.watch_all_outputs(segment=network.segment_of(name), inputs=inputs)
 
-    def play(self, stage: TrialSetup, case: TestCase, *, evidence: Path | None = None) -> Outcome:
-        """Play the case to the unit that runs on a stage, and judge what it does.
-
-        Args:
-            stage: Stage on which the unit runs.
-            case: Test case to play.
-            evidence: Folder for the evidence of a failing trial; None to write none.
-
-        Raises:
-            EnvironmentFaultError: The machine is too busy for a verdict.
-        """
+    def _play(self, setup: TrialSetup, case: TestCase, left: Path) -> Outcome:
+        """Play the case to the unit, and judge what it does; `left` is the folder for evidence."""
         started = time.monotonic()
-        context, unit = stage.context, stage.context.file.unit[self.unit]
+        context, unit = setup.context, setup.context.file.unit[self.unit]
         name, reached, ahead = context.file.component_of(self.unit), list[list[int]](), list[int]()
-        process = stage.processes[name]
         messages, touched = inject_log(
             case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached, ahead=ahead
         )
         ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
-        feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
+        feeder = Feeder(setup, name, unit, self.baseline, ordered=ordered)
         settled = feeder.feed_case(messages)
-        sent, answered = feeder.sent, len(stage.outputs)
+        sent, answers = feeder.sent, tuple(setup.network.outputs)
         turns = len(case.messages) if sent == len(messages) else bisect_left(ahead, sent)  # of the log's own messages
         if self.before:
-            stage.launcher.wait([process], timeout=_DEBUGGER_S)
+            setup.processes.wait([name], timeout=60.0)  # a debugger reads symbols
         seen = feeder.nominal(self.baseline.probe) if self.nominal else None
         settled = settled or (seen is not None and feeder.works(seen))
         signs, settled = feeder.signs(settled=settled, unprobed=case.unprobed)
-        stage.sample_resources([name])
-        view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
-        view = replace(view, probed=feeder.probed, held_up=stage.held_up([name], since=feeder.begun)())
+        samples = setup.observation.sample_resources(name)
+        view = setup.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
+        view = replace(view, probed=feeder.probed, held_up=setup.observation.held_up([name], since=feeder.begun)())
         monitors = context.monitors_of(name)
         judged = judge(view, monitors)
         if seen is not None:
             mute = mute_monitors(view, monitors)
             seen = replace(seen, mute=mute, outputs=tuple(view.outputs), probed=view.probed)
         violations = (*judged.violations, *self.baseline.mined.judge(view))
-        size = sum(len(message.payload) for message in stage.inputs)
-        grown = self.baseline.excess(growth_of(stage.samples(name)), input_bytes=size)
+        grown = self.baseline.excess(growth_of(samples), input_bytes=sum(len(each.payload) for each in view.inputs))
         feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
-        if evidence and (violations or self.before):
-            write_evidence(evidence, view, violations, context=context)
+        if self.evidence and (violations or self.before):
+            write_evidence(left, view, violations, context=context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
-            seconds=time.monotonic() - stage.begun,
+            seconds=time.monotonic() - setup.begun,
             detail="; ".join(judged.broken),
             statistics={
                 "played": sent,
                 "messages": len(messages),
                 "modified": sum(index < turns for index, _, _ in touched),
                 "delivered": [sum(index < turns for index in each) for each in reached],
-                "shown": _shown(stage.outputs[:answered]),
-                "behaviour": behaviour_of(stage.outputs[:answered], context.registry),
-                "outputs": answered,
-                "started": process.started,
+                "shown": _shown(answers),
+                "behaviour": behaviour_of(answers, context.registry),
+                "outputs": len(answers),
+                "started": setup.processes.started[name].started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
                 **({"baseless": judged.baseless} if judged.baseless else {}),
                 **({"unordered": True} if feeder.gave_up else {}),
@@ -177,19 +158,13 @@ class UnitTrial:
 
 @contextmanager
 def unit_setup(unit: str, place: TrialPlace, **options: Any) -> Iterator[TrialSetup]:
-    """Reserve the resources that a unit needs, and open a setup for it alone.
-
-    Args:
-        unit: Name of the unit.
-        place: Place of the trial.
-        options: Arguments of `TrialPlace.setup` that differ.
-    """
+    """Reserve the resources that a unit needs, and open a setup for it alone."""
     context = place.context.alone(unit)
     file, name = context.file, context.file.component_of(unit)
     segments, stall = [file.segment_of(file.components[name])], file.unit[unit].settle.timeout
     setup = place.setup(context=context, segments=segments, stall=stall, attach=[name], **options)
-    with held(file, [name]), setup as stage:
-        yield stage
+    with held(file, [name]), setup:
+        yield setup
 
 
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
@@ -197,7 +172,7 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
     payloads: dict[str, list[bytes]] = {}
     for message in outputs:
         payloads.setdefault(message.key, []).append(hashlib.sha256(message.payload).digest())
-    if len(payloads) > _MOST_KEYS:
+    if len(payloads) > _MOST_NAMES:
         return None
     return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Event
     from riot_bus.system.system_file import VirtualClock
-    from riot_bus.trial.stage import TrialSetup
+    from riot_bus.trial.context import Context
+    from riot_bus.trial.setup import TrialSetup
 
 _POLL = 0.00005
 """Interval between checks in seconds; a component takes a few hundred microseconds for a message."""
@@ -41,13 +42,15 @@ class VirtualTime:
     """The time of a run, and an interceptor that holds messages of components until it is their turn.
 
     Args:
-        clock: Settings of the virtual clock.
         names: The components, each with a segment of the same name.
         timeout: Seconds after which a component that is still busy counts as hanging.
 
     Attributes:
         observers: Functions that are called with each message of a run when it is its turn.
+        setup: Setup in which the system runs; set before the first run.
     """
+
+    setup: TrialSetup
 
     def __init__(self, clock: VirtualClock, names: Sequence[str], *, timeout: float) -> None:
         self.observers: list[Callable[[Message], None]] = []
@@ -82,20 +85,9 @@ class VirtualTime:
         event.drop()
 
     def play(
-        self,
-        messages: Sequence[Message],
-        stage: TrialSetup,
-        publish: Callable[[Message], None],
-        *,
-        stop: Callable[[], bool],
+        self, messages: Sequence[Message], publish: Callable[[Message], None], *, stop: Callable[[], bool]
     ) -> bool:
         """Give all components each message when those before it have been processed, until the end, a stop or a hang.
-
-        Args:
-            messages: Messages in the order of their times.
-            stage: Stage on which the system runs.
-            publish: Function that is called with each message when it is its turn.
-            stop: Function that returns True when nothing more need be published.
 
         Returns:
             Whether all messages were played.
@@ -103,42 +95,42 @@ class VirtualTime:
         Raises:
             ConfigError: No component has subscribed to the clock topic.
         """
-        clock = _ClockMessages(self._clock, stage, messages) if self._clock.topic else None
+        clock = _ClockMessages(self._clock, self.setup, messages) if self._clock.topic else None
         step, tick = round(self._clock.step * 1e9), self._time
-        going = self._work_off(stage, stop)
+        going = self._work_off(stop)
         for message in messages:
             while going and clock and tick <= message.time:
                 self._time = tick
-                going = self._is_taken(stage, clock.message(tick), clock.missing) and self._work_off(stage, stop)
+                going = self._is_taken(clock.message(tick), clock.missing) and self._work_off(stop)
                 tick += step
             if not going:
                 break
             self._time = max(self._time, message.time)
             publish(message)
             self._tell(message)
-            going = not self.give(stage, message) or self._work_off(stage, stop)
+            going = not self.give(message) or self._work_off(stop)
         with self._lock:
             self._ended = time.monotonic_ns()
             left, self._held = self._held, []
         for segment, message in left:
-            self._pass_on(stage, segment, message)
+            self._pass_on(segment, message)
         return going
 
-    def _is_taken(self, stage: TrialSetup, message: Message, missing: ConfigError) -> bool:
+    def _is_taken(self, message: Message, missing: ConfigError) -> bool:
         """Give a message to all components; raise the error if all are alive and none has subscribed to it."""
-        if not self.give(stage, message) and all(map(stage.launcher.alive, stage.processes.values())):
+        if not self.give(message) and self.setup.processes.alive(self._names):
             raise missing
         return True
 
-    def give(self, stage: TrialSetup, message: Message, but: str = "") -> bool:
+    def give(self, message: Message, but: str = "") -> bool:
         """Publish a message to all components except `but`; return whether any of them takes it."""
         message = message.with_(qos=_BLOCK)
-        taken = [stage.bus.deliver(name, message) for name in self._names if name != but]
+        taken = [self.setup.network.bus.deliver(name, message) for name in self._names if name != but]
         return any(taken)
 
-    def _pass_on(self, stage: TrialSetup, segment: str, message: Message) -> bool:
+    def _pass_on(self, segment: str, message: Message) -> bool:
         self._tell(message)
-        return self.give(stage, message, but=segment)
+        return self.give(message, but=segment)
 
     def _tell(self, message: Message) -> None:
         self._count += 1
@@ -146,41 +138,42 @@ class VirtualTime:
         for observe in self.observers:
             observe(told)
 
-    def _work_off(self, stage: TrialSetup, stop: Callable[[], bool]) -> bool:
+    def _work_off(self, stop: Callable[[], bool]) -> bool:
         """Pass on held messages, one whenever all components rest; return False on `stop` or if one never rests."""
         waiting: list[tuple[str, Message]] = []
-        while not stop() and self._rest(stage):
+        while not stop() and self._rest():
             with self._lock:
                 held, self._held = self._held, []
             # messages of the same time: by component, and in its own order
             waiting += sorted(held, key=lambda each: (self._names.index(each[0]), each[1].sequence))
             taken = False
             while waiting and not taken:
-                taken = self._pass_on(stage, *waiting.pop(0))
+                taken = self._pass_on(*waiting.pop(0))
             if not taken:
                 return True
         with self._lock:
             self._held = waiting + self._held
         return False
 
-    def _rest(self, stage: TrialSetup) -> bool:
+    def _rest(self) -> bool:
         """Wait until all components are idle and nothing is in transit; return False if one is busy past the timeout.
 
         Data sent on this machine wakes its reader before the sender continues, or a kernel thread does so later. So if
         no thread wants a processor, and none has run since before this was looked at, nothing is in transit.
         """
-        threads, own, kernel = stage.threads(self._names), stage.others, _kernel_threads()
+        observation, bus = self.setup.observation, self.setup.network.bus
+        threads, own, kernel = observation.threads(self._names), observation.others, _kernel_threads()
         start, held_up, ran = time.monotonic(), None, -1
         while True:
             before, ran = ran, threads.ran()
             if ran == before:  # it is not worth while to look at all threads before
                 own_ran = own.ran()
-                if not kernel.busy(new=False) and own.rests(own_ran) and threads.rests(ran) and stage.bus.idle():
-                    if stage.include_started(self._names):
+                if not kernel.busy(new=False) and own.rests(own_ran) and threads.rests(ran) and bus.idle():
+                    if observation.include_started(self._names):
                         return True
-                    threads = stage.threads(self._names)
+                    threads = observation.threads(self._names)
             if (waited := time.monotonic() - start) > _LONG:
-                held_up = held_up or stage.held_up(self._names)
+                held_up = held_up or observation.held_up(self._names)
                 if waited - held_up() > self._timeout:
                     return False
             time.sleep(_POLL)
@@ -189,11 +182,6 @@ class VirtualTime:
 class _ClockMessages:
     """Messages that publish the time on the clock topic.
 
-    Args:
-        clock: Settings of the virtual clock, with the topic.
-        stage: Stage on which the system runs.
-        messages: The log; if it is from ROS 2, components use the same domain and type names.
-
     Attributes:
         missing: Error to raise if no component has subscribed to the topic.
 
@@ -201,16 +189,16 @@ class _ClockMessages:
         ConfigError: The topic does not stand for a single key.
     """
 
-    def __init__(self, clock: VirtualClock, stage: TrialSetup, messages: Sequence[Message]) -> None:
-        registry, where = stage.context.registry, f"{stage.context.file.path}: system.clock.topic"
+    def __init__(self, clock: VirtualClock, setup: TrialSetup, messages: Sequence[Message]) -> None:
+        registry, where = setup.context.registry, f"{setup.context.file.path}: system.clock.topic"
         keys = dict.fromkeys(message.key for message in messages)
         topics = [RecordedTopic(registry.topic(key), key, keyed=True, schema=_NO_SCHEMA, encoding="") for key in keys]
         clocks = (adapter.clock(topics, domain=None) for adapter in registry.publishing_adapters())
         known = next((each for each in clocks if each is not None and each.name == clock.topic), None)
         self._number = 0
         self._payload: Callable[[int], bytes] = _as_json if known is None else known.payload
-        self._key = single_key(stage, clock.topic or "", where=where) if known is None else known.offer.key
-        zid = stage.bus.segment(next(iter(stage.context.file.components))).zid
+        self._key = single_key(setup.context, clock.topic or "", where=where) if known is None else known.offer.key
+        zid = setup.network.bus.segment(next(iter(setup.context.file.components))).zid
         identify = None if known is None else known.offer.identify
         self._attach = None if identify is None else identify(zid, 1).attachment
         self.missing = ConfigError(
@@ -226,13 +214,13 @@ class _ClockMessages:
         return Message(now, self._key, self._payload(now), attachment=attachment)
 
 
-def single_key(stage: TrialSetup, topic: str, *, where: str) -> str:
+def single_key(context: Context, topic: str, *, where: str) -> str:
     """Return the key that a topic stands for.
 
     Raises:
         ConfigError: It stands for several keys or for none.
     """
-    (key,) = stage.context.topics(topic)
+    (key,) = context.topics(topic)
     if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
         hint = "write the Zenoh key, such as `robot/reset`"
         raise ConfigError(f"{topic!r} does not stand for a single key", where=where, hint=hint)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
-from riot_bus.zenoh.type_learner import Learner
 from riot_bus.zenoh.session_config import ANSWER_S
+from riot_bus.zenoh.type_learner import Learner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -22,7 +22,7 @@ WAIT_BEFORE_CLOSE_S = 5.0
 """How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
 
 ANSWER_S = 2.0
-"""How long to wait for the answers to a query: those who answer do so at once, and one that hangs delays others by this."""
+"""How long to wait for answers to a query: one that comes at all comes at once, and one that hangs delays others."""
 
 _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 
-
 class TokenTable:
     """The liveliness tokens of a key expression, subscribed to once for as long as the session is open.
 

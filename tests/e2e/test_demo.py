@@ -1,8 +1,10 @@
-"""The rover, from nothing to the report (RIOT III), once; other seeds are measured by benchmarks/demo.py."""
+"""The rover, from nothing to the report (RIOT III), by the core alone; benchmarks/demo.py measures other seeds."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,11 +13,30 @@ from riot_bus.findings.activation import ActivationRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
+from tests.distribution import ROOT, build, install, without_extensions
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
 
+@pytest.fixture
+def riot(tmp_path_factory: pytest.TempPathFactory):
+    """Run the `riot` of an environment that has no extension, only what the steps need."""
+    folder = tmp_path_factory.mktemp("core")
+    programs = install(build(ROOT, "wheel", folder), folder / "environment", extras=("ros2", "analysis", "report"))
+    program = without_extensions(programs) / "riot"
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+    def run(*arguments: object, timeout: float = 280) -> subprocess.CompletedProcess[str]:
+        words = [str(program), *map(str, arguments)]
+        return subprocess.run(words, env=environment, cwd=folder, capture_output=True, text=True, timeout=timeout)
+
+    return run
+
+
 def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_path: Path) -> None:
+    words = set(riot("--help").stdout.split())
+    assert {"demo", "router", "analyze"} <= words
+    assert not {"fleet", "agent", "diff", "bridge", "cluster"} & words
     done = riot("demo", "--out", tmp_path, "--seed", 3, "--format", "json", timeout=800)
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)

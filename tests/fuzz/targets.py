@@ -191,14 +191,14 @@ def _mcap_seeds() -> list[bytes]:
     import tempfile
     from pathlib import Path
 
-    from riot_bus.log.writer import LogWriter
+    from riot_bus.log.writer import LogSettings, LogWriter
     from riot_bus.vocabulary.message import Message
 
     found = []
     for compression in ("zstd", "lz4", "none"):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.mcap"
-            with LogWriter(path, compression=compression) as writer:
+            with LogWriter(path, LogSettings(compression=compression)) as writer:
                 for number in range(3):
                     writer.write(Message(10**18 + number, "a", b'{"v": 1}', encoding="application/json"))
             found.append(path.read_bytes())

@@ -15,9 +15,9 @@ from riot_bus.log.writer import LogWriter
 from riot_bus.pool.local import Pool
 from riot_bus.processes.launcher import Launcher
 from riot_bus.system.system_file import RunPace
-from riot_bus.trial import stage
+from riot_bus.trial import processes
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
@@ -71,12 +71,12 @@ def write(folder: Path, stop: str = BY_SIGNAL, how: str = "ended") -> Path:
 
 
 @contextmanager
-def ready_stage(path: Path) -> Iterator[TrialSetup]:
+def ready_setup(path: Path) -> Iterator[TrialSetup]:
     folder = path.parent / "trial"
     folder.mkdir()
     with Launcher() as launcher, TrialSetup(open_system(path), launcher, folder, segments=["system"]) as made:
         made.start("part", seed=0)
-        made.wait_subscribed("part", ["ask"])
+        made.readiness.wait_subscribed("part", ["ask"])
         yield made
 
 
@@ -87,10 +87,10 @@ def told(path: Path) -> list[str]:
 
 def test_a_command_asks_a_component_to_end(tmp_path: Path) -> None:
     path = write(tmp_path)
-    with ready_stage(path) as one:
+    with ready_setup(path) as one:
         assert told(path) == []
-        one.end(["part"])
-        assert one.processes["part"].status == 0
+        one.processes.end(["part"])
+        assert one.processes.started["part"].status == 0
     assert told(path) == ["asked 2", "ended"]  # once, though the trial ended later
 
 
@@ -104,9 +104,9 @@ def test_a_command_may_ask_over_the_bus(tmp_path: Path) -> None:
         "    session.put('end', b'', congestion_control=zenoh.CongestionControl.BLOCK)\n"
     )
     path = write(tmp_path, '["{python}", "stop.py", "{endpoint}"]')
-    with ready_stage(path) as one:
-        one.end(["part"])
-        assert one.processes["part"].status == 0
+    with ready_setup(path) as one:
+        one.processes.end(["part"])
+        assert one.processes.started["part"].status == 0
     assert told(path) == ["ended"]
 
 
@@ -127,12 +127,12 @@ def test_a_component_that_does_not_end_is_killed_and_that_is_told(
     how: str,
     words: str,
 ) -> None:
-    monkeypatch.setattr("riot_bus.trial.starter._STOPPED_WITHIN_S", 0.5)
-    stage._tell_unstopped.cache_clear()
-    with ready_stage(write(tmp_path, stop, how)) as one:
+    monkeypatch.setattr("riot_bus.trial.processes._ENDED_WITHIN_S", 0.5)
+    processes._log_unstopped.cache_clear()
+    with ready_setup(write(tmp_path, stop, how)) as one:
         begin = time.monotonic()
-        one.end(["part"])
-        assert one.processes["part"].status == -signal.SIGKILL
+        one.processes.end(["part"])
+        assert one.processes.started["part"].status == -signal.SIGKILL
         assert time.monotonic() - begin < 10
     (line,) = caplog.messages
     assert line.startswith("component 'part' is killed: its stop command ")

@@ -10,7 +10,7 @@ import pytest
 from riot_bus.processes.launcher import Launcher
 from riot_bus.system.system_file import RunPace
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 
 pytestmark = pytest.mark.integration
 
@@ -43,15 +43,15 @@ def test_timers_are_told_from_work(tmp_path: Path, period: str, *, restless: boo
     path = tmp_path / "riot.toml"
     path.write_text(SYSTEM.replace("PERIOD", period))
     context = open_system(path)
-    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
-        stage.start("part", seed=0)
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as setup:
+        setup.start("part", seed=0)
         begin = time.monotonic()
-        stage.wait_ready(["part"])
+        setup.readiness.wait_ready(["part"])
         assert time.monotonic() - begin < 50
-        assert stage.idle.switches > HALF_THE_SLOWER_TIMER or not restless
-        assert stage.settle(["part"], window=0.03, timeout=20.0, idle=stage.idle)
-        assert stage.settle(["part"], window=0.03, timeout=1.0) is not restless
-        assert (stage.measure_timers(["part"]).switches > HALF_THE_SLOWER_TIMER) is restless
+        assert setup.observation.idle.switches > HALF_THE_SLOWER_TIMER or not restless
+        assert setup.observation.settle(["part"], window=0.03, timeout=20.0, idle=setup.observation.idle)
+        assert setup.observation.settle(["part"], window=0.03, timeout=1.0) is not restless
+        assert (setup.observation.measure_timers(["part"]).switches > HALF_THE_SLOWER_TIMER) is restless
 
 
 def test_what_a_start_leaves_to_do_is_no_timer(tmp_path: Path) -> None:
@@ -61,10 +61,12 @@ def test_what_a_start_leaves_to_do_is_no_timer(tmp_path: Path) -> None:
     path = tmp_path / "riot.toml"
     path.write_text(SYSTEM.replace("PERIOD", "3600"))
     context = open_system(path)
-    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
-        stage.start("part", seed=0)
-        stage.wait_ready(["part"])
-        assert stage.measure_timers(["part"]).switches < HALF_THE_SLOWER_TIMER  # the naps would be a hundred a second
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as setup:
+        setup.start("part", seed=0)
+        setup.readiness.wait_ready(["part"])
+        assert (
+            setup.observation.measure_timers(["part"]).switches < HALF_THE_SLOWER_TIMER
+        )  # the naps would be a hundred a second
 
 
 @pytest.mark.parametrize(("period", "restless"), [("0.025", True), ("3600", False)])
@@ -76,11 +78,11 @@ def test_what_ready_components_do_is_known_after_three_starts(tmp_path: Path, pe
     context, measured = open_system(path), []
     with Launcher() as launcher:
         for number in range(5):
-            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
-                stage.start("part", seed=number)
-                stage.wait_ready(["part"])
-                measured.append(stage.idle)
-                assert stage.settle(["part"], window=0.03, timeout=20.0, idle=stage.idle)
+            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as setup:
+                setup.start("part", seed=number)
+                setup.readiness.wait_ready(["part"])
+                measured.append(setup.observation.idle)
+                assert setup.observation.settle(["part"], window=0.03, timeout=20.0, idle=setup.observation.idle)
     (known,) = context.idle.values()
     assert known == measured[:3]
     assert measured[3] == measured[4] == sorted(known, key=lambda each: each.switches)[1]
@@ -94,8 +96,8 @@ def test_components_that_are_started_otherwise_are_measured_anew(tmp_path: Path)
     context = open_system(path)
     with Launcher() as launcher:
         for speed in (0.025, 3600.0):
-            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
-                stage.start("part", seed=0, pace=RunPace(duration=1, speed=speed))
-                stage.wait_ready(["part"])
-                assert (stage.idle.switches > HALF_THE_SLOWER_TIMER) is (speed < 1)
+            with TrialSetup(context, launcher, tmp_path, segments=["system"]) as setup:
+                setup.start("part", seed=0, pace=RunPace(duration=1, speed=speed))
+                setup.readiness.wait_ready(["part"])
+                assert (setup.observation.idle.switches > HALF_THE_SLOWER_TIMER) is (speed < 1)
     assert [len(each) for each in context.idle.values()] == [1, 1]

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import os
-import subprocess
-import sys
 import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import install_hint
 from riot_bus.vocabulary.message import Message
+from tests.distribution import ROOT, build, install, outcome, run
 from tests.unit.report.conftest import rover
 
 pytestmark = pytest.mark.integration
-
-ROOT = Path(__file__).resolve().parents[2]
-NAME = "riot-bus"
 
 
 @pytest.fixture(scope="module")
@@ -62,65 +55,6 @@ def work(tmp_path: Path) -> Path:
     for record in rover():
         record.save(tmp_path / "finding")
     return tmp_path
-
-
-def build(source: Path, target: str, folder: Path) -> Path:
-    """Build one distribution of a source tree and return its file."""
-    before = set(folder.glob("*"))
-    run(Path(sys.executable), "-m", "hatchling", "build", "--target", target, "--directory", folder, cwd=source)
-    (made,) = set(folder.glob("*")) - before
-    return made
-
-
-def install(wheel: Path, folder: Path, *, extras: tuple[str, ...]) -> Path:
-    """Install a wheel where nothing but its dependencies is, and return the folder of its programs.
-
-    The dependencies are links to those of the environment that runs the tests, so no network is needed.
-
-    Args:
-        wheel: The file.
-        folder: For the environment.
-        extras: Those to install with it.
-    """
-    run(Path(sys.executable), "-m", "venv", "--without-pip", folder)
-    (packages,) = folder.glob("lib/python*/site-packages")
-    for name in dependencies(extras):
-        found = importlib.metadata.distribution(name)
-        for top in {each.parts[0] for each in found.files or ()} - {"..", "__pycache__", *os.listdir(packages)}:
-            (packages / top).symlink_to(str(found.locate_file(top)))
-    pip = ("-m", "pip", "--python", folder / "bin/python", "install", "--quiet", "--no-deps", "--no-index")
-    run(Path(sys.executable), *pip, wheel)
-    return folder / "bin"
-
-
-def dependencies(extras: tuple[str, ...]) -> set[str]:
-    """Return the names of all distributions that riot-bus with some extras asks for, directly or not."""
-    found: set[tuple[str, frozenset[str]]] = set()
-    open_ones = [(NAME, frozenset(extras))]
-    while open_ones:
-        name, chosen = open_ones.pop()
-        if (name, chosen) in found:
-            continue
-        found.add((name, chosen))
-        for text in importlib.metadata.requires(name) or ():
-            needed = Requirement(text)
-            if needed.marker is None or any(needed.marker.evaluate({"extra": extra}) for extra in ("", *chosen)):
-                open_ones.append((needed.name, frozenset(needed.extras)))
-    return {name for name, _ in found} - {NAME}
-
-
-def run(program: Path, *arguments: object, cwd: Path = Path("/")) -> str:
-    """Run a program to its successful end; return what it printed."""
-    code, out, err = outcome(program, *arguments, cwd=cwd)
-    assert code == 0, out + err
-    return out
-
-
-def outcome(program: Path, *arguments: object, cwd: Path = Path("/")) -> tuple[int, str, str]:
-    """Run a program; return its exit code, and what it printed to stdout and stderr."""
-    command = [str(program), *map(str, arguments)]
-    done = subprocess.run(command, cwd=cwd, env={"HOME": "/nonexistent"}, capture_output=True, text=True, timeout=120)
-    return done.returncode, done.stdout, done.stderr
 
 
 def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built: dict[str, Path]) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 from tests.integration.router_process import ENVIRONMENT, RIOT, riot
 from tests.unit.riot_bus_logtools.editing.edit_tools import json_log, raw
@@ -26,7 +26,7 @@ def names(folder: Path) -> list[str]:
 
 def large(path: Path) -> Path:
     """A log that takes a while."""
-    with LogWriter(path, compression="none") as writer:
+    with LogWriter(path, LogSettings(compression="none")) as writer:
         for n in range(100_000):
             writer.write(Message(n, "a", b'{"v": %d, "text": "%s"}' % (n, b"x" * 300), encoding="application/json"))
     return path

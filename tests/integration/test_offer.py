@@ -15,7 +15,7 @@ from riot_bus.processes.launcher import Launcher
 from riot_bus.router.bus import Bus
 from riot_bus.router.services.offer import ServiceOffer
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.client import open_client
@@ -126,13 +126,13 @@ def started(folder: Path, text: str) -> Iterator[TrialSetup]:
 def test_a_component_is_not_ready_before_it_offers_its_service(tmp_path: Path) -> None:
     (tmp_path / "node.py").write_text(NODE)
     with started(tmp_path, f'{SYSTEM}ready = {{ service = "map/size", timeout = 60 }}\n') as one:
-        process = one.processes["part"]
+        process = one.processes.started["part"]
         assert wait_until(lambda: process.printed() == "started\n", WAIT_S)
         assert "does not offer the service map/size" in str(
-            one._not_ready("part", one.context.file.components["part"].ready)
+            one.readiness._missing("part", one.context.file.components["part"].ready)
         )
         os.kill(process.pid, signal.SIGUSR1)
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
 
 
 def test_a_component_without_its_service_is_told(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_a_component_without_its_service_is_told(tmp_path: Path) -> None:
         started(tmp_path, f'{SYSTEM}ready = {{ service = "map/size", timeout = 3 }}\n') as one,
         pytest.raises(EnvironmentFaultError, match="'part' does not offer the service map/size within 3 s"),
     ):
-        one.wait_subscribed("part", ["ask"])
+        one.readiness.wait_subscribed("part", ["ask"])
 
 
 ROS_NODE = """
@@ -184,5 +184,5 @@ def test_a_node_of_ros_is_not_ready_before_it_offers_its_service(
         monkeypatch.setenv(name, given[name])
     monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
     with started(tmp_path, ROS_SYSTEM) as one:
-        one.wait_ready(["part"])
-        assert "serves" in one.processes["part"].printed()
+        one.readiness.wait_ready(["part"])
+        assert "serves" in one.processes.started["part"].printed()

@@ -13,7 +13,7 @@ from riot_bus.pool.local import Pool
 from riot_bus.processes.launcher import Launcher
 from riot_bus.system.system_file import RunPace
 from riot_bus.trial.context import open_system
-from riot_bus.trial.stage import TrialSetup
+from riot_bus.trial.setup import TrialSetup
 from riot_bus.trial.system_trial import SystemTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
@@ -161,27 +161,27 @@ CHARGER = Path(__file__).resolve().parents[1] / "systems" / "charger" / "riot.to
 def test_a_component_gets_a_domain_and_a_bridge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
     context = open_system(CHARGER)
-    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["robot"]) as stage:
-        process = stage.start("lamp", seed=0)
-        stage.wait_ready(["lamp"])
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["robot"]) as setup:
+        process = setup.start("lamp", seed=0)
+        setup.readiness.wait_ready(["lamp"])
         (expression,) = context.topics("/battery_state")
-        assert not stage.bus.wait_subscribed("robot", [expression], timeout=30)
-        node, bridge = stage.threads(["lamp"]).pids[:2]
+        assert not setup.network.bus.wait_subscribed("robot", [expression], timeout=30)
+        node, bridge = setup.observation.threads(["lamp"]).pids[:2]
         assert node == process.pid
-        assert stage.view(["lamp"], settled=True, waited=1.0).components[0].status is None
-        stage.sample_resources(["lamp"])
-        (sample,) = stage.samples("lamp")
+        assert setup.view(["lamp"], settled=True, waited=1.0).components[0].status is None
+        setup.observation.sample_resources("lamp")
+        (sample,) = setup.observation.samples("lamp")
         assert (
             sample.threads <= len(os.listdir(f"/proc/{node}/task")) + 2
         )  # those of the bridge are not the component's
         os.kill(bridge, signal.SIGKILL)
-        assert wait_until(lambda: _has_no_bridge(stage), 30)
+        assert wait_until(lambda: _has_no_bridge(setup), 30)
 
 
-def _has_no_bridge(stage: TrialSetup) -> bool:
+def _has_no_bridge(setup: TrialSetup) -> bool:
     """Return whether the end of the bridge is told, which is no failure of the component."""
     try:
-        stage.view(["lamp"], settled=True, waited=1.0)
+        setup.view(["lamp"], settled=True, waited=1.0)
     except EnvironmentFaultError as error:
         return "the bridge to DDS of component 'lamp' ended with status -9" in str(error)
     return False

@@ -70,7 +70,7 @@ FLEET = {
     **dict.fromkeys(("record", "status", "pause", "resume", "stop", "logs"), "r"),
     **{"robots": "", "play": "r log.mcap --inject {theirs}/plan.toml", "seek": "r 1", "rate": "r 1"},
 }
-FORMATS = ("text", "html", "sarif", "github", "allure")
+FORMATS = ("text", "html", "sarif", "github")
 LINES: dict[str, tuple[str, ...]] = {
     "report": (
         *(f"{{out}} --format {name}" for name in FORMATS),

@@ -15,7 +15,7 @@ from riot_bus.pool.local import Pool
 from riot_bus.pool.nominal import measure_baseline
 from riot_bus.processes.launcher import Launcher
 from riot_bus.trial import signs
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -177,7 +177,7 @@ own_logs = st.lists(st.tuples(messages, roles, notes), max_size=15)
 
 
 def write_own(path: Path, log: list[Any], chunk_bytes: int) -> None:
-    with LogWriter(path, chunk_bytes=chunk_bytes, clock=ManualClock(), metadata={"seed": "1"}) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=chunk_bytes), clock=ManualClock(), metadata={"seed": "1"}) as writer:
         for message, role, what in log:
             writer.write(message, role=role, changes=what)
 

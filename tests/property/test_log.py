@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
@@ -40,7 +40,7 @@ settings.register_profile("log", deadline=None, max_examples=scaled(60))
 
 def write(path, rows, compression="zstd", chunk_bytes=200, close=True):
     writer = LogWriter(
-        path, compression=compression, chunk_bytes=chunk_bytes, clock=ManualClock(), metadata={"seed": "1"}
+        path, LogSettings(compression=compression, chunk_bytes=chunk_bytes), clock=ManualClock(), metadata={"seed": "1"}
     )
     for message, role, what in rows:
         writer.write(message, role=role, changes=what)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import runpy
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -13,15 +12,9 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 SHOWN = sorted((DOCS / "pictures").glob("*.svg"))
 
 
-def outline(svg: str) -> list[tuple[str, str]]:
-    """Return the elements of a picture and their texts: places differ a little from one Matplotlib to another."""
-    return [(one.tag.rpartition("}")[2], (one.text or "").strip()) for one in ElementTree.fromstring(svg).iter()]
-
-
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, str]:
     pytest.importorskip("jinja2")
-    pytest.importorskip("matplotlib")
     found: dict[str, str] = runpy.run_path(str(DOCS / "pictures.py"))["pictures"]()
     return found
 
@@ -30,9 +23,7 @@ def test_each_picture_is_what_the_code_draws(drawn: dict[str, str]) -> None:
     kept = {path.stem: path.read_text(encoding="utf-8") for path in SHOWN}
     assert kept.keys() == drawn.keys()
     for name, svg in kept.items():
-        assert outline(svg) == outline(drawn[name]), f"{name}: python docs/pictures.py draws it again"
-    assert kept["chain"] == drawn["chain"]
-    assert kept["rover"] == drawn["rover"]
+        assert svg == drawn[name], f"{name}: python docs/pictures.py draws it again"
 
 
 @pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.stem)

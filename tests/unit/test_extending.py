@@ -26,7 +26,7 @@ POINT = re.compile(r'\[(riot_bus\.\w+)\] (\w+ = )"(.*)"')
 def test_each_kind_of_plug_in_has_a_place_on_the_page() -> None:
     groups = {kind.group for kind in KINDS}
     assert groups == set(re.findall(r"`(riot_bus\.\w+)`", PAGE)) & groups
-    assert len(EXAMPLES) == 7
+    assert len(EXAMPLES) == 8
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import ast
 import functools
 import re
+import runpy
 from collections import defaultdict
 from collections.abc import Iterator
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+SIZES: dict[str, Any] = runpy.run_path(str(ROOT / ".ci" / "sizes.py"))
+imports, room, circles = SIZES["imports"], SIZES["room"], SIZES["circles"]
 FOLDERS = {"": "riot_bus", "adapters/": "riot_bus_*", "dictionaries/": "riot_bus_*", "extensions/": "riot_bus_*"}
 SHORT_TEXT = re.compile(r"^ +[*`]*(?:[A-Za-z_]\w*)`?: (.{1,14})$(?!\n {5})", re.MULTILINE)
 """An argument or attribute whose whole text has less than 15 characters."""
@@ -38,9 +41,7 @@ FACTORIES = frozenset(
 FIRST = "all as at by from how in likewise of that to what when where which who whom whose why"
 """Words with which a text of a few words does not say what the argument is."""
 
-CIRCLES = [
-    {"riot_bus_logtools.editing.batch", "riot_bus_logtools.editing.inputs"},
-]
+CIRCLES: list[set[str]] = []
 """Circles that there are; the list may only get shorter."""
 
 
@@ -56,39 +57,14 @@ def sources() -> dict[str, ast.Module]:
     return found
 
 
-def imports(name: str, tree: ast.Module, known: dict[str, ast.Module]) -> Iterator[str]:
-    """Yield the modules of ours that a module imports, anywhere in it."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (each.name for each in node.names if each.name in known)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            for each in node.names:
-                full = f"{node.module}.{each.name}"
-                found = full if full in known else node.module
-                if found in known and found != name and not name.startswith(f"{found}."):
-                    yield found
-
-
-def circles(graph: dict[str, set[str]]) -> list[set[str]]:
-    """Return sets of modules that import each other; of each circle that is found, one link is cut before the next."""
-    graph, found = {name: set(targets) for name, targets in graph.items()}, []
-    while True:
-        try:
-            TopologicalSorter(graph).prepare()
-        except CycleError as error:
-            circle = error.args[1]
-            found.append(set(circle))
-            graph[circle[1]].discard(circle[0])
-        else:
-            return found
-
-
 def test_no_circle_between_rooms_and_only_these_inside() -> None:
     known = sources()
     graph = {name: set(imports(name, tree, known)) for name, tree in known.items() if name != "riot_bus"}
     rooms: dict[str, set[str]] = defaultdict(set)
+    packages = {name.rpartition(".")[0] for name in known}
     for name, targets in graph.items():
-        rooms[room(name)] |= {room(target) for target in targets} - {room(name)}
+        here = room(name, packages)
+        rooms[here] |= {room(target, packages) for target in targets} - {here}
     assert circles(rooms) == []
     assert {frozenset(each) for each in circles(graph)} <= {
         frozenset(part) for whole in CIRCLES for part in subsets(whole)
@@ -180,12 +156,6 @@ F = NamedTuple("F", [])
 """
     tree = ast.parse(text)
     assert [*classes(tree), *made_classes(tree)] == ["A", "B", "F"]
-
-
-def room(name: str) -> str:
-    """Return the room of a module: a package of riot_bus, or of its `chain`; an extension or adapter is one."""
-    depth = 3 if name.startswith("riot_bus.chain.") else 2 if name.startswith("riot_bus.") else 1
-    return ".".join(name.split(".")[:depth])
 
 
 def subsets(whole: set[str]) -> Iterator[set[str]]:

@@ -70,10 +70,6 @@ class InnerPort:
     A message on an intercepted key goes to the other segments, and to their listeners in this process, on the thread
     that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`, which describes
     the arguments of the methods.
-
-    Args:
-        bus: The bus, open.
-        segment: Name of the segment.
     """
 
     def __init__(self, bus: Bus, segment: str) -> None:

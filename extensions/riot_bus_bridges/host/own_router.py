@@ -33,12 +33,6 @@ def run_own_router(
 ) -> int:
     """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
 
-    Args:
-        options: Options of the router.
-        bridge_of: Function that makes the bridge from the segments by name.
-        foreground: Frame that prints the result.
-        program: Function that starts the program behind the bridge, once that is ready.
-
     Returns:
         Exit status, as that of `run_bridge`.
 

@@ -58,11 +58,7 @@ class Program:
 
 
 def end_as(status: int) -> None:
-    """End this process by the signal that ended a program; return if it ended otherwise.
-
-    Args:
-        status: Exit status, negative for a signal.
-    """
+    """End this process by the signal that ended a program; return if it ended otherwise."""
     if status < 0:
         signal.signal(-status, signal.SIG_DFL)
         os.kill(os.getpid(), -status)

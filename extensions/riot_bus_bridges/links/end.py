@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from riot_bus_bridges.mavlink.url import LinkSpec
     from riot_bus_mavlink.frame import Framer
 
-_MOST_PENDING = 64  # as many as one call can send over UDP (`_MOST_SEGMENTS` in udp.py)
+MOST_PENDING = 64
+"""Frames that are sent with one call: Linux's UDP_MAX_SEGMENTS, in newer versions 128; it refuses more over UDP."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +125,7 @@ class End(Peer):
             if not pending:
                 batching.loop.at_end(self.flush)
             pending.append(raw)
-            if len(pending) >= _MOST_PENDING:
+            if len(pending) >= MOST_PENDING:
                 self.flush()
             return
         with self._lock:
@@ -145,7 +146,7 @@ class End(Peer):
         if not self._pending:
             batching.loop.at_end(self.flush)
         self._pending += raws
-        if len(self._pending) >= _MOST_PENDING:
+        if len(self._pending) >= MOST_PENDING:
             self.flush()
 
     def flush(self) -> None:

@@ -53,10 +53,6 @@ class TelemetryLogSource(_LogLink):
 
     Frames are taken as they were received; frames that jump back in time come at once.
 
-    Args:
-        spec: Settings of the link, with the file and the speed.
-        host: Gets the frames.
-
     Raises:
         EnvironmentFaultError: The file cannot be read.
     """
@@ -122,10 +118,6 @@ class TelemetryLogSource(_LogLink):
 
 class TelemetryLogSink(_LogLink):
     """Appends all frames that are sent to it, each with its time.
-
-    Args:
-        spec: Settings of the link, with the file; it gets all frames, whatever their target.
-        host: Sends the frames.
 
     Raises:
         EnvironmentFaultError: The file cannot be written.

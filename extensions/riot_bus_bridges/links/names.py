@@ -44,15 +44,7 @@ def text_of(address: tuple[Any, ...]) -> str:
 def look_up(
     loop: Loop, spec: LinkSpec, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
 ) -> None:
-    """Report the address of a link's host: at once if it is written as an address, else later, on the loop's thread.
-
-    Args:
-        loop: Loop whose thread must not wait.
-        spec: The link, with host and port.
-        kind: Type of the socket, `SOCK_DGRAM` or `SOCK_STREAM`.
-        found: Called with the address.
-        failed: Called if the host is not known.
-    """
+    """Report the address of a link's host: at once if it is written as an address, else later, on the loop's thread."""
     try:
         place = place_of(spec.host, spec.port, kind, flags=socket.AI_NUMERICHOST)
     except OSError:

@@ -13,7 +13,6 @@ from typing import Any
 _AT_ONCE = 64  # packets per call; their buffers take 4 MiB of address space for each socket
 _LARGEST = 1 << 16  # UDP has 16 bits for the length of a packet
 _NAME = 32  # bytes, more than addresses of IPv4 and IPv6 have
-_WORD = 4  # bytes of `c_uint`, the type of `size` in `_Slot`
 _IPV4 = struct.Struct("!2xH4s")
 _IPV6 = struct.Struct("!2xHI16s")
 _FAMILY, _SCOPE = struct.Struct("=H"), struct.Struct("=24xI")
@@ -65,7 +64,7 @@ class Packets:
         messages = [_Message(names + at * _NAME, _NAME, vectors + at * step, 1) for at in range(_AT_ONCE)]
         self._slots = (_Slot * _AT_ONCE)(*map(_Slot, messages))
         words = memoryview(self._slots).cast("B").cast("I")
-        self._sizes = words[_Slot.size.offset // _WORD :: ctypes.sizeof(_Slot) // _WORD]
+        self._sizes = words[_Slot.size.offset // words.itemsize :: ctypes.sizeof(_Slot) // words.itemsize]
         self._places = places
 
     def receive(self) -> list[tuple[Any, list[bytes]]]:

@@ -37,10 +37,6 @@ class _Device:
 class SerialLink(StreamClient):
     """Opens a device, and reopens it after it was unplugged.
 
-    Args:
-        spec: Settings of the link.
-        host: Gets what comes over the link.
-
     Raises:
         MissingExtraError: pyserial is not installed.
     """

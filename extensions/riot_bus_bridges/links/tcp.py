@@ -42,10 +42,6 @@ def _configured(made: socket.socket, silence: float) -> socket.socket:
 class TcpServer(Link):
     """Listens for clients, each of which becomes an end of the link.
 
-    Args:
-        spec: Settings of the link, with the port.
-        host: Gets what comes over the link.
-
     Raises:
         EnvironmentFaultError: It cannot listen there.
     """
@@ -87,12 +83,7 @@ class TcpServer(Link):
 
 
 class TcpClient(StreamClient):
-    """Connects, and reconnects when the connection is lost.
-
-    Args:
-        spec: Settings of the link, with the other end.
-        host: Gets what comes over the link.
-    """
+    """Connects, and reconnects when the connection is lost."""
 
     lost, retry = "disconnected", 0.5
 

@@ -12,6 +12,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from riot_bus_bridges.links.end import MOST_PENDING
 from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen
 from riot_bus_bridges.links.names import look_up, place_of, text_of
 from riot_bus_bridges.links.packets import Packets
@@ -29,8 +30,6 @@ _MOST_PEERS = 64  # a guess: addresses can be forged, and each is sent frames
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
 _DROPS = 12  # column of /proc/net/udp
-_UDP_SEGMENT = 103  # linux/udp.h: the system cuts data into packets of one size; the last may be shorter
-_MOST_SEGMENTS = 64  # Linux's UDP_MAX_SEGMENTS, in newer versions 128: it refuses more
 _SIZE = struct.Struct("=H")
 _CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
 
@@ -90,7 +89,8 @@ class _UdpLink(Link):
         if made is None:
             return False
         try:
-            made.sendmsg(frames, [(socket.IPPROTO_UDP, _UDP_SEGMENT, _SIZE.pack(len(frames[0])))], 0, address)
+            # 103 is UDP_SEGMENT: the system cuts data into packets of one size; the last may be shorter.
+            made.sendmsg(frames, [(socket.IPPROTO_UDP, 103, _SIZE.pack(len(frames[0])))], 0, address)
         except OSError as error:
             self._cuts = error.errno not in _CANNOT_CUT
             return False
@@ -106,10 +106,6 @@ class _UdpLink(Link):
 
 class UdpServer(_UdpLink):
     """Listens, and sends to all addresses that have sent something lately.
-
-    Args:
-        spec: Settings of the link, with the port.
-        host: Gets what comes over the link.
 
     Raises:
         EnvironmentFaultError: It cannot listen there.
@@ -170,10 +166,6 @@ class UdpClient(_UdpLink, RetriedLink):
     """Sends to an address from the beginning; receives from any address, as pymavlink does.
 
     If the address is broadcast or multicast, once a peer answers, frames go to it alone until it is silent.
-
-    Args:
-        spec: Settings of the link, with the other end.
-        host: Gets what comes over the link.
     """
 
     retry = 1.0  # a guess: finds a new host soon; one lookup per second costs little
@@ -221,7 +213,7 @@ class UdpClient(_UdpLink, RetriedLink):
 
 def _alike(frames: Sequence[bytes], at: int) -> int:
     """Return the end index of the frames from `at` on that can be sent with one call."""
-    size, most = len(frames[at]), min(len(frames), at + _MOST_SEGMENTS)
+    size, most = len(frames[at]), min(len(frames), at + MOST_PENDING)
     stop = at + 1
     while stop < most and len(frames[stop]) == size:
         stop += 1

@@ -19,16 +19,7 @@ FILTER_NAMES = {way: frozenset(f"{action}_{what}_{way}" for action, what in _FIE
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """Filter that passes what every non-empty allow list names and no block list names.
-
-    Attributes:
-        allow_msg_id: Message ids; empty for all.
-        block_msg_id: Message ids.
-        allow_src_sys: Systems; empty for all.
-        block_src_sys: Systems.
-        allow_src_comp: Components; empty for all.
-        block_src_comp: Components.
-    """
+    """Filter that passes what every non-empty allow list names and no block list names."""
 
     allow_msg_id: frozenset[int] = frozenset()
     allow_src_sys: frozenset[int] = frozenset()

@@ -30,11 +30,7 @@ _RENAMED = {"type": "mavtype"}
 
 
 class JsonForm:
-    """Writes and reads JSON.
-
-    Args:
-        dialect: The messages that are known.
-    """
+    """Writes and reads JSON."""
 
     def __init__(self, dialect: Dialect) -> None:
         self._dialect = dialect

@@ -16,11 +16,7 @@ if TYPE_CHECKING:
 
 
 class MavlinkListener:
-    """Listens to MAVLink links; see `riot_bus.types.capabilities.ListensToLinks`.
-
-    Args:
-        adapter: Adapter with the dialect of the links.
-    """
+    """Listens to MAVLink links; see `riot_bus.types.capabilities.ListensToLinks`."""
 
     def __init__(self, adapter: MavlinkAdapter) -> None:
         self._adapter = adapter

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_MOST_SOURCES = 4096  # of 65,536 that senders may make up: bounds memory; a guess
+MOST_IDS = 4096
+"""Of what senders may make up (65,536 sources, 24-bit ids of messages): bounds memory and publishers; a guess."""
 
 
 @dataclass(slots=True)
@@ -46,7 +47,7 @@ class LinkLosses:
         """Return the counter of a source, None if there are too many sources."""
         source = system << 8 | component
         count = self._sources.get(source)
-        if count is None and len(self._sources) < _MOST_SOURCES:
+        if count is None and len(self._sources) < MOST_IDS:
             count = self._sources[source] = SourceCount()
         return count
 

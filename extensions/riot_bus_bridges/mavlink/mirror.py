@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus_bridges.mavlink.losses import MOST_IDS
 from riot_bus_mavlink.frame import parse_frame
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 IN, OUT = "mavlink/in", "mavlink/out"
 ENCODING = "application/json;mavlink"
 _MOST_QUEUED = 1024  # batches
-_MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 _END_S = 5.0  # generous: the thread ends after the batch that it has begun; not measured
 _MARK = b"mavlink-json-1"
 
@@ -112,7 +112,7 @@ class Mirror:
     def _outlet(self, key: str) -> PortPublisher:
         outlet = self._outlets.get(key)
         if outlet is None:
-            if len(self._outlets) >= _MOST_OUTLETS:
+            if len(self._outlets) >= MOST_IDS:
                 self._outlets.pop(next(iter(self._outlets))).close()
             outlet = self._outlets[key] = self._port.publisher(key, reliable=True, encoding=ENCODING)
         return outlet

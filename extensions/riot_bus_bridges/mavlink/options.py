@@ -66,9 +66,6 @@ class MavlinkBridgeOptions:
     def plan(self, segments: Sequence[str]) -> "MavlinkBridgePlan":
         """Return what is to be bridged.
 
-        Args:
-            segments: Names of the segments.
-
         Raises:
             ConfigError: An option is not usable.
             MissingExtraError: pymavlink is not installed.

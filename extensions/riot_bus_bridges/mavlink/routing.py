@@ -10,6 +10,7 @@ from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_bridges.mavlink.filters import Filter
+from riot_bus_bridges.mavlink.losses import MOST_IDS
 from riot_bus_mavlink.frame import HEADER_SIZE
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""
 
 _MOST_FRAMES = 1 << 16  # attackers may send any number: bounds memory at 18 MB of frames (280 bytes each)
-_MOST_TYPES = 4096  # of 24-bit ids; pymavlink knows 353 messages, others are looked up again each time
 
 
 def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed:
@@ -125,12 +125,7 @@ class Duplicates:
         self._last: OrderedDict[bytes, float] = OrderedDict()
 
     def seen(self, raw: bytes, now: float) -> bool:
-        """Return whether a frame was seen within the period; remember it.
-
-        Args:
-            raw: The whole frame.
-            now: Time of a monotonic clock in seconds.
-        """
+        """Return whether a frame was seen within the period; remember it."""
         last = self._last
         while last:
             oldest = next(iter(last))
@@ -252,7 +247,7 @@ class Routes(Generic[PeerT]):
         offsets = self._offsets.get(message_id)
         if offsets is None:
             offsets = self._targets(message_id)
-            if len(self._offsets) < _MOST_TYPES:
+            if len(self._offsets) < MOST_IDS:
                 self._offsets[message_id] = offsets
         system, component = (0, 0) if offsets[0] is None else addressed(frame, offsets)
         found = []

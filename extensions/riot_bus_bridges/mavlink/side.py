@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_bridges.links.end import Flow
+from riot_bus_bridges.mavlink.losses import MOST_IDS
 from riot_bus_mavlink.frame import ENCODING, KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
@@ -40,8 +41,6 @@ _MAGIC = b"mavlink-link-1 "
 INSERTED = _MAGIC + b"inserted"
 """Attachment of frames that a bridge put on the bus for another sender; they are numbered already."""
 _ID_BYTES = 8  # a chance of 3e-8 that two of a million bridges have the same
-_MOST_FLOWS = 4096  # senders choose their ids: bounds memory; beyond it all routes are found anew
-_MOST_OUTLETS = 4096  # senders choose their ids: bounds publishers; beyond it the oldest is closed
 
 
 class Side:
@@ -61,8 +60,6 @@ class Side:
         signer: Signer with the key of signed frames; None to pass them on unchanged.
 
     Attributes:
-        routes: The routing table of the segment.
-        streams: Numbers inserted frames.
         mirror: Gets the frames that came over links, None for none.
         counts: Numbers of frames: `to_bus`, `lost_to_bus` (could not be put on the bus), `from_bus`, `inserted` (by
             others than links), `broken` (no whole frames), `unrouted` (wanted by no link), and `refused` (empty, too
@@ -110,11 +107,7 @@ class Side:
         self._inlet = self.port.collect(self._keys.expression(), self.deliver)
 
     def await_subscriber(self, seconds: float) -> bool:
-        """Wait for a subscriber on the bus, without which the first frames would be lost; return whether there is one.
-
-        Args:
-            seconds: Maximum time to wait, in seconds.
-        """
+        """Wait for a subscriber on the bus, without which the first frames would be lost; return whether it came."""
         matched = threading.Event()
         outlet = self.port.publisher(self._keys.key("any", 0, 0, "ANY"), reliable=True, changed=matched.set)
         try:
@@ -220,7 +213,7 @@ class Side:
         count = end.losses.of(frame.system, frame.component)
         if frame.version == 2 and extra is not None and count is not None and self.routes.settled(frame.message_id):
             flows = self._flows(end)
-            if len(flows) >= _MOST_FLOWS:
+            if len(flows) >= MOST_IDS:
                 flows.clear()
             if end.generation == generation:
                 flows[frame.raw[KIND]] = Flow(bytes([extra]), count, others, outlet)
@@ -274,7 +267,7 @@ class Side:
         generation = self.routes.generation
         ends = self.routes.deliver(frame, looped=own)
         if ends and own and is_plain(payload) and self.routes.settled(frame.message_id):
-            if len(self._deliveries) >= _MOST_FLOWS:
+            if len(self._deliveries) >= MOST_IDS:
                 self._deliveries.clear()
             self._deliveries[payload[KIND]] = generation, ends
         counts = self.counts
@@ -321,7 +314,7 @@ class Side:
         with self._declaring:
             outlet = self._outlets.get(place)
             if outlet is None:
-                if len(self._outlets) >= _MOST_OUTLETS:
+                if len(self._outlets) >= MOST_IDS:
                     self._outlets.pop(next(iter(self._outlets))).close()
                     self.routes.forget()
                 link, system, component, message_id = place

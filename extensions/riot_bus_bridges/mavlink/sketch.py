@@ -66,13 +66,6 @@ def sketch(
     The unit under test is the system that the user names; otherwise one without an autopilot, such as a ground station,
     if others were heard, too; otherwise one that was not heard. All others are the outside world.
 
-    Args:
-        survey: Systems and messages that were heard.
-        specs: The links.
-        dialect: The known messages.
-        seconds: Duration of listening.
-        unit: System id of the unit under test; None to choose.
-
     Raises:
         EnvironmentFaultError: Nothing was heard.
         ConfigError: The unit was not heard.
@@ -143,12 +136,7 @@ def sketch_lines(found: Sketch) -> list[str]:
 
 
 def sketch_toml(found: Sketch, *, origin: str) -> str:
-    """Return the text of a system file.
-
-    Args:
-        found: The system.
-        origin: Text on where and how it was heard, for the first comment.
-    """
+    """Return the text of a system file."""
     topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
     head = [
         f"# Written by `riot init`: {_comment(origin)}.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from riot_bus_bridges.mavlink.losses import MOST_IDS
 from riot_bus_mavlink.frame import HEADER_SIZE, seal
 from riot_bus_mavlink.signing import link_of, time_of
 
@@ -12,8 +13,6 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.signing import Signer
-
-_MOST_SOURCES = 4096  # of 65,536 possible: beyond it, inserted frames of new sources get number 0
 
 
 class OwnStreams:
@@ -26,9 +25,6 @@ class OwnStreams:
     Args:
         crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
         signer: Re-signs signed frames; None if the key is not known.
-
-    Attributes:
-        crc_extra: Returns a message's CRC extra byte.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:
@@ -38,7 +34,7 @@ class OwnStreams:
     def next(self, system: int, component: int) -> int:
         """Return the number of the next inserted frame of a source."""
         source = system << 8 | component
-        if source not in self._next and len(self._next) >= _MOST_SOURCES:
+        if source not in self._next and len(self._next) >= MOST_IDS:
             return 0
         number = self._next.get(source, 0)
         self._next[source] = (number + 1) & 255

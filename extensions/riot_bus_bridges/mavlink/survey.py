@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.frame import Frame
 
-_HEARTBEAT = 0
-_MOST_SPEAKERS = 1024  # of 65,536 that senders may make up: bounds memory; a guess
-_MOST_MESSAGES = 1024  # pymavlink knows 353; only made-up ids exceed this
+_MOST = 1024  # speakers, and messages of each: ids that senders may make up; pymavlink knows 353 messages
 
 
 @dataclass(slots=True)
@@ -66,18 +64,18 @@ class LinkSurvey:
         source = frame.system, frame.component
         speaker = self.speakers.get(source)
         if speaker is None:
-            if len(self.speakers) >= _MOST_SPEAKERS:
+            if len(self.speakers) >= _MOST:
                 self.skipped += 1
                 return
             speaker = self.speakers[source] = Speaker(link)
-        if frame.message_id not in speaker.messages and len(speaker.messages) >= _MOST_MESSAGES:
+        if frame.message_id not in speaker.messages and len(speaker.messages) >= _MOST:
             self.skipped += 1
             return
         speaker.messages[frame.message_id] += 1
         target = addressed(frame, self._targets(frame.message_id))[0]
         if target:
             speaker.targets.add(target)
-        if frame.message_id == _HEARTBEAT:
+        if frame.message_id == 0:  # HEARTBEAT
             payload = frame.payload.ljust(9, b"\0")
             speaker.kind, speaker.autopilot = payload[4], payload[5]
 
@@ -86,12 +84,6 @@ def listen(
     links: Sequence[str], dialect: Dialect, *, seconds: float, warn: Callable[[str], None] = lambda line: None
 ) -> tuple[LinkSurvey, list[LinkSpec]]:
     """Listen to links for a while; nothing is sent.
-
-    Args:
-        links: Links in the form that `parse_link` takes.
-        dialect: The known messages.
-        seconds: Time to listen, seconds.
-        warn: Called with one line for each problem.
 
     Returns:
         What was heard, and the links.

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus_bridges.mavlink.losses import MOST_IDS
+
 if TYPE_CHECKING:
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.links.link import Link
     from riot_bus_bridges.mavlink.url import LinkSpec
 
 _STREAM = ("frames", "unknown", "bad_crc", "bytes", "frame_bytes", "junk_bytes")
-_MOST_SOURCES = 4096  # as in losses.py, over all ends of a link: bounds memory and the status
 
 
 class LinkTally:
-    """Counts of one link.
-
-    Args:
-        spec: The link.
-    """
+    """Counts of one link."""
 
     def __init__(self, spec: LinkSpec) -> None:
         self.spec = spec
@@ -48,11 +45,7 @@ class LinkTally:
         return tuple(end.address for end in self._ends)
 
     def status(self, link: Link) -> dict[str, Any]:
-        """Return the state and the counts as JSON values.
-
-        Args:
-            link: The link that was opened.
-        """
+        """Return the state and the counts as JSON values."""
         total = Counter(self._past)
         sources = {source: Counter(counts) for source, counts in self._past_sources.items()}
         for end in self._ends:
@@ -84,5 +77,5 @@ def _counts_of(end: End) -> Counter[str]:
 
 def _add_sources(sources: dict[tuple[int, int], Counter[str]], end: End) -> None:
     for source, count in end.losses.counts().items():
-        if source in sources or len(sources) < _MOST_SOURCES:
+        if source in sources or len(sources) < MOST_IDS:
             sources.setdefault(source, Counter()).update(received=count.received, lost=count.lost)

@@ -11,11 +11,7 @@ if TYPE_CHECKING:
 
 
 def ready_line(status: Mapping[str, Any]) -> str:
-    """Return a line that says which links are in which segment.
-
-    Args:
-        status: Result of `MavlinkBridge.status`.
-    """
+    """Return a line that says which links are in which segment."""
     parts = []
     for name, segment in status["segments"].items():
         links = [
@@ -28,11 +24,7 @@ def ready_line(status: Mapping[str, Any]) -> str:
 
 
 def summary_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return lines with notes and a table of what crossed and what was lost before it arrived.
-
-    Args:
-        status: Result of `MavlinkBridge.status`.
-    """
+    """Return lines with notes and a table of what crossed and what was lost before it arrived."""
     rows = [("", "in", "out", "lost before", "not sent", "bad checksum", "junk bytes")]
     notes = []
     for name, link in status["links"].items():

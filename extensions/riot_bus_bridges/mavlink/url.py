@@ -145,10 +145,6 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
     A URL is `SCHEME:HOST:PORT`, `SCHEME://HOST:PORT`, `SCHEME:PORT`, `serial:DEVICE:BAUD`, `DEVICE,BAUD`, or the path
     of a `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
 
-    Args:
-        text: The link as the user wrote it.
-        id_of: Returns the id of a message name, for filters.
-
     Raises:
         ConfigError: It is not usable; the message says why.
     """

@@ -24,9 +24,6 @@ class Echoes:
     Args:
         most: Maximum number of remembered messages; a subscription that keeps fewer cannot hold more.
         clock: Clock of the middleware's timestamps, nanoseconds since the Unix epoch.
-
-    Attributes:
-        most: Maximum number of remembered messages.
     """
 
     def __init__(self, most: int, *, clock: Callable[[], int] = time.time_ns) -> None:

@@ -73,12 +73,7 @@ class Wire:
     def send(self, kind: BridgeFrameKind, endpoint: int, number: int, payload: bytes, *, patient: bool = True) -> None:
         """Send a frame; raises OSError if the other end is gone.
 
-        Args:
-            kind: Kind of the frame.
-            endpoint: See `BridgeFrame`.
-            number: See `BridgeFrame`.
-            payload: See `BridgeFrame`.
-            patient: Whether to wait while the queue is full. The receiving thread must not, lest both ends wait.
+        The receiving thread must not be patient, which is to wait while the queue is full, lest both ends wait.
         """
         header = _HEADER.pack(len(payload), kind, endpoint, number)
         if len(payload) < _JOINED:
@@ -98,11 +93,7 @@ class Wire:
         self.send(BridgeFrameKind.DOCUMENT, 0, 0, json.dumps(document).encode(), patient=False)
 
     def flush(self, timeout: float) -> bool:
-        """Wait until everything sent is in the socket; return whether it is.
-
-        Args:
-            timeout: Maximum time to wait, in seconds.
-        """
+        """Wait until everything sent is in the socket; return whether it is."""
         return self._outbox.flush(timeout)
 
     def receive(self) -> BridgeFrame | None:

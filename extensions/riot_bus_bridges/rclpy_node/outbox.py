@@ -60,11 +60,7 @@ class Outbox:
             self._changed.notify_all()
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all is written; return whether it is.
-
-        Args:
-            timeout: Maximum time to wait, in seconds.
-        """
+        """Wait until all is written; return whether it is."""
         with self._lock:
             self._changed.wait_for(lambda: self._ended or not self._size, timeout)
             return not self._size

@@ -40,12 +40,7 @@ _SHARE = 20  # a twentieth of the time is spent on looking at the graph
 
 
 class Relay:
-    """The node; a bridge has one.
-
-    Args:
-        wire: Connection to the bridge.
-        name: Name of the node.
-    """
+    """The node; a bridge has one."""
 
     def __init__(self, wire: Wire, name: str) -> None:
         self._wire = wire

@@ -20,11 +20,7 @@ _PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
 
 
 class GraphSnapshot:
-    """Looks at the graph.
-
-    Args:
-        node: Node of this bridge.
-    """
+    """Looks at the graph."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

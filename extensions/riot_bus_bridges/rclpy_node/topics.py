@@ -24,11 +24,7 @@ _RELIABLE, _LATCHED = 1, 1
 
 
 class Topics:
-    """Makes publishers and subscriptions; those of one topic know each other.
-
-    Args:
-        node: Node that owns them.
-    """
+    """Makes publishers and subscriptions; those of one topic know each other."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -39,14 +35,7 @@ class Topics:
         return Publisher(self._node, self._of(topic, type_name), topic, message_type(type_name), qos)
 
     def subscription(self, number: int, topic: str, type_name: str, qos: Sequence[int]) -> Subscription:
-        """Return a new subscription; raises what rclpy raises, or UnknownTypeError.
-
-        Args:
-            number: Number of the subscription in its frames.
-            topic: Full name of the topic.
-            type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
-            qos: Profile as numbers, see `profiles`.
-        """
+        """Return a new subscription; raises what rclpy raises, or UnknownTypeError."""
         return Subscription(self._node, self._of(topic, type_name), number, topic, message_type(type_name), qos)
 
     def _of(self, topic: str, type_name: str) -> _Both:

@@ -37,12 +37,7 @@ class Announcer:
         self._numbers = itertools.count(1)
 
     def update(self, wanted: Iterable[DomainAnnouncement], *, may_show: Callable[[DomainAnnouncement], bool]) -> None:
-        """Declare the wanted tokens and no others.
-
-        Args:
-            wanted: The announcements to be declared.
-            may_show: Returns whether what an announcement promises works already.
-        """
+        """Declare the wanted tokens and no others."""
         present = {each for each in wanted if may_show(each)}
         for gone in [each for each in self._shown if each not in present]:
             self._shown.pop(gone)[1].close()

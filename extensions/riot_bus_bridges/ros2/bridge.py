@@ -15,7 +15,7 @@ from riot_bus_bridges.bridging import Bridge
 from riot_bus_bridges.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
 from riot_bus_bridges.ros2.announcer import Announcer
 from riot_bus_bridges.ros2.graph import DomainGraph
-from riot_bus_bridges.ros2.node import NodeProcess
+from riot_bus_bridges.ros2.node import START_S, NodeProcess
 from riot_bus_bridges.ros2.options import Names
 from riot_bus_bridges.ros2.other_bridges import OtherBridge
 from riot_bus_bridges.ros2.plan import BridgePlan, plan_of
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _TOKENS = "@riot/bridge/ros2"
 _LOOK_S = 0.5  # changes wake the thread at once; waits such as `_LINGER_S` end up to this late
-_START_S = 60.0  # generous: discovery on a slow or busy machine; not measured
 _LINGER_S = 2.0  # longest delay of the last messages of a publisher that has gone
 _RESTART_S = 10.0
 """Time for which a route stays whose last endpoint has gone: a node that is started again is back in 1 to 5 s, and Fast
@@ -45,7 +44,6 @@ _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an en
 _MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
 _MOST_BRIDGES = 1000  # a guess: tokens can be forged, and each look goes through all of them
 _MEET_S = 5.0  # longest time until nodes of a domain know each other
-_GID = 16  # an attachment ends with a gid, a hash of 128 bits (gid.py)
 _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
@@ -54,11 +52,6 @@ class Ros2Bridge(Bridge):
 
     One thread decides what is bridged, from the endpoints on both sides. Messages are carried on the threads that
     receive them: the one that listens to the node, and Zenoh's.
-
-    Args:
-        port: The segment; the bridge does not close it.
-        options: Options of the bridge.
-        warn: Called from other threads with one line for each problem.
 
     Raises:
         ConfigError: An option is not usable.
@@ -119,7 +112,7 @@ class Ros2Bridge(Bridge):
         self._await_first_look()
 
     def _await_first_look(self) -> None:
-        deadline = time.monotonic() + _START_S
+        deadline = time.monotonic() + START_S
         while not self._settled.wait(_LOOK_S) and not self.ended.is_set():
             if time.monotonic() > deadline:
                 raise EnvironmentFaultError("the node does not see its ROS domain", where="bridge")
@@ -326,7 +319,8 @@ class Ros2Bridge(Bridge):
         return service is not None and service.works
 
     def _is_own(self, attachment: bytes | None) -> bool:
-        return attachment is not None and attachment[-_GID:] in self._gids
+        # An attachment ends with a gid, a hash of 128 bits.
+        return attachment is not None and attachment[-16:] in self._gids
 
     def _all_routes(self) -> Iterator[BridgeRoute]:
         return itertools.chain.from_iterable(list(routes.values()) for routes in self._routes.values())

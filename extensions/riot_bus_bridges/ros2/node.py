@@ -12,8 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import riot_bus_ros2
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus_bridges import rclpy_node
 from riot_bus_bridges.rclpy_node.frames import BridgeFrame, BridgeFrameKind, Wire
 
 if TYPE_CHECKING:
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
     from riot_bus_bridges.ros2.options import Ros2BridgeOptions
 
-_PROGRAM = Path(riot_bus_ros2.__file__).resolve().parent / "rclpy_node"
-_START_S = 60.0  # generous: importing rclpy on a slow or busy machine; not measured
+_PROGRAM = Path(rclpy_node.__file__).resolve().parent
+START_S = 60.0
+"""Generous: importing rclpy, and discovery, on a slow or busy machine; not measured."""
 _END_S = 10.0  # the node itself takes up to 6 s: three times `_LINGER_S` of relay.py
 _FLUSH_S = 5.0  # generous: only a node that hangs leaves orders unread for so long
 _BUFFER = 1 << 22  # asked for, so that large messages need not wait; the system may give less
@@ -70,7 +71,7 @@ class NodeProcess:
                 )
             except OSError as error:
                 raise ConfigError(f"{command[0]} does not start: {error.strerror}", where="--python") from error
-        ours.settimeout(_START_S)
+        ours.settimeout(START_S)
         first = self._wire.receive()
         ours.settimeout(None)
         if first is None:

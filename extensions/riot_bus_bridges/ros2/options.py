@@ -92,11 +92,7 @@ class Ros2BridgeOptions:
 
 
 class Names:
-    """Which topics and services are bridged.
-
-    Args:
-        options: Options that the user gave.
-    """
+    """Which topics and services are bridged."""
 
     def __init__(self, options: Ros2BridgeOptions) -> None:
         self._topics, self._services, self._exclude = options.topics, options.services, options.exclude

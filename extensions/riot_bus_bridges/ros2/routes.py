@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 
-_LEAST = 4  # bytes of CDR's encapsulation
-
 
 @dataclass(frozen=True, slots=True)
 class RouteContext:
@@ -59,12 +57,6 @@ class RouteContext:
 
 class BridgeRoute:
     """A topic or service that crosses the bridge.
-
-    Args:
-        number: Number of its endpoint in the domain.
-        key: Topic or service.
-        plan: Plan for a topic; None for a service.
-        context: State that the routes of a bridge share.
 
     Attributes:
         way: Name of the count in the bridge's status.
@@ -171,7 +163,7 @@ class DownRoute(BridgeRoute):
     def _carry_message(self, payload: bytes, attachment: bytes | None) -> None:
         if self._context.is_own(attachment):
             return
-        if len(payload) < _LEAST:
+        if len(payload) < 4:  # bytes of CDR's encapsulation
             self._context.refused(self.key.topic)
             return
         self.count += 1

@@ -11,11 +11,7 @@ if TYPE_CHECKING:
 
 
 def summary_lines(status: Mapping[str, Any]) -> list[str]:
-    """Return a table of what crossed.
-
-    Args:
-        status: Result of `Ros2Bridge.status`.
-    """
+    """Return a table of what crossed."""
     topics, services, refused = status["topics"], status["services"], status["refused"]
     if not topics and not services:
         return ["there was nothing to bridge"]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.processes.ros_domains import start_bridge
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import wait_until
+from riot_bus_bridges.ros2.node import START_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
 
     from riot_bus.processes.launcher import ComponentProcess, Launcher
 
-_READY_S = 60.0  # as long as the bridge itself waits for its node, which imports rclpy
 _END_S = 15.0  # a bridge waits up to 5 s for its last messages, and 10 s for its node
-_LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
+LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
 
 
 @contextmanager
@@ -30,12 +30,6 @@ def bridged_domains(
     """Join a ROS domain to each segment until the context ends; messages in transit then are still forwarded.
 
     Yields counts that are filled at the end: how many messages of each topic a bridge has carried into its domain.
-
-    Args:
-        launcher: Owner of the processes.
-        endpoints: Endpoint of each segment.
-        domains: ROS domain of each segment.
-        folder: Folder for the output of the bridges.
 
     Raises:
         EnvironmentFaultError: A bridge does not start, such as for lack of rclpy.
@@ -59,7 +53,7 @@ def bridged_domains(
 
 
 def _wait_ready(launcher: Launcher, bridge: ComponentProcess) -> None:
-    wait_until(lambda: bool(_event(bridge, "ready")) or not launcher.alive(bridge), _READY_S, interval=_LOOK_S)
+    wait_until(lambda: bool(_event(bridge, "ready")) or not launcher.alive(bridge), START_S, interval=LOOK_S)
     if not _event(bridge, "ready"):
         why = bridge.errors().strip().splitlines() or ["it says nothing"]
         hint = "RIOT_ROS_PYTHON or RIOT_ROS_SETUP name a Python that has rclpy (docs/ros2.md)"

@@ -12,6 +12,7 @@ from riot_bus.processes.placement import hooked
 from riot_bus.processes.ros_domains import riot_command
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
+from riot_bus_bridges.ros_test.placement import HOOK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,19 +41,12 @@ def router_per_package(
     plan = folder / "packages.json"
     own = ["--package", "{package}", "--in", "{folder}", "--account", str(accounts), "--"]
     wrap = [*riot_command(), "ros-test", *options, *own]
-    plan.write_text(json.dumps({"wrap": wrap, "cwd": str(Path.cwd())}), encoding="utf-8")
+    plan.write_text(json.dumps({"wrap": wrap, "cwd": str(Path.cwd()), "hook": str(HOOK)}), encoding="utf-8")
     return hooked(given, plan)
 
 
 def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:
-    """Write a report into a folder.
-
-    Args:
-        folder: Folder that the report is written to.
-        package: Name of the tested package.
-        lines: Lines of the report.
-        vacuous: Whether the results say nothing about what was asked for.
-    """
+    """Write a report into a folder."""
     text = json.dumps({"package": package, "lines": list(lines), "vacuous": vacuous})
     (folder / f"{file_stem(package)}-{os.getpid()}.json").write_text(text, encoding="utf-8")
 

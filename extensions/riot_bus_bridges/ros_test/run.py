@@ -19,6 +19,7 @@ from riot_bus.control.signals import END_S, ended_by_signals
 from riot_bus.processes.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others
+from riot_bus_bridges.ros_test.bridged_domains import LOOK_S
 from riot_bus_bridges.ros_test.packages import is_colcon_test, leave_account, package_lines, router_per_package
 from riot_bus_bridges.ros_test.passage import Passage
 from riot_bus_bridges.ros_test.segments import HERE, UNIT, Components, Crossings, open_segments
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from riot_bus.config.router_settings import RouterSettings
 
 _RMW = "rmw_zenoh_cpp"
-_LOOK_S = 0.05
 _GRACE_S = END_S * 2 / 3
 """Seconds that an interrupted command has to end, before it and all its descendants are killed."""
 
@@ -63,11 +63,6 @@ def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], N
     """Run a command to its end, or until SIGINT or SIGTERM, which it receives as SIGINT.
 
     None of its processes is left behind, not even when this process is killed.
-
-    Args:
-        command: Program and arguments.
-        asked: Options for router, injections and recording.
-        warn: Function that prints a line of diagnostics.
 
     Returns:
         The command's exit status, negative for a signal.
@@ -189,7 +184,7 @@ def _carried_out(
         hint = f"it was to run in {where}"
         raise EnvironmentFaultError(error.message.replace("component 'tests'", repr(command[0])), hint=hint) from None
     killed_at = float("inf")
-    while not launcher.wait([process], timeout=_LOOK_S):
+    while not launcher.wait([process], timeout=LOOK_S):
         if stop.is_set() and killed_at == float("inf"):
             launcher.interrupt(process, signal.SIGINT)
             killed_at = time.monotonic() + _GRACE_S

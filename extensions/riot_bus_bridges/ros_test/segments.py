@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
-from riot_bus.processes.placement import Placement
 from riot_bus.processes.ros_domains import free_domains
 from riot_bus.router.receivers import Receivers
 from riot_bus.zenoh.session import environment_of_others, includes
 from riot_bus_bridges.ros_test.bridged_domains import bridged_domains
+from riot_bus_bridges.ros_test.placement import Placement
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -79,11 +79,7 @@ def open_segments(
 
 
 class Components:
-    """The components that have connected so far, without those that were connected before.
-
-    Args:
-        service: Service of the router.
-    """
+    """The components that have connected so far, without those that were connected before."""
 
     def __init__(self, service: RouterService) -> None:
         self._service = service
@@ -106,11 +102,7 @@ class Components:
 
 
 class Crossings:
-    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager.
-
-    Args:
-        bus: Bus that is open.
-    """
+    """Notes in which segments intercepted keys ever had a subscriber, even briefly; a context manager."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus

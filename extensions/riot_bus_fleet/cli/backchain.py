@@ -40,9 +40,7 @@ def backchain(
     delay: Annotated[
         float, typer.Option("--delay", min=0.001, help="Longest delay to look for in one step of a path, in seconds.")
     ] = 2.0,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Picture to draw: .svg, .png or .pdf.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE", help="Picture to draw (.svg).")] = None,
     form: Annotated[
         _Form, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")
     ] = _Form.TEXT,
@@ -53,10 +51,10 @@ def backchain(
     Nothing is run. Exit code 5: these logs tell nothing about the field.
     """
     from riot_bus.cli.narrate import step_progress
-    from riot_bus.report.backtrack import dot, lines
-    from riot_bus.report.backtrack_picture import check_picture, draw_picture
     from riot_bus.vocabulary.errors import InconclusiveError
     from riot_bus_fleet.evidence.backchain import backchain as find_way
+    from riot_bus_fleet.evidence.picture import check_picture, dot, write_picture
+    from riot_bus_fleet.evidence.text import lines
 
     if picture is not None:
         check_picture(picture)
@@ -71,7 +69,7 @@ def backchain(
             seed=given["seed"],
         )
     if picture is not None:
-        draw_picture(record, picture)
+        write_picture(record, picture)
     if form is _Form.JSON:
         print_json(record.model_dump(mode="json"))
     elif form is _Form.DOT:

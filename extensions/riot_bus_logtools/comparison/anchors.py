@@ -42,11 +42,6 @@ def anchored(a: Keys, b: Keys, gap: Gap) -> tuple[list[Twins], list[Gap]]:
 
     Keys that occur once in both are used if those in the same order make up half of the shorter sequence: if only a
     few are equal, this may be by chance. Equal keys at the ends of a gap match even if they occur more than once.
-
-    Args:
-        a: Keys of one sequence.
-        b: Keys of the other one.
-        gap: Ranges of both that are compared.
     """
     head, middle, tail = _trimmed(a, b, gap)
     places = _common(a, b, middle)

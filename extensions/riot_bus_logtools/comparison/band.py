@@ -21,18 +21,12 @@ MOST_CELLS = 1 << 24
 
 _WIDTHS = (2, 32)  # 2 suffices if fewer than 6 messages differ; 32 takes up to 13 times as long
 _AT_ONCE = 1 << 15  # pairs: with likeness.MOST_FIELDS (32) fields, an array of them takes 8 MiB
-_PAIR, _LOST, _ADDED = 0, 1, 2
+_PAIR, _LOST, _ADDED = range(3)
 _CLEAR = 1e-9  # above rounding errors: one of a sum of 100,000 costs is 1.5e-11
 
 
 def aligned(costs: Costs, count_a: int, count_b: int) -> list[tuple[int, int]] | None:
-    """Return the pairs of an alignment, increasing in both; None if it would take too long.
-
-    Args:
-        costs: Function that returns the costs of pairs.
-        count_a: Length of one sequence.
-        count_b: Length of the other one.
-    """
+    """Return the pairs of an alignment, increasing in both; None if it would take too long."""
     if count_a > count_b:
         turned = aligned(lambda rows, columns: costs(columns, rows), count_b, count_a)
         return None if turned is None else [(a, b) for b, a in turned]

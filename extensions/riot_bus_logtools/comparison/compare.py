@@ -38,13 +38,7 @@ class Wishes:
 
 
 def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDifference:
-    """Compare two recordings.
-
-    Args:
-        a: The recording that is expected.
-        b: The recording that is compared with it.
-        wishes: Differences that count; None for all but times and the order across topics.
-    """
+    """Compare two recordings."""
     wishes = wishes or Wishes()
     work: list[TopicComparison] = []
     ignored: list[str] = []

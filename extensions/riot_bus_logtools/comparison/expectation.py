@@ -39,12 +39,6 @@ def play_expecting(
 ) -> LogDifference | None:
     """Play logs, record the answers, and compare them with the expected ones.
 
-    Args:
-        options: Logs and settings of the playback.
-        expectation: Expected answers.
-        foreground: Frame that prints the result of the playback and takes keys.
-        wishes: Settings of the comparison.
-
     Returns:
         How the answers differ from the expected ones; None if the playback was interrupted.
 

@@ -12,6 +12,7 @@ import msgpack  # type: ignore[import-untyped]
 
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus_logtools.comparison.recording import HASH_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,7 +31,6 @@ PAYLOAD, KIND, ATTACHMENT = "(payload)", "(kind)", "(attachment)"
 _INDEX = re.compile(r"\[\d+\]")
 _SEQUENCE = "sequence number"
 _MOST_PATHS = 1 << 18  # of all known shapes: those of 64 arrays that are MOST_ELEMENTS long
-_HASH_BYTES = 16  # 128 bits: among 1e9 messages, two collide with a chance of 1.5e-21
 
 
 class _Odd:
@@ -88,7 +88,7 @@ class Reading:
         """Return a hash of the fields that are compared; messages of equal content are the same."""
         values = self.values
         known = [self.shape.number, *[values[place] for place in self.shape.compared]]
-        return blake2b(_PACK(known), digest_size=_HASH_BYTES).digest()
+        return blake2b(_PACK(known), digest_size=HASH_BYTES).digest()
 
     def identity(self) -> tuple[Value, ...] | None:
         """Return the stamps or sequence numbers, None if there are none."""
@@ -117,12 +117,7 @@ class FieldChange:
 
 
 class Shapes:
-    """Reads the messages of one topic in both logs.
-
-    Args:
-        tolerances: Tolerances of their fields.
-        attachments: Whether attachments are compared.
-    """
+    """Reads the messages of one topic in both logs."""
 
     def __init__(self, tolerances: TolerancesOfTopic, *, attachments: bool = True) -> None:
         self._tolerances, self._attachments = tolerances, attachments
@@ -130,12 +125,7 @@ class Shapes:
         self._paths = self._count = 0
 
     def read(self, message: Message, registry: TypeRegistry) -> Reading:
-        """Return the fields of a message; if it does not decode, its whole payload is one field.
-
-        Args:
-            message: Message to read.
-            registry: Registry that knows the types of its log.
-        """
+        """Return the fields of a message; if it does not decode, its whole payload is one field."""
         payload = message.payload
         kind = registry.type_of_message(message) if payload else None
         why = "" if kind or not payload else "no type is known"
@@ -187,13 +177,7 @@ class Shapes:
 
 
 def differing(a: Reading, b: Reading, tolerances: TolerancesOfTopic) -> list[FieldChange]:
-    """Return the fields that are not the same, whether that is tolerated or not.
-
-    Args:
-        a: The first message.
-        b: The second one.
-        tolerances: Tolerances that both were read with.
-    """
+    """Return the fields that are not the same, whether that is tolerated or not."""
     one, other = a.shape, b.shape
     if one is other:
         pairs = zip(a.values, b.values, strict=True)

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 MOST_FIELDS = 32
 _LEAST = 0.01
 """Most that the distance of a pair adds to its cost: it breaks ties, and never outweighs a message."""
-_MISSING, _NAN, _INFINITE = -9e300, 9e300, 3e300
 _FAR = 1e300
 """Two values are only farther apart than this if one of them is one of these."""
+_MISSING, _NAN, _INFINITE = _FAR * -9, _FAR * 9, _FAR * 3
 
 
 def most_varied(sample: Sequence[Reading]) -> dict[str, Tolerance]:

@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Extract | None = None) -> LogDifference:
     """Compare two logs.
 
-    Args:
-        a: Path of the expected log: an MCAP file, or a folder of a recording's files.
-        b: Path of the log that is compared with it.
-        wishes: Differences that count; None for all but times.
-        extract: Part of the logs that is compared; None for all.
-
     Raises:
         ConfigError: A log cannot be read, or an option names a topic that none of them has.
     """
@@ -49,10 +43,6 @@ def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Ext
 
 def propose_tolerances(paths: Sequence[Path], *, extract: Extract | None = None) -> Proposal:
     """Propose tolerances with which nominal runs are the same, from all pairs of their logs.
-
-    Args:
-        paths: Paths of two logs or more.
-        extract: Part of the logs that is compared; None for all.
 
     Raises:
         ConfigError: A log cannot be read, or an option names a topic that none of them has.
@@ -95,11 +85,7 @@ def opened(paths: Sequence[Path], extract: Extract | None = None) -> Iterator[li
 
 
 class _Log:
-    """A log that is open.
-
-    Attributes:
-        sources: Channels of delivered messages, by key.
-    """
+    """A log that is open."""
 
     def __init__(self, path: Path, extract: Extract, stack: ExitStack) -> None:
         self._path, self._extract = path, extract

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from riot_bus.log.showing import value_text
 from riot_bus.report.formats import write_file
 from riot_bus.report.templating import rendered
-from riot_bus_logtools.comparison.text import facts, moves, spans, value_text
+from riot_bus_logtools.comparison.text import facts, moves, spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

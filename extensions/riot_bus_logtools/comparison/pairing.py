@@ -28,17 +28,11 @@ _NAMED = 0.9
 """Least share of messages with a stamp or number of their own for which messages are paired by these."""
 _MOST_TRIES = 1 << 14
 """Most pairs that are tried to find messages in another order that are only equal within tolerances."""
-_SAMPLE = 256  # messages spread over a gap: enough to see which fields vary; a guess
 
 
 @dataclass(frozen=True, slots=True)
 class Half:
-    """One log's messages of the topic.
-
-    Attributes:
-        hashes: Hashes of the bytes of all of them.
-        read: Function that returns the fields of a message by its position.
-    """
+    """One log's messages of the topic."""
 
     hashes: Sequence[bytes]
     read: Callable[[int], Reading]
@@ -73,15 +67,7 @@ class Pairing:
 
 
 def paired(blocks: list[Twins], gaps: Sequence[Gap], a: Half, b: Half, *, same: Callable[[int, int], bool]) -> Pairing:
-    """Pair the messages of both logs.
-
-    Args:
-        blocks: Sequences of messages with equal bytes.
-        gaps: Ranges of messages between the blocks.
-        a: Messages of one log.
-        b: Messages of the other log.
-        same: Function that tells whether two messages are the same within tolerances.
-    """
+    """Pair the messages of both logs."""
     found = Pairing(blocks)
     search = _Search(gaps, a, b)
     for gap in gaps:
@@ -250,4 +236,4 @@ def _pairs(blocks: Iterable[Twins]) -> Iterator[tuple[int, int]]:
 
 
 def _few(places: Sequence[int]) -> Sequence[int]:
-    return places[:: max(1, len(places) // _SAMPLE)]
+    return places[:: max(1, len(places) // 256)]  # enough to see which fields vary

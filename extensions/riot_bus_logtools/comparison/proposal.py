@@ -20,10 +20,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.log.showing import value_text
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.toml_text import toml_string, toml_value
-from riot_bus_logtools.comparison.text import value_text
 from riot_bus_logtools.comparison.tolerances import TABLE, TopicTolerances
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ _MARGINS = {2: 5.0, 3: 7.3, 4: 3.7, 5: 2.7, 6: 2.2}
 """Margins by number of runs, if the runs may have offsets."""
 _DRIFT_MARGINS = ((15, 6.5), (8, 10.0), (0, 20.0))
 """Margins by least number of runs, if differences grow and shrink within a run."""
-_ENDS = 2
-"""Messages that may be missing where a run depends on timing: one at the beginning, another one at the end."""
 _ALIKE = 0.7
 """For noise within runs, the largest difference of each pair is at least this share of the largest one of all."""
 _TURNS = 0.3
@@ -51,8 +49,6 @@ _ANEW = 1 / 8
 """If values are drawn anew each time, half of the differences are larger than this share of their range."""
 _OFFSET = 0.8
 """If a run has an offset of its own, half of the differences are larger than this share of the largest one."""
-_ROUNDS = 3
-"""Most times that tolerances are widened until the runs are the same: with them, messages may pair differently."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +71,8 @@ class Proposal:
     """Tolerances with which nominal runs are the same.
 
     Attributes:
-        logs: Names of the runs.
         pairs: Number of pairs of runs that were compared.
         messages: Number of pairs of messages that were compared.
-        tolerances: Tolerances by topic and field.
         unsettled: Topics in which pairs of runs still differ.
     """
 
@@ -171,16 +165,11 @@ def _drifts(fields: Sequence[FieldDifference]) -> bool:
 
 
 def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence[LogDifference]]) -> Proposal:
-    """Propose tolerances with which nominal runs are the same.
-
-    Args:
-        names: Names of the nominal runs, for messages.
-        compared: Function that compares all pairs of them with given tolerances.
-    """
+    """Propose tolerances with which nominal runs are the same."""
     found = compared(TopicTolerances())
     proposal = Proposal(tuple(names), len(found), sum(each.compared for each in found))
     known: dict[str, Proposed] = {}
-    for _ in range(_ROUNDS):
+    for _ in range(3):  # with other tolerances, messages may pair differently
         known |= _proposed(found, known, len(names))
         proposal = replace(proposal, tolerances=tuple(known[name] for name in sorted(known)))
         found = compared(proposal.given())
@@ -214,7 +203,7 @@ def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], run
             reason = f"{told}; there are {min(counts)} to {max(counts)}"
             rows[name] = Proposed(name, math.ceil(margin * shifted), reason)
         elif drifting:
-            rows[name] = Proposed(name, _ENDS, "another run may begin and end a message earlier or later")
+            rows[name] = Proposed(name, 2, "another run may begin and end a message earlier or later")
     former = {name: each for name, each in known.items() if name in rows}
     return {name: each for name, each in rows.items() if _wider(each, former.get(name))}
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import TYPE_CHECKING
 
+from riot_bus.log.tables.blocks import LATEST
 from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
 
 _IN_MEMORY = 1 << 26  # bytes of payloads; what exceeds this is in a file, so memory is bounded
-_HASH_BYTES = 16  # 128 bits: among 1e9 messages, two collide with a chance of 1.5e-21
-_LATEST = (1 << 63) - 1  # largest int64, which `Track.times` holds; MCAP's times have 64 bits without a sign
+HASH_BYTES = 16  # 128 bits: among 1e9 messages, two collide with a chance of 1.5e-21
 
 
 @dataclass(slots=True)
@@ -52,13 +52,13 @@ class Track:
 
     def add(self, message: Message, place: int) -> None:
         """Add the next message."""
-        digest = blake2b(message.payload, digest_size=_HASH_BYTES)
+        digest = blake2b(message.payload, digest_size=HASH_BYTES)
         if message.kind == "delete":
             digest.update(b"delete")
         if self.attachments and message.attachment is not None:
             digest.update(len(message.attachment).to_bytes(8, "little") + message.attachment)
         self.hashes.append(digest.digest())
-        self.times.append(min(message.time, _LATEST))
+        self.times.append(min(message.time, LATEST))
         self.places.append(place)
         self.encodings.add(message.encoding)
 
@@ -74,7 +74,6 @@ class Recording:
 
     Attributes:
         tracks: Tracks by key, in the order in which the keys first occur.
-        count: Number of messages.
         start: Time of the first message, nanoseconds.
         missing: Parts of the log that could not be read, or were lost during recording; a line each.
     """

@@ -53,7 +53,6 @@ class LogDifference:
         a: The expected log.
         b: The log that is compared with it.
         topics: All topics that were compared, those that differ first.
-        order: Order across topics.
         ignored: Topics that were not compared, as requested.
         notes: Further remarks, a line each.
     """

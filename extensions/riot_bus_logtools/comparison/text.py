@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
+from riot_bus.log.showing import value_text
 from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.vocabulary.message import Scalar
     from riot_bus_logtools.comparison.parts import FieldDifference, FieldExample, TopicDifference
 
 MOST_FIELDS = 10
 """Most fields of a topic that are shown."""
 
 _MOST_NUMBERS = 8  # as many spans like `#12345-12399` take about 110 characters
-_LONGEST = 80  # usual width of a terminal: longer values would hide the rest of the line
 
 
 def topic_lines(topic: TopicDifference) -> Iterator[str]:
@@ -73,15 +71,6 @@ def _where(example: FieldExample, name: str) -> str:
     number = f"#{example.a}" if example.a == example.b else f"#{example.a} and #{example.b}"
     path = f" {example.path}" if example.path != name else ""
     return f"{number} ({example.seconds:.3f} s){path} {value_text(example.before)} -> {value_text(example.after)}"
-
-
-def value_text(value: Scalar | None) -> str:
-    """Return a value as text that fits in a line."""
-    if value is None:
-        return "(none)"
-    shown = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
-    shown = value.hex() if isinstance(value, bytes) else shown
-    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 4]} ..."
 
 
 def spans(places: Sequence[int], number: int) -> str:

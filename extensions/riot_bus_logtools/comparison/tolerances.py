@@ -139,10 +139,6 @@ class TopicTolerances:
 def tolerances_of(texts: Sequence[str], files: Sequence[Path]) -> TopicTolerances:
     """Return the tolerances of files and of options, which take precedence.
 
-    Args:
-        texts: Values of `--tolerance`.
-        files: Files given with `--tolerances`.
-
     Raises:
         ConfigError: An entry is not a tolerance.
     """

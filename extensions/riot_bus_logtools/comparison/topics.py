@@ -33,11 +33,6 @@ class TopicComparison:
 
     Messages with equal bytes are found by hashes alone. `wanted` tells of which other messages the content is needed;
     when both recordings have kept those, `look` compares them.
-
-    Args:
-        recordings: Both logs.
-        tracks: Messages of the topic in each of them.
-        tolerances: Tolerances of the topic.
     """
 
     def __init__(

@@ -105,10 +105,6 @@ class Assignment:
 def parse_assignment(text: str, option: str) -> Assignment:
     """Parse `TOPIC:FIELD OPERATOR VALUE [conditions]`.
 
-    Args:
-        text: Text that the user wrote.
-        option: Option such as `--set`, for errors.
-
     Raises:
         ConfigError: It is not of this form.
     """

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.engine.blocks import Block
-    from riot_bus_logtools.editing.inputs import InputLog
 
 _CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record: see blocks.MESSAGE
 
@@ -33,7 +32,7 @@ class Batch:
         extras: Result of `layout.extras_of` for each message, shape (n,); None if no message has extras.
         notes: Changes of each message by interceptors, tuples, shape (n,); None if there are none.
         changed: Number of the edit for which each counts as changed, -1 if it does not, shape (n,); None if none.
-        whole: Log and block, if these are exactly all messages of the block, unchanged; None otherwise.
+        whole: Number of the log, and block, if these are exactly all messages of the block, unchanged; None otherwise.
     """
 
     buffer: bytes | bytearray
@@ -44,7 +43,7 @@ class Batch:
     extras: NDArray[Any] | None = None
     notes: NDArray[Any] | None = None
     changed: NDArray[np.int32] | None = None
-    whole: tuple[InputLog, Block] | None = None
+    whole: tuple[int, Block] | None = None
 
     def __len__(self) -> int:
         return len(self.start)

@@ -24,11 +24,7 @@ _HOPELESS = 1000  # failures without a success: a misspelt field ends an edit ea
 
 
 class Trouble:
-    """How often an action on messages succeeded, and how often it failed.
-
-    Args:
-        name: Name of the action.
-    """
+    """How often an action on messages succeeded, and how often it failed."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -53,10 +49,6 @@ class Trouble:
 
 class EditStep:
     """One `--keep`, `--drop` or `--set`, and its success.
-
-    Args:
-        selection: Selection of the messages.
-        assignment: Assignment of a `--set`; None for the others.
 
     Attributes:
         matched: Whether there is such a topic.

@@ -33,12 +33,6 @@ if TYPE_CHECKING:
 class ChannelTable:
     """Finds out what happens to each channel of the inputs.
 
-    Args:
-        options: Options of the edit.
-        design: Steps that follow from the options.
-        inputs: Logs that are edited.
-        origin: Function that returns when the logs begin, nanoseconds.
-
     Attributes:
         edits: Edit of each channel, by its number among these.
         steps: All selections and assignments.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE
+from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.blocks import Block
     from riot_bus_logtools.editing.options import EditOptions
-
-_END = 1 << 64  # MCAP's times have 64 bits and no sign: all lie below
 
 
 def edit(
@@ -77,7 +75,7 @@ class _Editor:
         steps = (self._piping, self._latched)
         self._by_time = options.sort or len(self._inputs) > 1 or steps != (None, None) or not one_shift
         self._reorder = Sorter() if not one_shift else None
-        self._sliced = self._low > -_END or self._high < _END
+        self._sliced = self._low > -TIMES or self._high < TIMES
 
     def run(self, progress: Callable[[int, int], None]) -> EditResult:
         """Run the edit."""
@@ -119,7 +117,7 @@ class _Editor:
 
     def _window(self) -> tuple[int, int]:
         options = self._options
-        low, high = -_END, _END
+        low, high = -TIMES, TIMES
         if options.start is not None:
             low = parse_time(options.start, self._origin, where="--start")
         if options.end is not None:
@@ -182,7 +180,7 @@ class _Editor:
             self._count(batch, "read")
         if self._sliced:
             mask = batch.time >= np.uint64(max(self._low, 0)) if self._latched is None else self._latched.wanted(batch)
-            if self._high < _END:
+            if self._high < TIMES:
                 mask &= batch.time < np.uint64(max(self._high, 0))
             batch = batch.where(mask)
         return batch
@@ -269,8 +267,8 @@ class _Editor:
         self._count_written(batch)
         ready = None
         if batch.whole is not None:
-            log, block = batch.whole
-            ready = partial(log.packed, block, self._table.targets())
+            number, block = batch.whole
+            ready = partial(self._inputs[number].packed, block, self._table.targets())
         self._output.write(batch, self._table.target_list(), ready)
 
     def _count(self, batch: Batch, name: str) -> None:

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Schema
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import HEAD, Records, heads_of, read_packed
+from riot_bus.log.engine.blocks import HEAD, NUMBERS, Records, heads_of, read_packed
 from riot_bus.log.engine.scan import parse
 from riot_bus.log.reader import LogReader
 from riot_bus_logtools.editing.batch import Batch, shifted
@@ -28,18 +28,11 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus_logtools.editing.targets import OutputChannel
 
-_CHANNELS = 1 << 16  # MCAP's channel numbers have 16 bits
 _MOST_LOOKED_AT = 1000  # uncompressed chunks before a compressed one; looking at each reads 64 bytes
-_HEAD_BYTES = 64  # a chunk's record begins with 40 bytes and the name of its compression
 
 
 class InputLog(LogReader):
     """Reads a log as batches of records.
-
-    Args:
-        number: Position among the inputs.
-        path: Path of the file.
-        salvage: Whether to take messages of damaged chunks that an index confirms.
 
     Attributes:
         shift: Nanoseconds that are added to all its times.
@@ -52,8 +45,8 @@ class InputLog(LogReader):
         super().__init__(path, salvage=salvage)
         self.number = number
         self.shift = 0
-        self._edits = np.full(_CHANNELS, -1, np.int32)
-        self._asked = np.zeros(_CHANNELS, np.bool_)
+        self._edits = np.full(NUMBERS, -1, np.int32)
+        self._asked = np.zeros(NUMBERS, np.bool_)
         self._spans = self._provenance_spans()
         self._definitions: tuple[int, list[tuple[int, bytes]] | None] = -1, None
 
@@ -90,7 +83,7 @@ class InputLog(LogReader):
         """Compression of its chunks, `none` if none is compressed; None if it is unknown or there are no chunks."""
         found: str | None = None
         for block in islice((block for block in self._scan.blocks if block.chunked), _MOST_LOOKED_AT):
-            head = read_packed(self._file, block, _HEAD_BYTES)
+            head = read_packed(self._file, block, 64)  # it begins with 40 bytes and the name
             found = None if head is None else head[0]
             if found != "none":
                 break
@@ -102,12 +95,7 @@ class InputLog(LogReader):
         return None if found is None else found.time + self.shift
 
     def batch(self, block: Block, edit_of: Callable[[InputLog, int], int]) -> Batch | None:
-        """Return the messages of a block in the order of the file; None if there are none.
-
-        Args:
-            block: One of the `stored_blocks`.
-            edit_of: Function that returns the number of a channel's edit.
-        """
+        """Return the messages of a block in the order of the file; None if there are none."""
         records = self._load_or_salvage(block)
         if records is None:
             return None
@@ -127,7 +115,7 @@ class InputLog(LogReader):
             edit,
             heads["time"].astype(np.uint64),
             self._extras(block, records),
-            whole=(self, block) if is_whole else None,
+            whole=(self.number, block) if is_whole else None,
         )
         if block.number in self._spans:
             batch.notes = self._notes(block, batch, heads)

@@ -9,13 +9,13 @@ from typing import Annotated, Any
 from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.log.engine.packing import check_compression
 from riot_bus.log.naming import parse_remaps
+from riot_bus.record.options import LARGEST_CHUNK
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Salvage, Seed
 from riot_bus_logtools.editing.assignment import Assignment, parse_assignment
 from riot_bus_logtools.editing.selection import Selection, parse_selection
 
 _LONGEST_S = 9e9  # 285 years: shifts are nanoseconds in 64 bits with a sign, which span 292
-_LARGEST_CHUNK = 1 << 28  # as in record.options: memory holds whole chunks; readers refuse more than 1 GiB
 _UNRECORDED = {"inputs", "output", "originals", "chunk_bytes", "definitions", "force", "dry_run"}
 _RECORDED_AS = {"changes": "set", "shifts": "shift"}
 
@@ -137,8 +137,8 @@ class EditOptions:
         for option, value in (("--duration", self.duration), ("--split-duration", self.split_seconds)):
             if value is not None and not 0.0 < value <= _LONGEST_S:
                 raise ConfigError(f"{value} s is not above 0, or above {_LONGEST_S:g} s", where=option)
-        if not 0 < self.chunk_bytes <= _LARGEST_CHUNK:
-            raise ConfigError(f"a chunk has 1 to {_LARGEST_CHUNK} bytes, not {self.chunk_bytes}", where="--chunk-size")
+        if not 0 < self.chunk_bytes <= LARGEST_CHUNK:
+            raise ConfigError(f"a chunk has 1 to {LARGEST_CHUNK} bytes, not {self.chunk_bytes}", where="--chunk-size")
         if self.split_bytes is not None and self.split_bytes <= 0:
             raise ConfigError(f"a file has at least 1 byte, not {self.split_bytes}", where="--split-size")
         return Design(

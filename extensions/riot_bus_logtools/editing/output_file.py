@@ -12,10 +12,11 @@ import numpy as np
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.engine.chunk import LARGE, Chunk, indexes_of
+from riot_bus.log.engine.chunk import LARGE, Chunk, chunk_of, indexes_of
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.engine.packing import PackedChunk, worthwhile
 from riot_bus.log.layout import Provenance
+from riot_bus.log.writing_queue import MOST_PENDING
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_logtools.editing.batch import runs_of
 
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.chunk import Companions
     from riot_bus_logtools.editing.batch import Batch
     from riot_bus_logtools.editing.targets import OutputChannel
-
-_MOST_PENDING = 4  # chunks for the thread, held in memory: enough to keep it busy; not tuned
-_SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
 
 
 @dataclass(slots=True)
@@ -63,24 +61,14 @@ class _Draft:
 
     def chunk(self) -> Chunk:
         """Return the chunk: definitions, then messages, and an index of them."""
-        definitions = b"".join(self.definitions)
-        data = b"".join([definitions, *self.pieces])
-        channel, time, length = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
-        offsets = np.cumsum(length) - length + len(definitions)
-        indexes, counts = indexes_of(channel, time, offsets)
-        large = _large(data, offsets, length)
-        return Chunk(data, int(time.min()), int(time.max()), indexes, counts, definitions, large)
+        data = b"".join(self.pieces)
+        channels, times, lengths = (np.concatenate(parts) for parts in zip(*self.rows, strict=True))
+        large = _large(data, np.cumsum(lengths) - lengths, lengths)
+        return chunk_of(b"".join(self.definitions), (data,), channels, times, lengths, large)
 
 
 class OutputFile:
     """Writes messages to one file.
-
-    Args:
-        path: File to create.
-        where: Name that the user gave it, for errors.
-        profile: MCAP profile.
-        compression: `zstd`, `lz4` or `none`.
-        chunk_bytes: Size of a chunk before compression.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -150,8 +138,8 @@ class OutputFile:
             targets: Channels of the output, by number of the channel edit.
             ready: Compression and data of the chunk.
         """
-        if 0 < self._draft.size < self._chunk_bytes // _SMALL:
-            return False
+        if 0 < self._draft.size < self._chunk_bytes // 8:
+            return False  # else what waits would become a small chunk
         compression, data = ready
         if compression != self.compression:
             large = _large(batch.buffer, batch.start, batch.end - batch.start)
@@ -163,7 +151,7 @@ class OutputFile:
         heads = heads_of(batch.buffer, batch.start)
         packed = PackedChunk(
             compression,
-            data,
+            (data,),
             len(batch.buffer),
             crc32(batch.buffer),
             int(batch.time.min()),
@@ -254,7 +242,7 @@ class OutputFile:
 
     def _submit(self, action: Any, *arguments: Any) -> None:
         self._pending.append(self._thread.submit(action, *arguments))
-        self._collect(_MOST_PENDING)
+        self._collect(MOST_PENDING)
 
     def _collect(self, most: int) -> None:
         while len(self._pending) > most:

@@ -43,10 +43,6 @@ class _Part(NamedTuple):
 class OutputSet:
     """The files that an edit writes; none has its final name before `commit`.
 
-    Args:
-        options: Options of the edit.
-        paths: Paths of the inputs.
-
     Attributes:
         unwritable: Messages, by topic, whose time does not fit into a log.
 
@@ -74,12 +70,7 @@ class OutputSet:
         self._begins: dict[str, int] = {}
 
     def open(self, inputs: Sequence[InputLog], table: ChannelTable) -> None:
-        """Open the files that are known from the beginning.
-
-        Args:
-            inputs: Logs that are edited.
-            table: Table of the channels.
-        """
+        """Open the files that are known from the beginning."""
         options = self._options
         if options.dry_run:
             return

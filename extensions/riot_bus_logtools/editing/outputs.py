@@ -23,14 +23,6 @@ METADATA = "metadata.yaml"
 class Outputs:
     """Gives files their names.
 
-    Args:
-        output: Path that the user gave.
-        folder: Whether that is the folder of a ROS 2 bag.
-        splits: Whether there may be several files.
-        inputs: Files that must not be overwritten.
-        force: Whether existing files are replaced.
-        dry: Whether nothing is written, only reported.
-
     Raises:
         ConfigError: The output is one of the inputs, exists already, or cannot be created.
     """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import MESSAGE_HEAD, heads_of, message_bytes
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, TIMES, heads_of, message_bytes
 from riot_bus.log.engine.scan import MessageEntry
 from riot_bus.log.reader import message_of
 from riot_bus_logtools.editing.batch import Batch, gathered, with_records
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from riot_bus_logtools.editing.channel_table import ChannelTable
 
 _MOST_BYTES = 1 << 26  # of delayed messages; beyond it they are written early, as readers sort anyway
-_TIMES = 1 << 64  # MCAP's times have 64 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +34,7 @@ class _Item:
 
 
 class Piping:
-    """Feeds a pipeline, and holds its delayed messages until they are due.
-
-    Args:
-        pipeline: Pipeline that is fed in the order of time.
-        table: Table of the channels.
-        refuse: Function called with the topic of each message whose time does not fit into a log.
-    """
+    """Feeds a pipeline, and holds its delayed messages until they are due."""
 
     def __init__(self, pipeline: Pipeline, table: ChannelTable, refuse: Callable[[str], None]) -> None:
         self._pipeline = pipeline
@@ -54,7 +47,7 @@ class Piping:
 
     def rest(self) -> Batch:
         """Return the messages that are still held."""
-        return self._merged(gathered([]), np.zeros(0, np.int64), _TIMES)
+        return self._merged(gathered([]), np.zeros(0, np.int64), TIMES)
 
     def run(self, batch: Batch, bound: int | None) -> Batch:
         """Return the messages to write, sorted by time.
@@ -76,7 +69,7 @@ class Piping:
             kept[row] = self._feed(batch, row, heads[place], base + 2 * row, replaced, noted)
         batch = _with_notes(_with_replaced(batch, replaced), noted).where(kept)
         order = base + 2 * np.flatnonzero(kept)
-        return self._merged(batch, order, _TIMES if bound is None else bound - 1)
+        return self._merged(batch, order, TIMES if bound is None else bound - 1)
 
     def _feed(
         self,
@@ -126,12 +119,12 @@ class Piping:
         """Return what to write for an emission; the record is empty if its time does not fit into a log."""
         target = self._edits[number].target
         assert target is not None
-        if not 0 <= emission.due < _TIMES:
+        if not 0 <= emission.due < TIMES:
             return _Item(b"", number, None, None, changed)
         message = emission.message_when_due()
         extras = layout.extras_of(message, target.source.constants)
         published = message.publish_time
-        if published is None or not 0 <= published < _TIMES:
+        if published is None or not 0 <= published < TIMES:
             published = message.time
         elif extras is not None and not target.source.own:
             extras.pop("p", None)  # files of other tools hold it in the record

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from riot_bus.log.engine.blocks import TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.predicate import Predicate, parse_predicate
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _CLAUSE = re.compile(r"(.*?)\s*(?<!\S)(during|index|every)\s+(\S+)", re.DOTALL)
-_ALL_TIME = 1 << 64  # MCAP's times have 64 bits and no sign: all lie below
 _HINT = "write TOPIC [during A..B] [index I..J] [every N] [where PREDICATE], such as '/odom during 5..9 where x > 3'"
 
 
@@ -38,8 +38,8 @@ class Condition:
         where: Predicate on the fields.
     """
 
-    low: int = -_ALL_TIME
-    high: int = _ALL_TIME
+    low: int = -TIMES
+    high: int = TIMES
     first: int = 0
     last: int | None = None
     every: int = 1
@@ -108,7 +108,7 @@ class Selection:
         Raises:
             ConfigError: A time cannot be read, or the last one is not after the first.
         """
-        low, high = -_ALL_TIME, _ALL_TIME
+        low, high = -TIMES, TIMES
         if self.during is not None:
             begin, end = self.during
             low = parse_time(begin, origin(), where=self.option) if begin else low
@@ -120,10 +120,6 @@ class Selection:
 
 def parse_selection(text: str, option: str) -> Selection:
     """Parse a selection.
-
-    Args:
-        text: Text that the user wrote.
-        option: Option such as `--drop`, for errors.
 
     Raises:
         ConfigError: The text is not a selection.
@@ -146,12 +142,6 @@ def parse_selection(text: str, option: str) -> Selection:
 
 def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection:
     """Parse the clauses after a topic.
-
-    Args:
-        topic: Name or key expression.
-        clauses: Text of the clauses, such as ` during 5..9 where x > 3`.
-        text: Whole text that the user wrote.
-        option: Option that the text stands in, for messages.
 
     Raises:
         ConfigError: It is not of this form.

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from riot_bus.log.engine.blocks import TIMES
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus_logtools.editing.batch import Batch, gathered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_MOST_BYTES = 1 << 28  # as LogLimits.held: beyond it messages are written unsorted, and readers sort them
-_ROW_BYTES = 64  # arrays of a `Batch` take 28 to 48 bytes a message, extras more
-_LAST = (1 << 64) - 1  # latest time in MCAP: its times have 64 bits
 
 
 class Sorter:
@@ -25,7 +23,7 @@ class Sorter:
         most: Most bytes to hold.
     """
 
-    def __init__(self, most: int = _MOST_BYTES) -> None:
+    def __init__(self, most: int = DEFAULT_LIMITS.held) -> None:
         self._pending: list[tuple[tuple[int, int], Batch]] = []
         self._most = most
         self._held = 0
@@ -47,15 +45,15 @@ class Sorter:
         Args:
             bound: Earliest time of the messages that follow; None if none follow.
         """
-        limit = _LAST + 1 if bound is None else bound
+        limit = TIMES if bound is None else bound
         if self._held > self._most:
             limit = max(limit, self._median())
         parts: list[tuple[tuple[int, int], Batch]] = []
         kept: list[tuple[tuple[int, int], Batch]] = []
         for rank, batch in self._pending:
-            count = (
-                len(batch) if limit > _LAST else int(np.searchsorted(batch.time, np.uint64(max(0, limit)), side="left"))
-            )
+            count = len(batch)
+            if limit < TIMES:
+                count = int(np.searchsorted(batch.time, np.uint64(max(0, limit)), side="left"))
             if count == len(batch):
                 parts.append((rank, batch))
             else:
@@ -75,4 +73,4 @@ class Sorter:
 
 
 def _weight(batch: Batch) -> int:
-    return batch.weight + _ROW_BYTES * len(batch)
+    return batch.weight + 64 * len(batch)  # its arrays take 28 to 48 bytes a message, extras more

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.log import layout
+from riot_bus.log.engine.blocks import NUMBERS
 from riot_bus.log.engine.mcap_file import record_bytes
 from riot_bus.log.reader import ChannelSource, channel_source
 from riot_bus.types.capabilities import PublishesAs
@@ -20,19 +21,12 @@ if TYPE_CHECKING:
     from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
 
-_NUMBERS = 1 << 16  # MCAP's numbers of channels and schemas have 16 bits
 _NO_KEY = re.compile(r"\A\Z|//|[*$?#\s]")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputChannel:
-    """A channel of the output.
-
-    Attributes:
-        channel: Record of the channel.
-        schema: Record of its schema, None if it has none.
-        source: Common properties of its messages.
-    """
+    """A channel of the output."""
 
     channel: Channel
     schema: Schema | None
@@ -59,12 +53,7 @@ class Targets:
         self._schema_numbers: set[int] = {0}
 
     def open(self, channel: Channel, schema: Schema | None) -> OutputChannel:
-        """Return a channel of the output; the same one for equal definitions.
-
-        Args:
-            channel: Definition of the channel; its number is used if it is free.
-            schema: Schema of the channel; its number is used if it is free.
-        """
+        """Return a channel of the output; the same one for equal definitions."""
         own_schema = None if schema is None else self._schema(schema)
         number = 0 if own_schema is None else own_schema.id
         identity = channel.topic, channel.message_encoding, frozenset(channel.metadata.items()), number
@@ -84,12 +73,6 @@ class Targets:
 
 def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> Channel:
     """Return a channel under another name.
-
-    Args:
-        channel: The channel as it was read.
-        topic: Topic that is recorded in it.
-        name: New name of the topic.
-        adapters: Adapters that are asked for the key.
 
     Raises:
         ConfigError: No topic can have this name.
@@ -119,9 +102,9 @@ def _new_key(topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> st
 
 def _free(wish: int, taken: set[int]) -> int:
     number = wish
-    if number in taken or not 0 <= number < _NUMBERS:
-        number = next((each for each in range(1, _NUMBERS) if each not in taken), -1)
+    if number in taken or not 0 <= number < NUMBERS:
+        number = next((each for each in range(1, NUMBERS) if each not in taken), -1)
         if number < 0:
-            raise ConfigError(f"more than {_NUMBERS - 1} channels do not fit into one log", hint="merge fewer logs")
+            raise ConfigError(f"more than {NUMBERS - 1} channels do not fit into one log", hint="merge fewer logs")
     taken.add(number)
     return number

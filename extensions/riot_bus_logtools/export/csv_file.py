@@ -28,11 +28,6 @@ class CsvWriter:
     Texts of a log may come from anyone. Texts that begin with `=`, `+`, `-` or `@` and are not numbers get a leading
     `'`, so that a spreadsheet does not take them for formulas. Control characters are escaped, as in `\x1b`, so that
     a terminal does not obey them.
-
-    Args:
-        path: File to write.
-        kinds: Kind of the values of each column, by name.
-        raw: Whether texts are written unchanged.
     """
 
     def __init__(self, path: str, kinds: dict[str, Kind], *, raw: bool = False) -> None:

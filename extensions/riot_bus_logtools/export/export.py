@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import NOTHING, log_registry, plan_columns
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     TableWriter = CsvWriter | ParquetTableWriter
 
 _BATCH = 1 << 16  # rows of a row group in Parquet, which would compress badly if small
-_MEMORY = 1 << 28  # as for `iter_columns`, so that a log may have any size
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,7 @@ class Exported:
     """Result of an export.
 
     Attributes:
-        rows: Number of messages.
         values: Number of messages with a value, by column.
-        loss: Parts of the log that could not be read.
     """
 
     rows: int
@@ -60,7 +58,7 @@ def export_table(
     end: int | None = None,
     force: bool = False,
     registry: TypeRegistry | None = None,
-    memory: int = _MEMORY,
+    memory: int = DEFAULT_LIMITS.held,
     salvage: bool = False,
     raw: bool = False,
 ) -> Exported:

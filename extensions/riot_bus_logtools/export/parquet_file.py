@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 class ParquetTableWriter:
-    """Writer of Parquet tables: times are timestamps in UTC, and a missing value is null.
-
-    Args:
-        path: File to write.
-        kinds: Kind of the values of each column, by name.
-    """
+    """Writer of Parquet tables: times are timestamps in UTC, and a missing value is null."""
 
     def __init__(self, path: str, kinds: dict[str, Kind]) -> None:
         import pyarrow as pa

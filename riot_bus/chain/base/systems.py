@@ -78,7 +78,7 @@ def _commands(path: Path) -> list[str]:
         return []
     found = [f"{name} (a monitor)" for name in file.monitor_files]
     clock = file.system.clock
-    resets = [file.system.reset, clock.reset if clock is not None else None, *(one.reset for one in file.unit.values())]
+    resets = [file.system.reset, clock.reset if clock is not None else None]
     found += [f"`{shlex.join(one.command)}` (a reset)" for one in resets if one is not None and one.command]
     for name, one in zip([*file.components, *file.unit], file.programs, strict=True):
         ways = {"setup": one.setup, "command": one.command, "ready": one.ready.command}

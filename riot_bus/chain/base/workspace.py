@@ -79,23 +79,21 @@ class StepRun:
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
 
-    def unit_runner(self, unit: str, *, persistent: bool = False, unjudged: bool = False) -> StoredRunner:
+    def unit_runner(self, unit: str, *, unjudged: bool = False) -> StoredRunner:
         """Return a runner for trials of a unit alone.
 
         Args:
             unit: The unit.
-            persistent: Whether trials that pass may share a process.
             unjudged: Whether a case that cannot be judged has an outcome, too, instead of being an error.
         """
         workspace = self.workspace
-        runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
-        return self._stored(runner, self._unit_scope(unit, persistent=persistent), unjudged=unjudged)
+        runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit))
+        return self._stored(runner, self._unit_scope(unit), unjudged=unjudged)
 
     def tried(self, unit: str) -> list[tuple[list[dict[str, Any]], int, Outcome]]:
         """Return earlier trials of a unit's nominal log: the injections as rows, the seed, and the outcome."""
         log = self.workspace.unit_log(unit)
-        scopes = [self._unit_scope(unit, persistent=persistent) for persistent in (False, True)]
-        return [row for scope in scopes for row in self.workspace.store.tried(scope, log)]
+        return list(self.workspace.store.tried(self._unit_scope(unit), log))
 
     def system_runner(
         self,
@@ -111,9 +109,8 @@ class StepRun:
         scope = {"system": self.workspace.fingerprint, "observe": list(observe), **pace.model_dump()}
         return self._stored(runner, scope | {"judged": judged[0]} if judged else scope, unjudged=unjudged)
 
-    def _unit_scope(self, unit: str, *, persistent: bool) -> dict[str, object]:
-        scope: dict[str, object] = {"system": self.workspace.fingerprint, "unit": unit}
-        return scope | {"persistent": True} if persistent else scope
+    def _unit_scope(self, unit: str) -> dict[str, object]:
+        return {"system": self.workspace.fingerprint, "unit": unit}
 
     def _stored(self, runner: Runner, scope: dict[str, object], *, unjudged: bool) -> StoredRunner:
         store = self.workspace.store

@@ -23,7 +23,7 @@ from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, sev
 from riot_bus.chain.base.external import driving_log, system_log
 from riot_bus.chain.base.logs import FailingLog
 from riot_bus.chain.base.testcases import injection_of
-from riot_bus.chain.unit.histories import find_leak, shrink_history
+from riot_bus.chain.unit.leaks import find_leak
 from riot_bus.chain.unit.questions import dictionary_of
 from riot_bus.events import CampaignFinished, CampaignStarted
 from riot_bus.findings.records import (
@@ -55,8 +55,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
 _LOG = logging.getLogger(__name__)
-_MOST_HISTORIES = 5
-"""Most histories to shrink: each may take some hundred trials."""
 _MOST_LEAKS = 5
 """Most cases whose log is played several times, to see whether growth goes on: that may take as long as 64 trials."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
@@ -124,7 +122,6 @@ def test_unit(
     """
     workspace.tell(CampaignStarted(unit, workspace.fingerprint))
     registry = workspace.context.registry
-    settings = workspace.context.file.unit[unit]
     subject = _subject(workspace, unit, whole_system=whole_system)
     log, leave, include = subject.log, subject.leave, subject.include
     dictionary = dictionary_of(workspace, unit)
@@ -146,7 +143,6 @@ def test_unit(
     types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
     with workspace.step("test") as step:
         runner, baseline, untold = _judge_of(step, subject)
-        persistent = settings.isolation == "persistent" and not whole_system
         written: list[Path] = []
         result = run_campaign(
             () if whole_system else log,
@@ -170,7 +166,6 @@ def test_unit(
             progress=step.progress,
             found=lambda failure: written.append(_save(step, subject, failure, baseline)),
             stop=lambda: bool(stop(written)),
-            explorer=step.unit_runner(unit, persistent=True, unjudged=True) if persistent else None,
         )
         if isinstance(runner, _Inside):
             failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
@@ -182,11 +177,9 @@ def test_unit(
             of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
             untold += (f"whether more values hang: those of fields that hung already were kept back {of}",)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
-        traced, untraced = _after_others(step, unit, result, baseline)
         leaks, normal = _leaks(step, subject, result, types)
-        traced += leaks
         untold += normal
-        saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in traced]
+        saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in leaks]
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         bare = (FindingRecord.load(folder) for folder in folders if not (folder / EVIDENCE).is_dir())
         untold += tuple(f"what {one.signature} leaves: no trial that was to leave evidence failed so" for one in bare)
@@ -196,7 +189,7 @@ def test_unit(
             failing=result.failing,
             tested=result.trials - len(result.unjudged),
             findings=tuple(folder.name for folder in folders),
-            unconfirmed=(*map(_unconfirmed, result.unconfirmed.values()), *untraced),
+            unconfirmed=tuple(map(_unconfirmed, result.unconfirmed.values())),
             unjudged=_unjudged(result.unjudged),
             notes=dict(result.notes),
             ordered=baseline.ordered,
@@ -215,15 +208,10 @@ def test_unit(
             seconds=step.seconds,
         )
         record.save(workspace.out)
-        found = map(_told, [*result.failures.values(), *traced])
-        after = (
-            f"not confirmed: {clean(one.signature, limit=160)}: "
-            f"seen after {counted(one.history, 'other test case')} in one process, not in a fresh one"
-            for one in untraced
-        )
+        found = map(_told, [*result.failures.values(), *leaks])
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         starts = "; ".join(f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
-        lines = [*found, *after, *doubts, *([f"how the unit was started: {starts}"] if starts else [])]
+        lines = [*found, *doubts, *([f"how the unit was started: {starts}"] if starts else [])]
         step.end(
             "\n".join([_summary(subject, result, len(folders), record.stopped), *lines]),
             folder=workspace.out,
@@ -243,33 +231,6 @@ def tested(workspace: Workspace, unit: str) -> list[Path] | None:
     if record is None or (record.unit, record.fingerprint, record.seed, record.whole_system) != same:
         return None
     return [workspace.findings / name for name in record.findings]
-
-
-def _after_others(
-    step: StepRun, unit: str, result: CampaignResult, baseline: Baseline
-) -> tuple[list[Failure], list[UnconfirmedRecord]]:
-    """Return failures seen only after other cases: those with a log that makes a fresh process fail, and the rest."""
-    traced, untraced = [], []
-    if result.after_others:
-        runner, registry = step.unit_runner(unit), step.workspace.context.registry
-    for number, each in enumerate(sorted(result.after_others.values(), key=lambda each: len(each.before))):
-        shrunk = None
-        if number < _MOST_HISTORIES:
-            shrunk = shrink_history(each, runner, registry=registry, probe=baseline.probe, progress=step.progress)
-        if shrunk is not None:
-            traced.append(shrunk)
-            continue
-        untraced.append(
-            UnconfirmedRecord(
-                signature=each.violation.signature,
-                details=(each.violation.detail,),
-                occurrences=each.occurrences,
-                repeats=1,
-                history=len(each.before),
-                injections=tuple(one.row() for one in each.case.injections),
-            )
-        )
-    return traced, untraced
 
 
 def _leaks(

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 EXTRAS, EXTRAS_TYPE = "riot_bus.extras", "application/msgpack+zstd"
 """Name and media type of an attachment that belongs to the chunk after it; other attachments are left alone."""
+TIMES = 1 << 64
+"""MCAP's times have 64 bits and no sign: all lie below."""
+NUMBERS = 1 << 16
+"""MCAP's numbers of channels and schemas have 16 bits: all lie below."""
 MAX_BLOCK = 1 << 30
 """Largest chunk in bytes, uncompressed, that is searched for after damage."""
 
@@ -152,12 +156,6 @@ def message_bytes(channel: int, sequence: int, time: int, published: int, payloa
 def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None) -> bytes:
     """Return a block's records, uncompressed; for a chunk that was cut off, what is left.
 
-    Args:
-        file: Descriptor of the log.
-        block: The block that is read.
-        limits: Limits of what is read.
-        memory: Most bytes, before and after decompression, if these are fewer.
-
     Raises:
         ValueError: The block is damaged, larger than that, or, as BeyondLimitError, beyond the limits.
     """
@@ -184,13 +182,7 @@ def claimed_size(file: int, block: Block) -> int:
 
 
 def read_packed(file: int, block: Block, most: int | None = None) -> tuple[str, bytes] | None:
-    """Return the compression of a chunk, `none` included, and its compressed records; None if that is unknown.
-
-    Args:
-        file: Descriptor of the log.
-        block: The chunk.
-        most: Most bytes to read; None for all.
-    """
+    """Return the compression of a chunk, `none` included, and its compressed records; None if that is unknown."""
     body = os.pread(file, block.body.length if most is None else min(most, block.body.length), block.body.offset)
     try:
         name, packed = _split_chunk(body)
@@ -209,11 +201,6 @@ def _split_chunk(body: bytes) -> tuple[str, bytes]:
 
 def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) -> Records:
     """Return the records of a block and their positions.
-
-    Args:
-        data: Result of `read_block`.
-        limits: Limits of what is read.
-        cut: Whether the last record may be incomplete.
 
     Raises:
         ValueError: A record goes beyond the end, or there are too many.

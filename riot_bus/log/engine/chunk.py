@@ -5,12 +5,13 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from riot_bus.log.engine.blocks import MESSAGE, MESSAGE_HEAD, SHORTEST_MESSAGE, head_type
+from riot_bus.log.engine.blocks import HEAD, MESSAGE, MESSAGE_HEAD, SHORTEST_MESSAGE, head_type
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -19,9 +20,7 @@ LARGE = 1 << 16
 Buffer = bytes | memoryview
 
 _INDEX = struct.Struct("<BQHI")
-_ENTRY = struct.Struct("<QQ")
 _PIECE = 1 << 17  # the system allocates and frees larger blocks each time (glibc's default); see packing
-_FEW = 8  # numpy's calls cost more than a loop over few messages; a guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +28,7 @@ class Chunk:
     """A chunk that is complete.
 
     Attributes:
-        data: Its records, uncompressed, whole or in pieces.
+        data: Its records, uncompressed, in pieces.
         start: Time of the earliest message, nanoseconds.
         end: Time of the latest message.
         indexes: Message index record of each channel.
@@ -38,7 +37,7 @@ class Chunk:
         large: Payloads of at least `LARGE` bytes.
     """
 
-    data: bytes | tuple[bytes, ...]
+    data: tuple[bytes, ...]
     start: int
     end: int
     indexes: dict[int, bytes]
@@ -86,39 +85,14 @@ class Draft(NamedTuple):
         """Return the chunk: definitions, then messages, and an index of them."""
         import numpy as np
 
-        definitions = b"".join(self.definitions)
-        if len(self.parts) <= 2 * _FEW:
-            return self._chunk_of_few(definitions)
         heads = np.frombuffer(b"".join(self.parts[::2]), head_type())
-        lengths = heads["length"].astype(np.int64) + 9
+        lengths = heads["length"].astype(np.int64) + HEAD.size
         ends = np.cumsum(lengths)
-        indexes, counts = indexes_of(heads["channel"], heads["time"], ends - lengths + len(definitions))
-        cuts = np.unique(np.searchsorted(ends, np.arange(_PIECE, ends[-1], _PIECE), side="right"))
-        return Chunk(
-            (definitions, *self._pieces([*cuts.tolist(), len(heads)])),
-            int(heads["time"].min()),
-            int(heads["time"].max()),
-            indexes,
-            counts,
-            definitions,
-            tuple(self.parts[2 * place + 1] for place in np.flatnonzero(lengths >= LARGE + MESSAGE_HEAD).tolist()),
-        )
-
-    def _chunk_of_few(self, definitions: bytes) -> Chunk:
-        """Return the chunk; used for few messages, which are usually large."""
-        entries: dict[int, bytes] = {}
-        counts: Counter[int] = Counter()
-        times, position = [], len(definitions)
-        for head in self.parts[::2]:
-            _, length, channel, _, time, _ = MESSAGE.unpack(head)
-            entries[channel] = entries.get(channel, b"") + _ENTRY.pack(time, position)
-            counts[channel] += 1
-            times.append(time)
-            position += 9 + length
-        indexes = {channel: _index_record(channel, data) for channel, data in entries.items()}
-        start, end = min(times, default=0), max(times, default=0)
-        large = tuple(payload for payload in self.parts[1::2] if len(payload) >= LARGE)
-        return Chunk((definitions, *self.parts), start, end, indexes, dict(counts), definitions, large)
+        cuts = np.unique(np.searchsorted(ends, np.arange(_PIECE, lengths.sum(), _PIECE), side="right"))
+        pieces = self._pieces([*cuts.tolist(), len(heads)])
+        places = np.flatnonzero(lengths >= LARGE + MESSAGE_HEAD).tolist()
+        large = tuple(self.parts[2 * place + 1] for place in places)
+        return chunk_of(b"".join(self.definitions), pieces, heads["channel"], heads["time"], lengths, large)
 
     def _pieces(self, cuts: list[int]) -> Iterator[bytes]:
         """Yield all messages in pieces: large enough to be few, and large payloads without a copy."""
@@ -132,11 +106,7 @@ class Draft(NamedTuple):
 
 
 class ChunkBuilder:
-    """Collects the messages of a chunk.
-
-    Attributes:
-        size: Bytes so far.
-    """
+    """Collects the messages of a chunk."""
 
     __slots__ = ("_definitions", "_extras", "_parts", "size")
 
@@ -188,6 +158,30 @@ class ChunkBuilder:
         return draft
 
 
+def chunk_of(
+    definitions: bytes,
+    pieces: Iterable[bytes],
+    channels: NDArray[Any],
+    times: NDArray[Any],
+    lengths: NDArray[Any],
+    large: tuple[Buffer, ...],
+) -> Chunk:
+    """Return a chunk: definitions, then messages, and an index of them.
+
+    Args:
+        definitions: Schema and channel records.
+        pieces: Records of the messages, cut anywhere.
+        channels: Channel of each message, shape (n,).
+        times: Time of each message, nanoseconds, shape (n,).
+        lengths: Length of each message's record, shape (n,).
+        large: Payloads of at least `LARGE` bytes.
+    """
+    offsets = lengths.cumsum() - lengths + len(definitions)
+    indexes, counts = indexes_of(channels, times, offsets)
+    start, end = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+    return Chunk((definitions, *pieces), start, end, indexes, counts, definitions, large)
+
+
 def indexes_of(
     channels: NDArray[Any], times: NDArray[Any], offsets: NDArray[Any]
 ) -> tuple[dict[int, bytes], dict[int, int]]:
@@ -205,10 +199,12 @@ def indexes_of(
     entries[:, 0], entries[:, 1] = times, offsets
     entries = entries[order]
     numbers, places = np.unique(channels[order], return_index=True)
-    ends = [*places.tolist()[1:], len(channels)]
-    spans = list(zip(numbers.tolist(), places.tolist(), ends, strict=True))
-    indexes = {number: _index_record(number, entries[first:end].tobytes()) for number, first, end in spans}
-    return indexes, {number: end - first for number, first, end in spans}
+    borders = [*places.tolist(), len(channels)]
+    spans = [(number, *span) for number, span in zip(numbers.tolist(), pairwise(borders), strict=True)]
+    return (
+        {number: _index_record(number, entries[first:end].tobytes()) for number, first, end in spans},
+        {number: end - first for number, first, end in spans},
+    )
 
 
 def _index_record(channel: int, data: bytes) -> bytes:

@@ -9,14 +9,7 @@ _MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that repeats one byte takes
 
 
 class BeyondLimitError(ValueError):
-    """Something would take more than a limit allows.
-
-    Args:
-        what: Description of it, with its amount.
-        name: Name of the limit.
-        value: Present value of the limit.
-        needed: Value that the limit would need.
-    """
+    """Something would take more than a limit allows."""
 
     def __init__(self, what: str, name: str, value: int, needed: int) -> None:
         super().__init__(f"{what}, more than {name}={value}")

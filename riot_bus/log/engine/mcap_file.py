@@ -28,7 +28,7 @@ from mcap.records import (
 from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, HEAD, MAGIC
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.chunk import Companions
-from riot_bus.log.engine.packing import PackedChunk, check_compression, pieces_of
+from riot_bus.log.engine.packing import PackedChunk, check_compression
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
 _CHANNEL, _LENGTH = struct.Struct("<HH"), struct.Struct("<I")
 _NONE = Companions()
-_MOST_PARTS = 1000  # of one call to pwritev
 
 
 def record_bytes(record: McapRecord) -> bytes:
@@ -57,12 +56,6 @@ class McapFile:
     """Appends records to a file; after an error it ends with the last whole record, and the next one is tried again.
 
     It is an error if the disk is full or fails (OSError).
-
-    Args:
-        path: File to create; an existing one is overwritten.
-        profile: MCAP profile.
-        library: Name of the writing library.
-        compression: One of `COMPRESSIONS`.
 
     Attributes:
         statistics: MCAP statistics of what was written so far: counts by channel, earliest and latest time.
@@ -141,7 +134,7 @@ class McapFile:
         for channel, record in chunk.indexes.items():
             offsets[channel] = position
             position += len(record)
-        body = (head, name, struct.pack("<Q", packed), *pieces_of(chunk.data))
+        body = (head, name, struct.pack("<Q", packed), *chunk.data)
         self._append(self._missing, *body, *chunk.indexes.values())
         self._missing = b""
         self._indexes[Opcode.CHUNK_INDEX].append(
@@ -221,7 +214,7 @@ class McapFile:
         unwritten = [part for part in parts if part]
         try:
             while unwritten:
-                written = os.pwritev(self._file, unwritten[:_MOST_PARTS], position)
+                written = os.pwritev(self._file, unwritten[:1000], position)  # it takes 1024
                 position += written
                 unwritten = _without(unwritten, written)
         except OSError:

@@ -53,11 +53,6 @@ def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
 
     Compressing data that is compressed already, such as images, takes longer than writing it. A sample does not show
     that a message is in a chunk twice, such as an original and the delivered one; this is checked separately.
-
-    Args:
-        compression: One of `COMPRESSIONS`.
-        payloads: Large payloads of a chunk (`riot_bus.log.engine.chunk.LARGE`).
-        size: Size of the whole chunk in bytes.
     """
     large = sum(map(len, payloads))
     if compression == "none" or not payloads or _LEAST_SHARE * (size - large) > size:
@@ -77,18 +72,13 @@ class PackedChunk:
     """A chunk as it is stored in a file.
 
     Attributes:
-        compression: One of `COMPRESSIONS`.
-        data: Its records, compressed, whole or in pieces.
+        data: Its records, compressed, in pieces.
         size: Size of the records before compression, in bytes.
         checksum: CRC of the uncompressed records.
-        start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message.
-        indexes: Message index record of each channel.
-        counts: Number of messages of each channel.
     """
 
     compression: str
-    data: bytes | tuple[bytes, ...]
+    data: tuple[bytes, ...]
     size: int
     checksum: int
     start: int
@@ -99,15 +89,14 @@ class PackedChunk:
     @classmethod
     def of(cls, chunk: Chunk, compression: str) -> PackedChunk:
         """Compress a chunk, if that makes it smaller."""
-        pieces = pieces_of(chunk.data)
         checksum = 0
-        for piece in pieces:
+        for piece in chunk.data:
             checksum = crc32(piece, checksum)
-        size = sum(map(len, pieces))
+        size = sum(map(len, chunk.data))
         compression = worthwhile(compression, chunk.large, size)
         return cls(
             compression,
-            COMPRESSIONS[compression](pieces),
+            COMPRESSIONS[compression](chunk.data),
             size,
             checksum,
             chunk.start,
@@ -124,9 +113,4 @@ class PackedChunk:
     @property
     def length(self) -> int:
         """Bytes of the compressed records."""
-        return sum(map(len, pieces_of(self.data)))
-
-
-def pieces_of(data: bytes | tuple[bytes, ...]) -> tuple[bytes, ...]:
-    """Return data that is whole or in pieces as pieces."""
-    return (data,) if isinstance(data, bytes) else data
+        return sum(map(len, self.data))

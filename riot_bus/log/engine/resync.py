@@ -17,7 +17,6 @@ _FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22  # most damage is short; the search ta
 _NAMES = (b"", b"lz4", b"zstd")
 _CHUNK_HEAD = HEAD.size + CHUNK.size + len(b"zstd") + 8
 _NAME_LENGTH = HEAD.size + CHUNK.size - 4
-_CHAIN = 3  # this many whole records in a row do not occur by accident in noise
 
 
 def next_record(file: int, start: int, size: int, channels: Container[int]) -> int | None:
@@ -25,12 +24,6 @@ def next_record(file: int, start: int, size: int, channels: Container[int]) -> i
 
     Chunks are recognised by the lengths in their head, which must agree. Messages must be of known channels and be
     followed by other whole records.
-
-    Args:
-        file: Descriptor of the log.
-        start: Offset at which to begin.
-        size: Size of the file in bytes.
-        channels: Numbers of the known channels.
     """
     import numpy as np
 
@@ -70,7 +63,7 @@ def _is_message(data: bytes, at: int, channels: Container[int]) -> bool:
 
 def _follow(file: int, position: int, size: int) -> bool:
     """Return whether whole records follow each other from here on."""
-    for _ in range(_CHAIN):
+    for _ in range(3):  # so many whole records in a row do not occur by accident in noise
         head = os.pread(file, HEAD.size, position)
         if len(head) < HEAD.size:
             return False

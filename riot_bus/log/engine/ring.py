@@ -40,8 +40,6 @@ class RingContent:
 
     Attributes:
         start: Time of the earliest message, nanoseconds; 0 if there is none.
-        end: Time of the latest message.
-        messages: Number of messages by channel.
     """
 
     start: int
@@ -61,15 +59,6 @@ class RingContent:
         after: Sequence[tuple[str, Mapping[str, str]]] = (),
     ) -> int:
         """Write all of it as a log; return its size in bytes.
-
-        Args:
-            path: File to create.
-            profile: MCAP profile.
-            library: Name of the writing library.
-            schemas: Schemas from `LogWriter.definitions`; those that are not used here are left out.
-            channels: Channels from `LogWriter.definitions`; those without messages here are left out.
-            notes: Metadata records for the beginning.
-            after: Metadata records for the end.
 
         Raises:
             ConfigError: The file cannot be created.

@@ -35,21 +35,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _INDEX = struct.Struct("<HI")
-_STEP = 1 << 12  # bytes that are decompressed at once: up to this many are lost before a damaged place
-_PACKED_STEP = 1 << 10  # compressed bytes of lz4: up to this many are lost before a damaged place
+_PACKED_STEP = 1 << 10  # bytes of lz4 at once: up to this many are lost before a damaged place
 
 
 def salvage(
     file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None
 ) -> Records | None:
-    """Return the definitions and messages left of a chunk that cannot be read as a whole; None if nothing is left.
-
-    Args:
-        file: Descriptor of the log.
-        block: The damaged chunk.
-        limits: Limits of what is read.
-        memory: Most bytes, before and after decompression, if these are fewer.
-    """
+    """Return the definitions and messages left of a chunk that cannot be read as a whole; None if nothing is left."""
     import numpy as np
 
     limit = limits.chunk if memory is None else min(limits.chunk, memory)
@@ -171,7 +163,7 @@ def _remains(body: bytes, limits: LogLimits, limit: int) -> bytes:
         return packed[:size]
     if name not in (b"zstd", b"lz4"):
         raise ValueError("unknown compression")
-    return b"".join(unzstd(packed, size, step=_STEP) if name == b"zstd" else _unlz4(packed, size))
+    return b"".join(unzstd(packed, size, step=4 * _PACKED_STEP) if name == b"zstd" else _unlz4(packed, size))
 
 
 def _unlz4(packed: bytes, size: int) -> Iterator[bytes]:

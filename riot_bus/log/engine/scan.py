@@ -309,11 +309,6 @@ def read_metadata(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> 
 def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> bytes:
     """Return the data of an attachment.
 
-    Args:
-        file: Descriptor of the log.
-        span: Body of its record.
-        limits: Limits of what is read.
-
     Raises:
         ValueError: It is damaged or, as BeyondLimitError, too large.
     """
@@ -328,12 +323,6 @@ def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -
 
 def load_block(data: bytes, block: Block, scan: Scan, extras: Mapping[int, dict[str, Any]]) -> list[MessageEntry]:
     """Return a block's messages in file order, and add its schemas and channels to the scan.
-
-    Args:
-        data: Records of the block.
-        block: The block that is read.
-        scan: Scan to which definitions are added.
-        extras: Extras of the block's messages, by number.
 
     Raises:
         ValueError: The block is damaged; for a block that was cut off, what is left is returned instead.

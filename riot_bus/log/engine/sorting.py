@@ -27,9 +27,6 @@ class OverlapSorter:
     """Holds messages until no earlier ones of other blocks can follow.
 
     Each message costs about as many steps as the logarithm of the blocks that overlap, however these overlap.
-
-    Attributes:
-        held: Approximate bytes that they take.
     """
 
     def __init__(self) -> None:
@@ -37,12 +34,7 @@ class OverlapSorter:
         self._runs: list[tuple[int, int, _Run]] = []
 
     def add(self, entries: list[MessageEntry], size: int) -> None:
-        """Add the messages of a block; the list is sorted in place and kept.
-
-        Args:
-            entries: Messages, in any order.
-            size: Bytes of the block.
-        """
+        """Add the messages of a block; the list is sorted in place and kept."""
         if not entries:
             return
         entries.sort()

@@ -72,12 +72,6 @@ class Summary:
     """The header of a log, and what its summary section says.
 
     Attributes:
-        size: Size of the file, in bytes.
-        header: Header record.
-        statistics: Statistics record.
-        schemas: Schemas by id.
-        channels: Channels by id.
-        chunks: Content of all chunk indexes.
         metadata: Name of each metadata record, with the place of its body in the file.
     """
 
@@ -96,12 +90,7 @@ class Summary:
 
 
 def read_summary(file: int, limits: LogLimits = DEFAULT_LIMITS) -> Summary | None:
-    """Return the summary of a file; None if it has none, or one that disagrees with itself or with the file.
-
-    Args:
-        file: Descriptor of the log.
-        limits: Limits of what is read; a summary beyond them counts as none.
-    """
+    """Return the summary of a file; None if it has none, or one that disagrees with itself or with the file."""
     try:
         return _read(file, limits)
     except OSError:

@@ -20,11 +20,7 @@ _JOIN_S = 10.0  # threads end at their next batch; a hanging disk must not block
 
 
 class AheadSource:
-    """A source that is read ahead by some 2000 messages or 32 MiB, whichever is less, but by one message at least.
-
-    Args:
-        source: Source of the messages, read by a thread for each call of `messages`.
-    """
+    """A source that is read ahead by some 2000 messages or 32 MiB, whichever is less, but by one message at least."""
 
     def __init__(self, source: Source) -> None:
         self._source = source

@@ -20,28 +20,10 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-_LOOK_UP_NS = 100_000_000  # a stop takes effect within 0.1 s; ten looks a second cost little
 _STOP_S = 0.2  # only a source that hangs keeps the lock longer; then the flag must do
 _SLOWEST, _FASTEST = 1e-6, 1e6  # far beyond any use; a rate near 0 would make waits infinite (OverflowError)
 
 PlayState = Literal["ready", "playing", "paused", "ended"]
-
-
-@dataclass(frozen=True, slots=True)
-class PlayReport:
-    """How a replay went.
-
-    Attributes:
-        count: Messages that were published.
-        seconds: Time that it took, by the clock.
-        latest: Worst lateness of a message, seconds; 0 when no pace was asked for.
-        stopped: Whether it was stopped before the end.
-    """
-
-    count: int
-    seconds: float
-    latest: float
-    stopped: bool
 
 
 def play(
@@ -50,8 +32,8 @@ def play(
     *,
     rate: float = 0.0,
     clock: Clock,
-    stop: Callable[[], bool] | None = None,
-) -> PlayReport:
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
     """Publish messages in exactly this order.
 
     Deadlines count from the first message, so lateness does not add up; a message whose time lies before its
@@ -70,21 +52,14 @@ def play(
     check_rate(rate)
     begun = clock.now()
     first: int | None = None
-    count = latest = 0
-    stopped = False
     for message in messages:
-        if first is None:
-            first = message.time
-        if rate:
-            due = begun + int((message.time - first) / rate)
-            stopped = _wait(due, clock, stop)
-            latest = max(latest, clock.now() - due)
-        if stopped or (stop is not None and stop()):
-            stopped = True
-            break
+        first = message.time if first is None else first
+        due = begun + int((message.time - first) / rate) if rate else begun
+        while (now := clock.now()) < due and not stop():
+            clock.sleep_until(min(due, now + 10**8))  # a stop takes effect within 0.1 s
+        if stop():
+            return
         publish(message)
-        count += 1
-    return PlayReport(count, (clock.now() - begun) / 1e9, latest / 1e9, stopped)
 
 
 def check_rate(rate: float) -> float:
@@ -95,24 +70,12 @@ def check_rate(rate: float) -> float:
     return rate
 
 
-def _wait(due: int, clock: Clock, stop: Callable[[], bool] | None) -> bool:
-    while (now := clock.now()) < due:
-        if stop is not None and stop():
-            return True
-        clock.sleep_until(due if stop is None else min(due, now + _LOOK_UP_NS))
-    return False
-
-
 @dataclass(frozen=True, slots=True)
 class PlayStatus:
     """The state of a player.
 
     Attributes:
-        position: Present time of the log, nanoseconds.
-        start: Time at which the time line begins.
-        end: Time at which the time line ends.
         passes: Number of the present pass, from 1.
-        published: Messages so far.
     """
 
     state: PlayState
@@ -249,9 +212,8 @@ class Player:
 
     # -- playing ------------------------------------------------------------------------------------------------------
 
-    def run(self) -> PlayReport:
+    def run(self) -> None:
         """Play until the end or `stop`; to be called only once."""
-        began = self._pace.now()
         with self._bell:
             self._running = True
             self._passes = 1
@@ -268,7 +230,6 @@ class Player:
                 self._log = self._position()
                 self._ended = True
                 self._close_messages()
-        return PlayReport(self._published, (self._pace.now() - began) / 1e9, self.lateness.worst, self._stopped)
 
     def _next(self) -> Message | None:
         """Wait for the next message and take it; None at the end."""

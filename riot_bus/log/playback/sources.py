@@ -114,10 +114,6 @@ class PipedSource:
 
     Messages are delayed in the log's time, so the actual delay depends on the rate. Messages that are still delayed
     when the player seeks are lost. A message passes through the pipeline shortly before it is due.
-
-    Args:
-        source: Source of the messages.
-        pipeline: Pipeline, fed by the thread that reads; only one may read at a time.
     """
 
     def __init__(self, source: Source, pipeline: Pipeline) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import MESSAGE_HEAD, SHORTEST_MESSAGE, heads_of
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, NUMBERS, SHORTEST_MESSAGE, heads_of
 from riot_bus.types.payloads import Payloads
 
 if TYPE_CHECKING:
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block, Records
     from riot_bus.log.reader import LogReader
 
-_LATEST = (1 << 63) - 1  # the largest int64 of numpy; times in MCAP go up to 2^64 - 1
-_SMALL = 1 << 14  # handing a block of this size to a thread takes longer than loading it
+LATEST = np.iinfo(np.int64).max  # times in MCAP go up to 2^64 - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +30,6 @@ class LoadedBlock:
     """One block's messages, in the order of the file.
 
     Attributes:
-        block: The block that was read.
-        records: The records of the block.
         heads: Header before each message's payload, shape (n,).
         times: Time of each message, nanoseconds, shape (n,); -1 beyond the year 2262.
     """
@@ -51,7 +48,7 @@ class LoadedBlock:
     def rows_of(self, channel: int, low: int, high: int) -> NDArray[np.int64]:
         """Return the indices of a channel's messages with times in [low, high), in nanoseconds."""
         chosen = self.channels == channel
-        if low > 0 or high <= _LATEST:
+        if low > 0 or high <= LATEST:
             chosen &= (self.times >= low) & (self.times < high)
         else:
             chosen &= self.times >= 0
@@ -100,7 +97,7 @@ def load_ahead(
         largest: Bytes that a single block may take, by default `memory`; larger ones are counted as damaged.
     """
     limit = memory if largest is None else largest
-    known = np.zeros(1 << 16, np.bool_)
+    known = np.zeros(NUMBERS, np.bool_)
     known[list(reader.sources())] = True
     threads = threads if len(blocks) > 1 else 0
     ahead: deque[tuple[Block, int, Future[LoadedBlock] | None]] = deque()
@@ -113,7 +110,7 @@ def load_ahead(
                     size = min(limit, reader.claimed_size(block)) if threads else 0
                     if ahead and held + size > memory:
                         break
-                    in_pool = size > _SMALL
+                    in_pool = size > 1 << 14  # handing over a smaller block takes longer than loading it
                     ahead.append((block, size, pool.submit(_load, reader, block, limit) if in_pool else None))
                     held += size
                     following += 1
@@ -155,7 +152,7 @@ def _arrays(block: Block, records: Records) -> LoadedBlock:
 
 
 def _as_times(numbers: NDArray[Any]) -> NDArray[np.int64]:
-    late = numbers > _LATEST
+    late = numbers > LATEST
     times = numbers.astype(np.int64)
     if late.any():
         times[late] = -1

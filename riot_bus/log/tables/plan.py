@@ -80,11 +80,6 @@ def log_registry(
 ) -> TypeRegistry:
     """Return a registry of the types of a log's messages.
 
-    Args:
-        readers: The log, or the files that it consists of.
-        declared: Type names by topic, for types that are not known otherwise.
-        definitions: Files that define message types.
-
     Raises:
         ConfigError: A declared type is unknown, or a file does not define one.
     """
@@ -135,11 +130,6 @@ def delivered_sources(
 ) -> dict[int, ChannelSource]:
     """Return the channels of delivered messages by number.
 
-    Args:
-        reader: The log.
-        registry: Registry that `log_registry` returns.
-        topics: Topic names or key expressions; None for all.
-
     Raises:
         ConfigError: The log has no such topic.
     """
@@ -164,11 +154,6 @@ def topic_types(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> list[tuple[str, TypeListing]]:
     """Return each topic of a log and its type; without a definition, the fields are those of the first messages.
-
-    Args:
-        reader: The log.
-        registry: Registry that `log_registry` returns.
-        topics: Topic names or key expressions; None for all.
 
     Raises:
         ConfigError: The log has no such topic.

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Scalar
 
-_MEMORY = 1 << 28  # as for `iter_columns`; a single block may be larger
 _ELEMENTS = 16  # each is a path of its own, whose values are gathered from all messages
 _NESTED_ELEMENTS = 4  # of each level, so that three levels have 64 paths
 _MOST_NESTED = 3  # each further level would take four times as many paths
@@ -101,12 +100,8 @@ class TopicFields:
     """The fields of a topic.
 
     Attributes:
-        topic: Name of the topic.
-        key: Its Zenoh key.
         type: Name of the type; empty if it is not known.
-        count: Number of messages.
         unreadable: Number of messages that cannot be decoded.
-        fields: Fields in payload order.
         omitted: Number of fields that were left out, as too many or too deeply nested.
     """
 
@@ -143,7 +138,7 @@ def field_ranges(
     found: dict[str, TopicFields] = {}
     surveys: dict[tuple[str, int], _Survey] = {}
     read = surveyed = 0
-    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=1, largest=reader.limits.chunk):
+    for block in load_ahead(reader, reader.blocks(), memory=reader.limits.held, threads=1, largest=reader.limits.chunk):
         for number, rows in block.by_channel():
             feed = feeds.get(number)
             if feed is None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.blocks import LoadedBlock, load_ahead
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-MEMORY = 1 << 30  # a chunk at the reader's limit has room, and would else count as damaged
-_STREAM_MEMORY = 1 << 28  # as the reader's limit `held`, for messages that wait for earlier ones
 _MOST_THREADS = 4  # one thread takes values out of blocks, so more would wait; not measured
 
 
@@ -109,7 +108,7 @@ def columns(
     *,
     start: int | None = None,
     end: int | None = None,
-    memory: int = MEMORY,
+    memory: int = DEFAULT_LIMITS.chunk,
     registry: TypeRegistry | None = None,
     threads: int | None = None,
     salvage: bool = False,
@@ -164,7 +163,7 @@ def iter_columns(
     *,
     start: int | None = None,
     end: int | None = None,
-    memory: int = _STREAM_MEMORY,
+    memory: int = DEFAULT_LIMITS.held,
     registry: TypeRegistry | None = None,
     threads: int | None = None,
     salvage: bool = False,
@@ -186,7 +185,7 @@ def column_parts(
     *,
     start: int | None = None,
     end: int | None = None,
-    memory: int = _STREAM_MEMORY,
+    memory: int = DEFAULT_LIMITS.held,
     registry: TypeRegistry | None = None,
     threads: int | None = None,
 ) -> Iterator[Columns]:

@@ -1,10 +1,9 @@
-"""Hook that gives started processes the environment of another segment, or leaves them out, by their names.
+"""Hook that leaves out some of the processes that a process starts, by their names.
 
-Python imports this by itself, as `riot ros-test` and components with `only` put this folder first on PYTHONPATH. The
-file that `RIOT_PLACEMENT` names says what to do. The hook changes `subprocess.Popen`, with which launch,
-launch_testing, launch_pytest, `ros2 run`, colcon and most test suites start processes: commands, their names and
-prefixes stay as they are, only variables are added; the tests of each package get a router. A Zenoh session that would
-look for others by scouting connects to its segment. Nothing else changes: another `sitecustomize` is imported as it
+Python imports this by itself, as components with `only` put this folder first on PYTHONPATH. The file that
+`RIOT_PLACEMENT` names says what to do: `only`, or the `hook` of an extension, a file that changes what is started in
+another way. The hook changes `subprocess.Popen`, with which launch, `ros2 run` and most programs start processes:
+commands, their names and prefixes stay as they are. Nothing else changes: another `sitecustomize` is imported as it
 would be without this one. Standard library only.
 """
 
@@ -28,9 +27,6 @@ _NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
 _WITH_VALUE = ("-W", "-X")
 _WAITS = {"run", "call"}
 """Functions of `subprocess` that wait for the end of the process; other such functions call one of these."""
-_TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
-_SEARCHES = ("connect/endpoints", "listen/endpoints", "scouting/multicast/enabled")
-"""Keys of Zenoh's configuration that have their defaults where a session looks for others by scouting."""
 _LARGEST = 1 << 18
 """Size limit of the file of reports, in bytes."""
 
@@ -74,26 +70,8 @@ def _python_names(words: Sequence[str]) -> list[str]:
     return []
 
 
-def placed(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
-    """Change the arguments of a `Popen` as a plan says, and report what was started.
-
-    Args:
-        plan: Plan with `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file of reports).
-        popen: Arguments of `Popen` by name.
-    """
-    words = words_of(popen["args"], shell=bool(popen.get("shell")))
-    names = names_of(words)
-    program = popen.get("executable")
-    if program is not None:
-        names.append(os.path.basename(os.fsdecode(program)))
-    chosen = bool(plan["nodes"]) and any(re.fullmatch(plan["nodes"], name) for name in names)
-    if chosen:
-        given = popen.get("env")
-        popen["env"] = {**(os.environ if given is None else given), **plan["variables"]}
-    _tell(plan["told"], names=names[:8], segment=plan["segment"] if chosen else "")
-
-
-def _tell(file: str, **event: object) -> None:
+def report(file: str, **event: object) -> None:
+    """Report what is started, as a line of a file."""
     try:
         number = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
     except OSError:  # riot is gone
@@ -103,27 +81,6 @@ def _tell(file: str, **event: object) -> None:
             os.write(number, json.dumps(event).encode()[:4096] + b"\n")
     finally:
         os.close(number)
-
-
-def wrapped(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
-    """Run the tests of one package in a separate `riot ros-test`, if this is colcon and starts them.
-
-    Args:
-        plan: Plan with `wrap`, the words to prepend, with `{package}` and `{folder}`, and `cwd`, their working folder.
-        popen: Arguments of `Popen` by name.
-    """
-    words = words_of(popen["args"])
-    if popen.get("shell") or "colcon" not in sys.argv[0] or not _TEST_PROGRAMS & set(names_of(words)):
-        return
-    if "--show-only" in words:  # colcon asks whether there are any
-        return
-    folder = os.path.abspath(os.fsdecode(popen.get("cwd") or os.curdir))
-    options = (popen.get("env") or os.environ).get("PYTEST_ADDOPTS", "")
-    told = re.search(r"--junit-prefix=([\w.-]+)", options)
-    package = told.group(1) if told else os.path.basename(folder)
-    values = {"{package}": package, "{folder}": folder}
-    popen["args"] = [*(values.get(word, word) for word in plan["wrap"]), *words]
-    popen["cwd"] = plan["cwd"]
 
 
 def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
@@ -146,16 +103,14 @@ def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
         popen["env"] = environment
     else:
         popen.update(args=["sleep", "infinity"], executable=None, shell=False)
-    _tell(plan["told"], names=names[:8], segment="only" if wanted else "")
+    report(plan["told"], names=names[:8], segment="only" if wanted else "")
 
 
-def patch(plan: Mapping[str, Any]) -> None:
-    """Apply a plan to each process that this one starts."""
+def patch(plan: Mapping[str, Any], change: Callable[[Mapping[str, Any], dict[str, Any]], None]) -> None:
+    """Change the arguments of each process that this one starts, as a plan says."""
     import functools
     import subprocess
 
-    kinds: dict[str, Callable[[Mapping[str, Any], dict[str, Any]], None]] = {"wrap": wrapped, "only": chosen}
-    change = next((kinds[name] for name in kinds if plan.get(name)), placed)
     original: Any = subprocess.Popen.__init__
     order = original.__code__.co_varnames[1 : original.__code__.co_argcount]
 
@@ -174,54 +129,6 @@ def patch(plan: Mapping[str, Any]) -> None:
     subprocess.Popen.__init__ = begin  # type: ignore[method-assign]
 
 
-def joined(zenoh: Any) -> None:
-    """Make sessions that would look for others by scouting connect as the file in `ZENOH_CONFIG` says.
-
-    `zenoh.Config()` does not read that file. A session whose configuration says where to connect or listen, or that
-    must not look for others, is opened as it is.
-
-    Args:
-        zenoh: The module, whose `open` is replaced.
-    """
-    import functools
-
-    original = zenoh.open
-
-    @functools.wraps(original)
-    def begin(config: Any, *arguments: Any, **options: Any) -> Any:
-        with contextlib.suppress(Exception):  # errors here must not reach the program
-            usual, ours = zenoh.Config(), zenoh.Config.from_env()
-            alike = all(config.get_json(key) == usual.get_json(key) for key in _SEARCHES)
-            if alike and config.get_json("mode") != '"router"':
-                config = type(config).from_json5(str(config))  # the program may use its own again
-                for key in ("mode", *_SEARCHES):
-                    config.insert_json5(key, ours.get_json(key))
-        return original(config, *arguments, **options)
-
-    zenoh.open = begin
-
-
-class _Zenoh:
-    """Finder that applies `joined` to zenoh when it is imported."""
-
-    def find_spec(self, name: str, _path: object = None, _target: object = None) -> Any:
-        if name != "zenoh" or self not in sys.meta_path:
-            return None
-        import importlib.util
-
-        sys.meta_path.remove(self)
-        found = importlib.util.find_spec(name)
-        if found is not None and found.loader is not None:
-            load = found.loader.exec_module
-
-            def exec_module(module: Any) -> None:
-                load(module)
-                joined(module)
-
-            found.loader.exec_module = exec_module  # type: ignore[method-assign]
-        return found
-
-
 def _chain() -> None:
     """Import the `sitecustomize` that would have been found without this one."""
     import importlib.machinery
@@ -236,9 +143,21 @@ def _chain() -> None:
 def _begin(file: str) -> None:
     with contextlib.suppress(OSError, ValueError), open(file, encoding="utf-8") as stream:  # else riot is gone
         plan = json.load(stream)
-        patch(plan)
-        if "nodes" in plan and "ZENOH_CONFIG" in os.environ:
-            sys.meta_path.insert(0, _Zenoh())
+        patch(plan, _of_extension(plan) if "hook" in plan else chosen)
+
+
+def _of_extension(plan: Mapping[str, Any]) -> Callable[[Mapping[str, Any], dict[str, Any]], None]:
+    """Return what an extension's `begin(plan, tools)` gives; the tools are the functions of this module for names."""
+    import importlib.util
+    import types
+
+    found: Any = importlib.util.spec_from_file_location("riot_placement", plan["hook"])
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    change: Callable[[Mapping[str, Any], dict[str, Any]], None] = module.begin(
+        plan, types.SimpleNamespace(words_of=words_of, names_of=names_of, report=report)
+    )
+    return change
 
 
 if not hasattr(sys, "_riot_placement"):  # else a chained hook imports this one again

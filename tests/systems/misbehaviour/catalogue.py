@@ -15,7 +15,7 @@ from riot_bus.vocabulary.message import Message
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["FAULTY", "HISTORY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
+__all__ = ["FAULTY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -98,9 +98,6 @@ max = 0
 ORDER = "order_of_two"
 """Fails on a bad command while the mode is 1, and has a thread for each topic."""
 
-HISTORY = "after_sixty"
-"""Fails on a bad command after sixty others, which is more than a trial has; its process goes on over trials."""
-
 ROBUST = (
     "slow",
     "chatty",
@@ -118,7 +115,6 @@ ROBUST = (
 
 OUTPUTS = {"homes": ["state", "homed"]}
 
-PERSISTENT = 'isolation = "persistent"\nmined = false\n'
 _MESSAGES = 30
 _STEP_NS = 10_000_000
 
@@ -161,7 +157,7 @@ def build(folder: Path, kind: str, *, above: str = "") -> None:
         subprocess.run(command, input=above + (FOLDER / "faults.c").read_text(), text=True, check=True)
 
 
-def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER, HISTORY)) -> Path:
+def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER)) -> Path:
     """Write riot.toml, the nominal log and the program into a folder; return the path of the former.
 
     Args:
@@ -188,7 +184,6 @@ def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER, HISTORY
         f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}{limited if kind in LIMITED else ''}"
         f"[unit.{kind}]\nleave = {['cmd:k'] if kind == ORDER else ['mode:*', 'cmd:k']}\nsettle = {{ timeout = 2.0 }}\n"
         f"{'mined = false' if kind in MEASURED else ''}\n"
-        f"{PERSISTENT if kind == HISTORY else ''}"
         for kind in kinds
     ]
     path = folder / "riot.toml"

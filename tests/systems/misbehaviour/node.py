@@ -142,8 +142,6 @@ def handle(command):
     if KIND == "order_of_two" and mode == 1 and bad:
         raise ValueError("bad while the mode is 1")
     count += KIND not in MEASURED
-    if KIND == "after_sixty" and bad and count > 60:
-        raise ValueError("bad after sixty others")
     if KIND == "homes" and not is_homed(command, bad):
         return
     if bad and misbehave(command):

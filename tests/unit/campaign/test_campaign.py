@@ -463,21 +463,3 @@ def test_a_stop_in_a_batch_loses_no_finished_trial(tmp_path: Path) -> None:
     pure = Pure(lambda case: Outcome(Verdict.PASS))
     assert len(StoredRunner(pure, TrialStore(store.path), scope={}).run(cases)) == 4
     assert [case.seed for case in pure.executed] == [1, 3]
-
-
-def test_an_explorer_runs_injected_trials_and_failures_are_confirmed_without_it() -> None:
-    def worn(case: TestCase) -> Outcome:
-        before = [one.digest() for one in explorer.executed if one is not case][:2]
-        history = {"violations": [["crash", "part", "worn", ""]], "before": before}
-        return Outcome(Verdict.PASS, statistics={"history": history} if case.injections else {})
-
-    runner, explorer = Pure(lambda _: Outcome(Verdict.PASS)), Pure(worn)
-    result = run_campaign(LOG, schedule(), runner, seed=0, trials=10, explorer=explorer)
-    assert not any(case.injections for case in runner.executed)
-    assert len(explorer.executed) == 4 + 10
-    assert not any(case.injections for case in explorer.executed[:4])
-    assert len({case.digest() for case in explorer.executed[:4]}) == 4
-    (after,) = result.after_others.values()
-    assert after.occurrences == 10
-    assert len(after.before) == 2
-    assert result.failing == 0

@@ -1,36 +1,63 @@
-"""What failed only after other cases, as outcomes tell it."""
+"""Failures of one signature are one finding, represented by its simplest case."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from riot_bus.campaign.triage import Failure, complexity, finding_id, group, plainer, severity
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 
-from riot_bus.campaign.triage import AfterOthers, add_history
-from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
-
-WORN = ["crash", "part", "crash in part: worn", "ValueError: worn"]
-
-
-def told(before: Sequence[TestCase]) -> Outcome:
-    history = {"violations": [WORN], "before": [case.digest() for case in before]}
-    return Outcome(Verdict.PASS, statistics={"history": history})
+WORN = Violation("crash", "part", "crash in part: worn", "ValueError: worn")
+PLAIN, STRANGE = Injection("cmd", "x", 7), Injection("cmd", "x", float("nan"))
 
 
-def test_the_shortest_history_of_a_failure_is_kept() -> None:
-    cases = [TestCase(seed=number) for number in range(5)]
-    asked = {case.digest(): case for case in cases}
-    found: dict[str, AfterOthers] = {}
-    add_history(found, cases[3], told(cases[:3]), asked=asked)
-    add_history(found, cases[2], told(cases[:1]), asked=asked)
-    add_history(found, cases[4], told(cases[:4]), asked=asked)
-    (only,) = found.values()
-    assert only.case == cases[2]
-    assert only.before == (cases[0],)
-    assert only.occurrences == 3
-    assert only.violation.signature == WORN[2]
+def failed(modified: int, *violations: Violation) -> Outcome:
+    return Outcome(Verdict.FAIL, violations or (WORN,), statistics={"modified": modified})
 
 
-def test_without_a_history_that_is_known_nothing_is_told() -> None:
-    found: dict[str, AfterOthers] = {}
-    add_history(found, TestCase(), Outcome(Verdict.PASS), asked={})
-    add_history(found, TestCase(), told([TestCase(seed=1)]), asked={})
-    assert not found
+def test_a_failure_is_represented_by_the_case_that_is_easiest_to_explain() -> None:
+    failures: dict[str, Failure] = {}
+    for trial, (injection, modified) in enumerate([(STRANGE, 1), (PLAIN, 9), (PLAIN, 2), (PLAIN, 5)]):
+        (known,) = group(failures, TestCase(injections=(injection,)), failed(modified), trial=trial, types={})
+    assert (known.trial, known.occurrences, known.details) == (2, 4, [WORN.detail])
+
+
+def test_after_its_confirmation_a_simpler_case_waits() -> None:
+    failures: dict[str, Failure] = {}
+    (known,) = group(failures, TestCase(injections=(STRANGE,)), failed(1), trial=0, types={})
+    known.rate = proportion(4, 4)
+    assert known.confirmed
+    group(failures, TestCase(injections=(PLAIN,)), failed(1), trial=1, types={})
+    assert known.trial == 0
+    assert known.simpler is not None
+    assert known.simpler[1] == 1
+
+
+def test_a_mined_rule_has_to_fire_more_often_than_by_chance() -> None:
+    (known,) = group({}, TestCase(), failed(1, Violation("mined", "part", "mined count")), trial=0, types={})
+    known.rate = proportion(1, 20)
+    assert not known.confirmed
+    known.rate = proportion(20, 20)
+    assert known.confirmed
+
+
+def test_stranger_injections_are_left_out_of_a_case() -> None:
+    (known,) = group({}, TestCase(injections=(PLAIN, STRANGE)), failed(2), trial=0, types={})
+    assert next(case.injections for case in plainer(known)) == (PLAIN,)
+
+
+def test_a_value_of_another_type_is_stranger_than_one_that_is_no_number() -> None:
+    types = {("cmd", "x"): "double"}
+    (text, _), (nan, _), (plain, _) = (
+        complexity([one], 1, types) for one in (Injection("cmd", "x", "text"), STRANGE, PLAIN)
+    )
+    assert text > nan > plain
+
+
+def test_names_and_severity() -> None:
+    assert finding_id(WORN).startswith("crash-part-")
+    assert [severity(Violation(kind, "a", kind)) for kind in ("hang", "crash", "silent")] == [
+        "restart",
+        "abort",
+        "silent",
+    ]

@@ -200,7 +200,7 @@ class Machine:
     judged: list[str] = field(default_factory=list)
     closed: bool = False
 
-    def unit(self, unit: str, log: object, *, persistent: bool = False) -> PureRunner:
+    def unit(self, unit: str, log: object) -> PureRunner:
         assert unit == "drive"
         return PureRunner(self.play)
 

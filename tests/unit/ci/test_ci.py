@@ -235,7 +235,7 @@ def test_each_unit_gets_its_share_of_what_is_left(tmp_path: Path) -> None:
 
     def opened(unit: str, folder: Path) -> Workspace:
         machine = Machine(tmp_path, fails=never_hangs)
-        machine.unit = lambda name, log, *, persistent=False: Machine.unit(machine, "drive", log)  # type: ignore[method-assign]
+        machine.unit = lambda name, log: Machine.unit(machine, "drive", log)  # type: ignore[method-assign]
         seen.append((unit, folder))
         return Workspace(tmp_path / "riot.toml", folder, runners=machine)
 

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from riot_bus.cli.main import add_commands
 from riot_bus.log.account import LOST, Account
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, RiotError
 from riot_bus.vocabulary.message import Message
 from tests.log_mutants import COUNT, MESSAGES, channel, chunk, foreign, note, ours, whole
@@ -76,7 +76,7 @@ def test_a_type_that_is_not_spelt_right_is_found_by_its_short_name():
 
 def test_a_damaged_log_is_exported_as_far_as_wanted(tmp_path):
     path, out = tmp_path / "a.mcap", tmp_path / "a.csv"
-    with LogWriter(path, compression="none") as writer:
+    with LogWriter(path, LogSettings(compression="none")) as writer:
         for number in range(30):
             writer.write(Message(number + 1, "k", b'{"x": %2d}' % number, encoding="application/json"))
     data = bytearray(path.read_bytes())

@@ -40,7 +40,6 @@ def report(folder: Path, *words: str) -> Result:
 
 def test_a_page_is_written_unless_asked_otherwise(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("jinja2")
-    pytest.importorskip("matplotlib")
     assert report(folder).stdout == f"{folder / 'report.html'}\n"
     other = tmp_path / "other.html"
     assert report(folder, "-o", str(other)).stdout == f"{other}\n"

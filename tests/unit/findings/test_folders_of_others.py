@@ -16,10 +16,10 @@ from riot_bus.ci.ci_baseline import accept
 from riot_bus.ci.kept import keep_finding
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.report.allure import AllureReport
 from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.finding_view import evidence_files, load
 from riot_bus.report.formats import write_file
+from riot_bus.report.junit import JunitReport
 from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import ConfigError
@@ -68,7 +68,7 @@ def test_no_command_opens_what_is_not_in_the_folder(one: Bench, tmp_path: Path, 
             way()
     view = load_campaign(one.workspace.out)
     assert view.findings == ()
-    write_file(AllureReport().render_campaign(view), tmp_path / "allure")
+    write_file(JunitReport().render_campaign(view), tmp_path / "riot.xunit.xml")
     made = [each for each in tmp_path.rglob("*") if each.is_file() and not each.is_symlink() and each.name != "id_rsa"]
     assert not [each for each in made if KEY.encode() in each.read_bytes()]
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from riot_bus.log import account as module
-from riot_bus.log.account import Account, account_of
+from riot_bus.log.account import Account, LossCounts, account_of
 
 FULL = Account({"/a": 3}, {"disk": {"/a": 2}, "missed": {"/b": 1}}, {"paused": {"/c": 4}})
 
@@ -14,11 +14,6 @@ def test_it_comes_back_from_a_record() -> None:
     assert account_of(FULL.record()) == FULL
     assert account_of(Account().record()) == Account()
     assert (bool(FULL), bool(Account({"/a": 3})), FULL.total(), FULL.total("disk")) == (True, False, 3, 2)
-
-
-def test_the_difference_of_two() -> None:
-    later = Account({"/a": 5, "/b": 1}, {"disk": {"/a": 2}, "missed": {"/b": 4}}, {"paused": {"/c": 4}})
-    assert later.since(FULL).record() == Account({"/a": 2, "/b": 1}, {"missed": {"/b": 3}}).record()
 
 
 def test_topics_without_number_do_not_fill_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,3 +48,14 @@ def test_several_accounts_are_added_and_their_topics_renamed():
     assert total.renamed({"/a": "/x", "/b": "/x"}).recorded == {"/x": 8}
     assert total.renamed({"/a": "/x"}).lost == {"disk": {"/x": 3}, "missed": {}}
     assert Account.total_of([]) == Account()
+
+
+def test_what_was_written_and_lost_afterwards_is_not_recorded():
+    counts = LossCounts()
+    counts.recorded.add("a", 5)
+    counts.lose("disk", "a", 2, written=True)
+    counts.lose("missed", "a")
+    counts.left_out["paused"].add("b")
+    assert counts.account() == Account({"a": 3}, {"disk": {"a": 2}, "missed": {"a": 1}}, {"paused": {"b": 1}})
+    counts.lose("disk", "a", 3, written=True)
+    assert counts.account().recorded == {}

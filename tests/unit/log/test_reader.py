@@ -7,7 +7,7 @@ from mcap.writer import CompressionType, Writer
 
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
@@ -61,7 +61,7 @@ def test_summaries_may_lack_things(tmp_path, options):
 
 def test_selection(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, chunk_bytes=200) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=200)) as writer:
         for n in range(100):
             writer.write(Message(n, f"rover/{'abc'[n % 3]}", b"x" * 20))
     with LogReader(path) as reader:
@@ -73,7 +73,7 @@ def test_selection(tmp_path):
 
 def test_memory_stays_bounded(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, chunk_bytes=10_000) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=10_000)) as writer:
         for n in range(2000):
             writer.write(Message(n, "a", b"x" * 1000))
     with LogReader(path) as reader:
@@ -88,7 +88,7 @@ def test_memory_stays_bounded(tmp_path):
 
 def test_damaged_chunk_is_left_out_and_counted(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, chunk_bytes=200, compression="none") as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=200, compression="none")) as writer:
         for n in range(30):
             writer.write(Message(n, "a", b"payload %03d" % n, attachment=b"%d" % n))
     raw = bytearray(path.read_bytes())
@@ -116,7 +116,7 @@ def test_damaged_extras_cost_the_attachment_only(tmp_path):
 
 def test_cut_chunk_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, compression="none") as writer:
+    with LogWriter(path, LogSettings(compression="none")) as writer:
         for n in range(30):
             writer.write(Message(n, "a", b"payload %03d" % n))
     raw = path.read_bytes()

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -48,7 +48,9 @@ def odometry(x):
 @pytest.fixture
 def path(tmp_path):
     path = tmp_path / "run_0.mcap"
-    with LogWriter(path, registry=TypeRegistry([Ros2Adapter()]), profile="ros2", chunk_bytes=4000) as writer:
+    with LogWriter(
+        path, LogSettings(chunk_bytes=4000), registry=TypeRegistry([Ros2Adapter()]), profile="ros2"
+    ) as writer:
         for n in range(20):
             now = 10**18 + n
             writer.write(Message(now, ODOM, odometry(float(n)), attachment=bytes(33), sequence=2 * n), role="original")

@@ -8,11 +8,12 @@ import pytest
 from mcap.reader import make_reader
 
 from riot_bus.log import layout
-from riot_bus.log import writer as module
+from riot_bus.log import log_channels as module
 from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.engine.packing import COMPRESSIONS
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LogSettings, LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.pipeline.event import Change
 from riot_bus.types.model import Schema
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -34,7 +35,7 @@ ODD = [
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_every_attribute_survives(tmp_path, compression):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, metadata={"seed": "7"}, profile="ros2", compression=compression) as writer:
+    with LogWriter(path, LogSettings(compression=compression), metadata={"seed": "7"}, profile="ros2") as writer:
         for message in ODD:
             writer.write(message)
     with LogReader(path) as reader:
@@ -71,7 +72,7 @@ def test_originals_and_provenance_are_apart_from_the_delivered_stream(tmp_path):
 def test_chunks_end_by_size_and_by_age(tmp_path):
     path = tmp_path / "a.mcap"
     clock = ManualClock()
-    with LogWriter(path, chunk_bytes=2000, chunk_seconds=1.0, clock=clock) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=2000, chunk_seconds=1.0), clock=clock) as writer:
         writer.write(Message(1, "a", b"x"))
         writer.tick()
         assert read_log(path) == ()
@@ -104,7 +105,7 @@ def test_what_is_not_in_the_file_when_the_disk_fails_is_named_once_and_what_foll
     tmp_path, monkeypatch, threaded
 ):
     path = tmp_path / "a.mcap"
-    writer = LogWriter(path, chunk_bytes=1000, threaded=threaded)
+    writer = LogWriter(path, LogSettings(chunk_bytes=1000, threaded=threaded))
     lost = Counter()
 
     def write(key, payload=b"", **more):
@@ -156,13 +157,14 @@ def lost_of(writer, lost):
 def test_a_disk_that_is_full_for_good_leaves_whole_records(tmp_path):
     code = """
 import resource, signal, sys, os
-from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.log.writer import LogSettings, LogWriter
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.vocabulary.message import Message
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 lost = 0
-writer = LogWriter(sys.argv[1], chunk_bytes=30_000)
+writer = LogWriter(sys.argv[1], LogSettings(chunk_bytes=30_000))
 for n in range(100):
     try:
         writer.write(Message(n, "a", os.urandom(5000), attachment=b"x", sequence=n))
@@ -187,7 +189,7 @@ print(lost)
 
 def test_a_file_that_was_removed_takes_everything_along(tmp_path):
     path = tmp_path / "a.mcap"
-    writer = LogWriter(path, chunk_bytes=1000)
+    writer = LogWriter(path, LogSettings(chunk_bytes=1000))
     for key in ("a", "b"):
         writer.write(Message(1, key, bytes(2000)))
     path.rename(tmp_path / "b.mcap")  # is still there
@@ -204,7 +206,7 @@ def test_a_file_that_was_removed_takes_everything_along(tmp_path):
 
 def test_every_tool_finds_messages_by_the_indexes(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, chunk_bytes=500, compression="lz4", metadata={"seed": "7"}) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=500, compression="lz4"), metadata={"seed": "7"}) as writer:
         for n in range(200):
             writer.write(Message(1000 + n, f"k{n % 3}", b"%d" % n, sequence=n, attachment=b"x" if n % 7 == 0 else None))
         writer.note("other", {"a": "b"})
@@ -229,7 +231,7 @@ def test_closing_twice_is_fine_and_errors_are_clear(tmp_path):
     writer.close()
     writer.close()
     with pytest.raises(ConfigError, match="did you mean 'zstd'"):
-        LogWriter(tmp_path / "a.mcap", compression="zst")
+        LogWriter(tmp_path / "a.mcap", LogSettings(compression="zst"))
     with pytest.raises(ConfigError, match="cannot write"):
         LogWriter(tmp_path / "no" / "a.mcap")
 
@@ -239,7 +241,7 @@ def test_too_many_keys_are_counted(tmp_path, monkeypatch):
     with LogWriter(tmp_path / "a.mcap") as writer:
         for n in range(4):
             writer.write(Message(1, f"k{n}", b""))
-        assert writer.lost == {"k2": 1, "k3": 1}
+        assert writer.refused == 2
     assert len(read_log(tmp_path / "a.mcap")) == 2
 
 
@@ -247,13 +249,13 @@ def test_times_that_do_not_fit_are_counted_and_spoil_nothing(tmp_path):
     with LogWriter(tmp_path / "a.mcap") as writer:
         for time in (1, -1, 2**64, 2):
             writer.write(Message(time, "a", b"x"))
-        assert writer.lost == {"a": 2}
+        assert writer.refused == 2
     assert [message.time for message in read_log(tmp_path / "a.mcap")] == [1, 2]
 
 
 def test_threads_may_share_a_writer(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, chunk_bytes=500) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=500)) as writer:
 
         def work(name):
             for n in range(300):
@@ -271,10 +273,10 @@ def test_threads_may_share_a_writer(tmp_path):
 
 WRITER = """
 import sys
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 
-writer = LogWriter(sys.argv[1], chunk_bytes=2000, metadata={"seed": "7"})
+writer = LogWriter(sys.argv[1], LogSettings(chunk_bytes=2000), metadata={"seed": "7"})
 n = 0
 while True:
     writer.write(Message(n, "a", b"%d" % n, attachment=b"at %d" % n, sequence=n))
@@ -319,11 +321,11 @@ def test_messages_that_were_taken_apart_already_are_written_as_others_are(tmp_pa
         Message(1 + n, f"k{n % 3}", bytes(n % 50), sequence=n, publish_time=n, attachment=b"x" if n % 5 == 0 else None)
         for n in range(1000)
     ]
-    with LogWriter(tmp_path / "a.mcap", chunk_bytes=2000, threaded=threaded) as writer:
+    with LogWriter(tmp_path / "a.mcap", LogSettings(chunk_bytes=2000, threaded=threaded)) as writer:
         rows = rows_of(writer, log)
         for start in range(0, len(rows), 70):
             writer.append(rows[start : start + 70])
-    with LogWriter(tmp_path / "b.mcap", chunk_bytes=2000) as writer:
+    with LogWriter(tmp_path / "b.mcap", LogSettings(chunk_bytes=2000)) as writer:
         for each in log:
             writer.write(each)
     assert list(read_log(tmp_path / "a.mcap")) == list(read_log(tmp_path / "b.mcap")) == log
@@ -360,7 +362,7 @@ def offer(writer, key, count, lost, *, patient):
 def test_a_disk_that_is_too_slow_costs_what_is_counted_and_stalls_nobody(tmp_path, monkeypatch):
     disk, lost = Stuck(monkeypatch), Counter()
     path = tmp_path / "a.mcap"
-    writer = LogWriter(path, chunk_bytes=1000, threaded=True, queue_bytes=5000, patience=3600.0)
+    writer = LogWriter(path, LogSettings(chunk_bytes=1000, threaded=True, queue_bytes=5000, patience=3600.0))
     offer(writer, "a", 20, lost, patient=False)
     assert writer.queued_bytes <= 5000
     assert "too slow" in writer.problem
@@ -381,7 +383,9 @@ def test_a_disk_that_is_too_slow_costs_what_is_counted_and_stalls_nobody(tmp_pat
 
 def test_who_is_patient_waits_for_room(tmp_path, monkeypatch):
     disk, lost = Stuck(monkeypatch), Counter()
-    writer = LogWriter(tmp_path / "a.mcap", chunk_bytes=1000, threaded=True, queue_bytes=3000, patience=30.0)
+    writer = LogWriter(
+        tmp_path / "a.mcap", LogSettings(chunk_bytes=1000, threaded=True, queue_bytes=3000, patience=30.0)
+    )
     thread = threading.Thread(target=offer, args=(writer, "a", 20, lost), kwargs={"patient": True})
     thread.start()
     assert eventually(lambda: writer.queued_bytes > 2000)
@@ -394,7 +398,7 @@ def test_who_is_patient_waits_for_room(tmp_path, monkeypatch):
 
 def test_flush_makes_everything_readable_and_counted(tmp_path):
     path = tmp_path / "a.mcap"
-    with LogWriter(path, threaded=True) as writer:
+    with LogWriter(path, LogSettings(threaded=True)) as writer:
         for n in range(5):
             writer.write(Message(10 + n, f"k{n % 2}", b"x"))
         assert read_log(path) == ()
@@ -415,7 +419,7 @@ def test_a_disk_that_cannot_promise_is_said(tmp_path, monkeypatch, threaded):
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(McapFile, "sync", failing)
-    writer = LogWriter(tmp_path / "a.mcap", durable=True, threaded=threaded)
+    writer = LogWriter(tmp_path / "a.mcap", LogSettings(durable=True, threaded=threaded))
     writer.write(Message(1, "a", b"x"))
     with pytest.raises(LostMessagesError, match="Input/output error") as caught:
         writer.close()
@@ -427,7 +431,7 @@ def test_chunks_do_not_wait_for_a_disk_that_takes_long_to_promise(tmp_path, monk
     free = threading.Event()
     monkeypatch.setattr(McapFile, "sync", lambda file: free.wait(30))
     path = tmp_path / "a.mcap"
-    writer = LogWriter(path, chunk_bytes=100, durable=True, threaded=True, queue_bytes=10_000)
+    writer = LogWriter(path, LogSettings(chunk_bytes=100, durable=True, threaded=True, queue_bytes=10_000))
     for n in range(50):
         writer.write(Message(n, "a", bytes(200)))
     assert eventually(lambda: len(read_log(path)) >= 49)
@@ -442,7 +446,7 @@ def test_whatever_goes_wrong_with_a_chunk_what_is_lost_is_named(tmp_path, monkey
         raise MemoryError
 
     path, lost = tmp_path / "a.mcap", Counter()
-    writer = LogWriter(path, threaded=threaded)
+    writer = LogWriter(path, LogSettings(threaded=threaded))
     for key, broken in (("a", False), ("b", True), ("c", False)):
         with monkeypatch.context() as patch:
             if broken:

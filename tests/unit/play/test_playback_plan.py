@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.play.options import PlayOptions
 from riot_bus.play.playback_plan import PlaybackPlan
 from riot_bus.vocabulary.errors import ConfigError
@@ -15,7 +15,7 @@ BEGIN = 1_700_000_000 * SECOND
 
 
 def write(path, *messages):
-    with LogWriter(path, chunk_bytes=200) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=200)) as writer:
         for key, seconds in messages:
             writer.write(Message(BEGIN + int(seconds * SECOND), key, b'{"v": 1}'))
     return path

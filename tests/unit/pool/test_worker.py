@@ -11,7 +11,7 @@ from riot_bus.pool.wire import TrialAnswer, TrialBatch, read_answer
 from riot_bus.pool.worker import TrialWorker
 from riot_bus.processes.launcher import Launcher
 from riot_bus.trial.hangs import KnownHangs
-from riot_bus.trial.stage import TrialPlace
+from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.unit_trial import UnitTrial
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 

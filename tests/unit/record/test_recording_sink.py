@@ -4,8 +4,8 @@ from collections import Counter
 from pathlib import Path
 
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LostMessagesError
-from riot_bus.record.losses import LossCounts
+from riot_bus.log.recorded_file import RecordedFile
+from riot_bus.log.writing_queue import LostMessagesError
 from riot_bus.record.naming import Naming
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.recording_sink import RecordingSink
@@ -17,7 +17,7 @@ class FileSink(RecordingSink):
     """The least that is needed of a sink."""
 
     def __init__(self, path: Path) -> None:
-        options = CaptureOptions(output=path)
+        options = CaptureOptions(output=path, durable=False)
         super().__init__(
             options,
             registry=TypeRegistry(),
@@ -27,7 +27,7 @@ class FileSink(RecordingSink):
             profile="",
             warn=print,
         )
-        self.counts, self.writer = LossCounts(), self._new_writer(path, durable=False)
+        self._use(self._new_file(RecordedFile, path, self._settings))
 
     def put(self, key: str, payload: bytes) -> None:
         with self.lock:
@@ -50,7 +50,7 @@ def test_a_type_that_is_learnt_makes_earlier_tracks_invalid(tmp_path: Path) -> N
 def test_what_a_writer_has_lost_is_counted_as_recorded_before(tmp_path: Path) -> None:
     sink = FileSink(tmp_path / "a.mcap")
     sink.counts.recorded.add("a/x", 5)
-    sink._failed(LostMessagesError("No space", where="a.mcap", lost=Counter({("a/x", "delivered"): 2})))
+    sink._file.fail(LostMessagesError("No space", where="a.mcap", lost=Counter({("a/x", "delivered"): 2})))
     account = sink.counts.account()
     assert (account.recorded, account.lost) == ({"a/x": 3}, {"disk": {"a/x": 2}})
     sink.writer.close()

@@ -69,21 +69,6 @@ def test_a_campaign_is_reported_as_it_goes_on(tmp_path: Path) -> None:
     assert [path.name for path in one.xml.parent.iterdir()] == ["riot.xunit.xml"], "no half of a file is left"
 
 
-def test_a_folder_has_no_more_than_is_known_now(tmp_path: Path) -> None:
-    one = Bench(tmp_path, "allure")
-    results = one.out / "allure-results"
-
-    def suites() -> dict[str, str]:
-        told = [json.loads(path.read_text()) for path in results.glob("*-result.json")]
-        labels = [{label["name"]: label["value"] for label in each["labels"]} for each in told]
-        return {each["name"]: label["suite"] for each, label in zip(told, labels, strict=True)}
-
-    with one.follower, one.workspace() as workspace:
-        assert suites() == {"nominal log": "riot", "campaign": "riot"}
-        run_campaign(workspace, "drive", trials=30, seconds=None, covered=False)
-    assert suites() == dict.fromkeys(one.cases(), "drive")
-
-
 def test_findings_that_are_there_already_are_taken_through_the_chain(tmp_path: Path) -> None:
     first = Bench(tmp_path)
     with first.follower, first.workspace() as workspace:

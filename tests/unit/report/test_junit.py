@@ -90,7 +90,6 @@ def test_a_nominal_log_has_passed_if_none_of_its_trials_failed(tmp_path: Path) -
         ({"unconfirmed": ()}, "skipped", f"not told: {alarm}"),
         ({"untold": ()}, "skipped", f"failed in a trial of the nominal log, not confirmed: {seen.signature}"),
         ({"untold": (), "unconfirmed": (seen.model_copy(update={"injections": ({"topic": "/map"},)}),)}, "passed", ""),
-        ({"untold": (), "unconfirmed": (seen.model_copy(update={"history": 7}),)}, "passed", ""),
     ):
         record.model_copy(update=changes).save(tmp_path)
         view = load_campaign(tmp_path)

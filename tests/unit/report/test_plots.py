@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from xml.etree import ElementTree
 
 import pytest
@@ -9,8 +8,6 @@ import pytest
 from riot_bus.findings.activation import PointRecord, RangeRecord, RegionRecord
 from riot_bus.findings.records import ProportionRecord, RuleRecord, RuleSample
 from riot_bus.report.plots import Plot, region_plots, rule_plot
-from riot_bus.report.svg import COLOURS
-from riot_bus.vocabulary.errors import MissingExtraError
 
 RATE = ProportionRecord(value=1, low=0.9, high=1)
 
@@ -92,7 +89,6 @@ def test_region_maps() -> None:
         assert "crash region" in text(plot)
         assert "nominal values" in text(plot)
         assert "style=" not in plot.svg
-        assert not set(COLOURS) & set(plot.svg.split('"'))
     assert "nominal values" not in text(region_plots(points, region())[0])
 
 
@@ -115,19 +111,3 @@ def test_point_region() -> None:
     flat = region((0, 0), (0, 0))
     points = [PointRecord(values={"x": 0, "y": 0}, distance=0, failed=True)]
     assert len(region_plots(points, flat, nominal={"x": (0, 1), "y": (0, 1)})) == 2
-
-
-def test_style_of_the_caller_does_not_matter() -> None:
-    import matplotlib
-
-    points = [PointRecord(values={"x": 10, "y": -90}, distance=-1, failed=True)]
-    plain = region_plots(points, region())
-    with matplotlib.rc_context({"font.size": 30, "axes.grid": True}):
-        assert region_plots(points, region()) == plain
-        assert matplotlib.rcParams["font.size"] == 30
-
-
-def test_missing_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingExtraError, match="matplotlib"):
-        rule_plot(rule(({"x": 1, "y": 2}, True)))

@@ -8,7 +8,7 @@ import pytest
 
 from riot_bus.chain.base.testcases import CaseTemplate
 from riot_bus.events import StepFinished, StepProgress
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase
@@ -53,7 +53,7 @@ HURT = CaseTemplate((Injection("command", "speed", -1.0, first=3, last=5),), HAN
 
 def logged(folder: Path, name: str, rows: list[Message], **more: Any) -> LogEntry:
     path = folder / f"{name}.mcap"
-    with LogWriter(path, **more) as writer:
+    with LogWriter(path, LogSettings(**more)) as writer:
         for row in rows:
             writer.write(row)
     return LogEntry(place=str(path), size=path.stat().st_size, stamp="1", robot="r")

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from riot_bus.plugins import REPORTS
-from riot_bus.report.allure import AllureReport
 from riot_bus.report.github import GithubReport
 from riot_bus.report.json_form import JsonReport
 from riot_bus.report.junit import JunitReport
@@ -27,16 +26,11 @@ from riot_bus.testing.reports import (
 from riot_bus.vocabulary.errors import ConfigError
 
 pytest.importorskip("jinja2")
-pytest.importorskip("matplotlib")
 
 
 class TestHtml(ReportConformance):
     report = HtmlReport
     markup = True
-
-
-class TestAllure(CampaignReportConformance):
-    report = AllureReport
 
 
 class TestJunit(CampaignReportConformance):
@@ -179,7 +173,6 @@ def test_the_bench_has_the_campaigns_that_it_names(name: str, tmp_path: Path) ->
 
 def test_the_shipped_formats_are_plug_ins() -> None:
     shipped = {
-        "allure": AllureReport,
         "github": GithubReport,
         "html": HtmlReport,
         "json": JsonReport,

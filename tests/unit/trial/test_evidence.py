@@ -12,7 +12,7 @@ from riot_bus.system.system_file import SystemFile
 from riot_bus.trial import evidence
 from riot_bus.trial.context import Context
 from riot_bus.trial.evidence import native_backtrace, write_evidence
-from riot_bus.trial.starter import FIXED, fixes_addresses
+from riot_bus.trial.processes import FIXED, fixes_addresses
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Violation

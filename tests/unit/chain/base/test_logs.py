@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from riot_bus.chain.base.logs import FailingLog, NamedFields, internal_name, nominal_values, read_messages
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
@@ -99,7 +99,7 @@ def test_a_damaged_log_is_read_as_far_as_it_goes_and_said_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "log.mcap"
-    with LogWriter(path, chunk_bytes=1000) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=1000)) as writer:
         for number in range(300):
             writer.write(message(n=number))
     path.write_bytes(path.read_bytes()[:-3000])

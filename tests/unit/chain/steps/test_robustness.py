@@ -378,28 +378,6 @@ def test_what_was_learnt_of_other_versions_is_put_aside_whole_also_when_one_come
     assert FindingRecord.load(folder).fingerprint == one.workspace.fingerprint
 
 
-def test_what_fails_only_in_a_process_that_goes_on_is_told_as_that(tmp_path: Path) -> None:
-    """One that fails by chance looks the same, so no cause is named."""
-    one = bench(tmp_path, system=f'{SYSTEM}isolation = "persistent"\n', fails=never_hangs)
-    asked: list[str] = []
-
-    def play(case: TestCase) -> Outcome:
-        statistics: dict[str, Any] = {}
-        if len(asked) == 7:
-            words = [HANG.monitor, HANG.component, HANG.signature, HANG.detail]
-            statistics["history"] = {"violations": [words], "before": list(asked)}
-        asked.append(case.digest())
-        return Outcome(Verdict.PASS, statistics=statistics)
-
-    fresh = one.machine.unit
-    one.machine.unit = lambda unit, log, *, persistent=False: PureRunner(play) if persistent else fresh(unit, log)  # type: ignore[method-assign]
-    assert campaign(one) == []
-    told = one.told(StepFinished)[-1].text.split("\n")
-    assert f"not confirmed: {HANG.signature}: seen after 7 other test cases in one process, not in a fresh one" in told
-    (kept,) = CampaignRecord.load(one.workspace.out).unconfirmed
-    assert (kept.signature, kept.history, kept.repeats) == (HANG.signature, 7, 1)
-
-
 def test_cases_that_cannot_be_judged_are_told_and_neither_findings_nor_passed(tmp_path: Path) -> None:
     one = bench(tmp_path)
     why = "3 processes that executed it have ended"
@@ -408,7 +386,7 @@ def test_cases_that_cannot_be_judged_are_told_and_neither_findings_nor_passed(tm
         deadly = any(each.fault == "drop" for each in case.injections)
         return Outcome(Verdict.UNJUDGED, detail=why) if deadly else Outcome(Verdict.PASS)
 
-    one.machine.unit = lambda unit, log, *, persistent=False: PureRunner(play)  # type: ignore[method-assign]
+    one.machine.unit = lambda unit, log: PureRunner(play)  # type: ignore[method-assign]
     assert campaign(one) == []
     record = CampaignRecord.load(one.workspace.out)
     (kept,) = record.unjudged
@@ -427,7 +405,7 @@ def test_a_mined_rule_that_fires_no_more_often_than_by_chance_is_no_finding(tmp_
         fires = bool(case.injections) and case.again in (0, 1)
         return Outcome(Verdict.FAIL, (rule,)) if fires else Outcome(Verdict.PASS)
 
-    one.machine.unit = lambda unit, log, *, persistent=False: PureRunner(play)  # type: ignore[method-assign]
+    one.machine.unit = lambda unit, log: PureRunner(play)  # type: ignore[method-assign]
     assert campaign(one) == []
     assert "; 1 more came again in 1 of 20 fresh trials, which may be chance" in one.told(StepFinished)[-1].text
     (kept,) = CampaignRecord.load(one.workspace.out).unconfirmed

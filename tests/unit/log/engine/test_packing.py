@@ -8,7 +8,7 @@ import zstandard
 from mcap.reader import make_reader
 
 from riot_bus.log.engine.chunk import LARGE, ChunkBuilder
-from riot_bus.log.engine.packing import COMPRESSIONS, PackedChunk, check_compression, pieces_of, worthwhile
+from riot_bus.log.engine.packing import COMPRESSIONS, PackedChunk, check_compression, worthwhile
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError
@@ -34,8 +34,8 @@ def packed(*payloads: bytes, compression: str = "zstd") -> PackedChunk:
     builder.fill(iter([(1, n, n, n, payload, None) for n, payload in enumerate(payloads)]), 1 << 40)
     chunk = builder.end().chunk()
     found = PackedChunk.of(chunk, compression)
-    records = b"".join(pieces_of(chunk.data))
-    assert UNPACK[found.compression](b"".join(pieces_of(found.data))) == records
+    records = b"".join(chunk.data)
+    assert UNPACK[found.compression](b"".join(found.data)) == records
     assert (found.size, found.checksum) == (len(records), zlib.crc32(records))
     return found
 

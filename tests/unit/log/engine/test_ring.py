@@ -7,7 +7,7 @@ from mcap.reader import make_reader
 
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
@@ -16,7 +16,7 @@ SECOND = 10**9
 
 
 def filled(ring: Ring, count: int, *, size: int = 10, chunk_bytes: int = 200) -> LogWriter:
-    writer = LogWriter("ring", storage=ring, chunk_bytes=chunk_bytes, clock=ManualClock())
+    writer = LogWriter("ring", LogSettings(chunk_bytes=chunk_bytes), storage=ring, clock=ManualClock())
     for number in range(count):
         key = "rare" if number == 0 else f"k{number % 3}"
         attachment = b"x" if number % 2 else None

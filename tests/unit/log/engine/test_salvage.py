@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from riot_bus.log import columns, iter_columns
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 from riot_bus_logtools.editing.edit import edit
 from riot_bus_logtools.editing.options import EditOptions
@@ -24,7 +24,7 @@ KEYS = ["a", "b/c", "d"]
 
 
 def write(path: Path, log: list[Message], compression: str = "none", chunk_bytes: int = 1 << 20) -> bytes:
-    with LogWriter(path, compression=compression, chunk_bytes=chunk_bytes) as writer:
+    with LogWriter(path, LogSettings(compression=compression, chunk_bytes=chunk_bytes)) as writer:
         for each in log:
             writer.write(each)
     return path.read_bytes()

@@ -73,7 +73,7 @@ class Play:
         self.when.append((self.pace.now() - BEGIN) / SECOND)
 
     def run(self):
-        self.report = self.player.run()
+        self.player.run()
         return self
 
 
@@ -81,7 +81,7 @@ def test_plays_in_order_at_the_recorded_times():
     play = Play(messages(5, 6, 6, 6, 8.5)).run()
     assert play.out == [0, 1, 2, 3, 4]
     assert play.when == [0, 1, 1, 1, 3.5]
-    assert (play.report.count, play.report.seconds, play.report.stopped) == (5, 3.5, False)
+    assert (play.player.status().published, play.player.status().state) == (5, "ended")
 
 
 @pytest.mark.parametrize("rate", [0.1, 0.5, 1.0, 2.0, 50.0])
@@ -161,7 +161,7 @@ def test_seek_while_paused_waits():
 def test_loop_with_a_delay_before_each_pass():
     play = Play(messages(5, 6), [(8.5, "stop")], loop=True, delay=2.0).run()
     assert (play.out, play.when) == ([0, 1, 0, 1, 0], [2, 3, 5, 6, 8])
-    assert play.report.stopped
+    assert play.player._stopped
     assert play.player.status().passes == 3
 
 
@@ -175,8 +175,7 @@ def test_rate_during_the_delay_does_not_shorten_it():
 
 @pytest.mark.parametrize("loop", [False, True])
 def test_nothing_to_play_ends_at_once(loop):
-    report = Play([], loop=loop).run().report
-    assert (report.count, report.stopped) == (0, False)
+    assert Play([], loop=loop).run().player.status().published == 0
 
 
 def test_hold_stays_at_the_end_and_can_go_back():
@@ -270,7 +269,7 @@ def test_whatever_is_commanded_messages_come_in_order_and_once(times, commands, 
     script = [(after, *command) for after, command in commands] + [(200, "resume"), (201, "set_rate", 0.0)]
     play = Play(messages(*times), script, paused=paused).run()
     assert play.out == list(range(len(play.out)))
-    assert play.report.stopped or len(play.out) == len(times)
+    assert play.player._stopped or len(play.out) == len(times)
     assert play.when == sorted(play.when)
 
 

@@ -11,7 +11,7 @@ from riot_bus.inject.interceptor import Injector
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
@@ -34,7 +34,7 @@ class Numbers:
 
 
 def write(path, *messages):
-    with LogWriter(path, chunk_bytes=300) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=300)) as writer:
         for message in messages:
             writer.write(message)
     return LogReader(path)

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from riot_bus.log import columns, iter_columns
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.table import column_parts
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -103,7 +103,7 @@ ROW = st.tuples(st.sampled_from(["a", "b/c"]), st.integers(0, 20), SCALAR)
 @given(st.lists(ROW, max_size=40), st.integers(60, 400), st.sampled_from([None, 3, 9]), st.sampled_from([None, 12]))
 def test_columns_are_what_is_read_one_by_one(tmp_path_factory, rows, chunk_bytes, start, end):
     path = tmp_path_factory.mktemp("log") / "a.mcap"
-    with LogWriter(path, chunk_bytes=chunk_bytes) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=chunk_bytes)) as writer:
         for key, time, value in rows:
             body = json.dumps({"v": value} if value is not None else {}).encode()
             writer.write(Message(time, key, body, encoding="application/json"))
@@ -137,7 +137,7 @@ def listed(found):
 
 
 def test_pieces_are_small_and_come_by_time(path):
-    with LogWriter(path, chunk_bytes=2000, compression="none") as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=2000, compression="none")) as writer:
         for n in range(3000):
             writer.write(Message(n, "a", b'{"x": %d}' % n, encoding="application/json"))
     pieces = [part["a:x"] for part in iter_columns(path, ["a:x"])]
@@ -164,7 +164,7 @@ def test_chunks_that_overlap_beyond_memory_come_unsorted_and_are_counted(path):
 
 
 def test_more_than_memory_is_refused(path):
-    with LogWriter(path, chunk_bytes=10_000) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=10_000)) as writer:
         for n in range(5000):
             writer.write(Message(n, "a", b'{"x": 1}', encoding="application/json"))
     with pytest.raises(ConfigError, match="memory = 100000") as caught:
@@ -174,7 +174,7 @@ def test_more_than_memory_is_refused(path):
 
 
 def test_a_chunk_beyond_memory_is_counted(path):
-    with LogWriter(path, chunk_bytes=1 << 20) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=1 << 20)) as writer:
         for n in range(3):
             writer.write(Message(n, "a", b'{"x": 1, "y": "%s"}' % (b"z" * (1 << 20)), encoding="application/json"))
     found = columns(path, ["a:x"], memory=1 << 20)
@@ -203,7 +203,7 @@ def test_memory_is_bounded_on_a_file_larger_than_the_limit(tmp_path):
     with LogWriter(small) as writer:
         writer.write(Message(1, "a", b'{"x": 1}', encoding="application/json"))
     padding = b"z" * (1 << 20)
-    with LogWriter(path, compression="none") as writer:
+    with LogWriter(path, LogSettings(compression="none")) as writer:
         for n in range(240):
             writer.write(Message(n, "a", b'{"x": %d, "y": "%s"}' % (n, padding), encoding="application/json"))
     assert path.stat().st_size > 3 * (64 << 20)

@@ -109,8 +109,6 @@ try:
 except SystemExit:
     pass
 heavy = {{"zenoh", "numpy", "pymavlink", "rosbags", "riot_bus_ros2.adapter", "riot_bus_bridges.mavlink.bridge"}}
-if len(sys.argv) == 2:  # others list plug-ins
-    heavy |= {{"importlib.metadata", "email"}}
 sys.exit(", ".join(sorted(heavy & set(sys.modules))) or None)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

@@ -20,7 +20,6 @@ def run(*arguments):
     return CliRunner().invoke(make_app("backchain"), ["backchain", *arguments])
 
 
-@pytest.mark.nightly  # matplotlib takes seconds to import
 def test_the_picture_is_drawn(logs, tmp_path):
     assert run(*logs, "--to", "unit:v", "--picture", str(tmp_path / "way.svg")).exit_code == 0
     assert (tmp_path / "way.svg").stat().st_size > 1000

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from riot_bus_logtools.comparison.text import MOST_FIELDS, facts, moves, rest_lines, spans, topic_lines, value_text
+from riot_bus.log.showing import value_text
+from riot_bus_logtools.comparison.text import MOST_FIELDS, facts, moves, rest_lines, spans, topic_lines
 from tests.unit.riot_bus_logtools.comparison.recordings import of_topic, said, told
 
 ROWS = [{"n": number, "x": number * 0.5} for number in range(50)]

@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 from riot_bus_logtools.editing.edit import edit
 from riot_bus_logtools.editing.options import EditOptions
@@ -94,9 +94,9 @@ def chunk_sizes(path: Path) -> list[tuple[str, int]]:
     return [(each.compression, each.compressed_size) for each in summary.chunk_indexes]
 
 
-def json_log(path: Path, count: int, topics: Sequence[str] = ("a", "b"), **options: Any) -> Path:
+def json_log(path: Path, count: int, topics: Sequence[str] = ("a", "b"), **settings: Any) -> Path:
     """A log of ours: `{"v": 0}`, `{"v": 1}` ... over the topics in turn, ten messages a second."""
-    with LogWriter(path, **{"chunk_bytes": 400, **options}) as writer:
+    with LogWriter(path, LogSettings(**{"chunk_bytes": 400, **settings})) as writer:
         for number in range(count):
             writer.write(
                 Message(

@@ -12,7 +12,7 @@ from riot_bus.interceptors.timing import Delay
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.layout import Provenance
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
@@ -46,7 +46,7 @@ def test_a_log_without_edits_is_copied_chunk_by_chunk(tmp_path):
 
 def test_our_own_log_keeps_attachments_notes_and_metadata(tmp_path):
     path = tmp_path / "in.mcap"
-    with LogWriter(path, metadata={"seed": "7"}, chunk_bytes=300) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=300), metadata={"seed": "7"}) as writer:
         for n in range(40):
             message = Message(BEGIN + n, "a/b", b'{"v": 1}', attachment=b"%d" % n, sequence=n + (1 << 40))
             writer.write(message, role="original")
@@ -280,7 +280,7 @@ def test_keys_of_ros_topics_are_renamed_with_domain_type_and_hash(tmp_path):
 
 def test_originals_follow_topic_and_time_alone(tmp_path):
     path = tmp_path / "in.mcap"
-    with LogWriter(path, chunk_bytes=200) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=200)) as writer:
         for n in range(20):
             message = Message(n * SECOND, "ab"[n % 2], b'{"v": %d}' % n, sequence=n)
             writer.write(message, role="original")
@@ -498,7 +498,7 @@ class TestPipeline:
         log = bag(tmp_path / "in.mcap", numbers(30))
         run(log, tmp_path / "out.mcap", [Nothing()])
         assert raw(tmp_path / "out.mcap") == raw(log)
-        with LogWriter(tmp_path / "own.mcap", chunk_bytes=100) as writer:
+        with LogWriter(tmp_path / "own.mcap", LogSettings(chunk_bytes=100)) as writer:
             for n in range(9):
                 message = Message(n, "a", b"x", attachment=b"%d" % n, segment="s" * n, publish_time=n, sequence=n)
                 writer.write(message, changes=[Change("before", "set", "f", 1, 2)])

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.message import Message
 
 SCRIPT = """
@@ -27,7 +27,7 @@ def test_memory_is_bounded(tmp_path, count):
     paths = [tmp_path / f"{n}.mcap" for n in range(count)]
     number, size = 60_000 // count, 4000
     for path in paths:
-        with LogWriter(path, compression="none") as writer:
+        with LogWriter(path, LogSettings(compression="none")) as writer:
             for n in range(number):
                 payload = b'{"v": 0, "text": "%s"}' % (b"x" * size)
                 writer.write(Message(10**9 + n * 10**6 * count, "ab"[n % 2], payload, encoding="application/json"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError, install_hint
 from riot_bus.vocabulary.message import Message
 from riot_bus_logtools.export.export import export_table
@@ -30,7 +30,7 @@ def rows_of(path):
 
 
 def json_log(path, documents, *, key="k"):
-    with LogWriter(path, chunk_bytes=200) as writer:
+    with LogWriter(path, LogSettings(chunk_bytes=200)) as writer:
         for n, document in enumerate(documents):
             body = document if isinstance(document, bytes) else json.dumps(document).encode()
             writer.write(Message(START + n, key, body, encoding="application/json"))
