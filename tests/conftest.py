@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from coverage import Coverage
 from hypothesis import HealthCheck, settings
 
-from tests.tiers import ALL, scaled
+from tests.changed import changed_files, concerned
+from tests.tiers import ALL, PART, PARTS, scaled
 
 ROOT = Path(__file__).parent
 PHASES = ("pure", "processes", "alone")
 """Unit and property tests; integration tests, several at once; those that want the machine for themselves."""
+
+CONCERNED = pytest.StashKey[set[Path] | None]()
+"""The test files that a change concerns, if only those are wanted."""
 
 # What fails prints its example; the database would make one run depend on another.
 # An example takes as long as the machine lets it, and so does drawing it.
@@ -27,21 +31,40 @@ settings.load_profile("nightly" if ALL else "gate")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let bootstrap.py run the suite in phases."""
+    """Let bootstrap.py run the suite in phases, or what a change concerns."""
     parser.addoption("--phase", choices=PHASES, help="run one phase only; bootstrap.py runs them in turn")
+    parser.addoption(
+        "--changed",
+        nargs="?",
+        const="",
+        metavar="COMMIT",
+        help="run what concerns the files that differ from COMMIT (that at which this branch has left main), all of it",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """End the first coverage of a worker of xdist: pytest-cov starts a second, and below it the first would go on."""
+    """Look up what a change concerns; end the first coverage of a worker of xdist, below the second of pytest-cov."""
+    base = config.getoption("--changed")
+    config.stash[CONCERNED] = None if base is None else concerned(changed_files(base))
     first = Coverage.current()
     if first is not None and hasattr(config, "workerinput"):
         first.stop()
 
 
+def pytest_report_header() -> str:
+    """Say which part it is: what fails in it is tried again by setting it."""
+    return "everything" if ALL else f"RIOT_PART={PART}: one of {PARTS} parts of what takes long"
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out files that have nothing for the phase by their text, which is much faster than importing them."""
+    """Leave out files that no change concerns, and by their text those that have nothing for the phase."""
+    if not collection_path.name.startswith("test_"):
+        return None
+    chosen = config.stash[CONCERNED]
+    if chosen is not None and collection_path not in chosen:
+        return True
     wanted = config.getoption("--phase")
-    if wanted is None or not collection_path.name.startswith("test_"):
+    if wanted is None:
         return None
     text = collection_path.read_text(encoding="utf-8")
     if wanted == "pure":
@@ -52,28 +75,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep what belongs to the phase, and to the gate unless everything is wanted."""
+    """Keep what belongs to the phase, and to the gate unless everything is wanted, or what a change concerns."""
     wanted = config.getoption("--phase")
-    chosen = [item for item in items if (ALL or _in_gate(item)) and wanted in (None, _phase(item))]
+    whole = config.stash[CONCERNED] is not None
+    chosen = [item for item in items if (ALL or _in_gate(item, whole=whole)) and wanted in (None, _phase(item))]
     if len(chosen) < len(items):
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Measure coverage while tests of a measured room run, and only then: it makes each test take twice as long.
-
-    Long ones that reach nothing else are left out, too, by pytest-cov's mark `no_cover`.
-    """
-    coverage = Coverage.current()
-    if coverage is None or _room(item.path) in _measured(coverage):
-        return (yield)
-    coverage.stop()
-    try:
-        return (yield)
-    finally:
-        coverage.start()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -89,18 +97,22 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
 
 
-def _room(path: Path) -> str:
-    """Return the room that a test file is about: tests/unit/ROOM/..., tests/property/test_ROOM.py."""
-    kind, name, *_ = path.relative_to(ROOT).parts
-    return name if kind == "unit" else name.removeprefix("test_").removesuffix(".py")
-
-
-def _measured(coverage: Coverage) -> list[str]:
-    return [name.rpartition(".")[2] for name in coverage.get_option("run:source_pkgs") or ()]
-
-
-def _in_gate(item: pytest.Item) -> bool:
-    return item.get_closest_marker("nightly") is None
+def _in_gate(item: pytest.Item, *, whole: bool) -> bool:
+    """Return whether an item is neither for `--all` alone nor in another part, if parts are wanted."""
+    if item.get_closest_marker("nightly"):
+        return False
+    rotating = item.get_closest_marker("rotating")
+    if rotating is None:
+        return True
+    parts = rotating.args[0] if rotating.args else PARTS
+    if whole and parts <= PARTS:
+        return True
+    # Neighbours among the parameters of a test are in different parts.
+    function, place = (
+        item.nodeid.partition("[")[0],
+        sum(item.callspec.indices.values()) if hasattr(item, "callspec") else 0,
+    )
+    return (zlib.crc32(function.encode()) + place + PART) % parts == 0
 
 
 def _phase(item: pytest.Item) -> str:

@@ -1,23 +1,44 @@
-"""How much of a corpus or a load is tried: a part of it in the gate, all of it by `bootstrap.py test --all`."""
+"""How much is tried: the gate takes a part, another one for each commit; `bootstrap.py test --all` takes all."""
 
 from __future__ import annotations
 
 import functools
 import os
+import subprocess
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
 
-__all__ = ["ALL", "chosen", "folded", "scaled"]
+__all__ = ["ALL", "PART", "PARTS", "chosen", "folded", "in_part", "scaled"]
 
 CaseT = TypeVar("CaseT")
 TestT = TypeVar("TestT", bound=Callable[..., None])
 
 ALL = bool(os.environ.get("RIOT_ALL_TESTS"))
 """Whether everything is wanted; `bootstrap.py test --all` sets RIOT_ALL_TESTS."""
+
+
+def _of_commit() -> str:
+    """Return a number that depends on the commit that is checked out; 0 outside of a repository."""
+    words = ["git", "rev-parse", "--short=7", "HEAD"]
+    done = subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return str(int(done.stdout or "0", 16))
+
+
+PARTS = 4
+"""The part of an item that takes long, or of a corpus, in the gate is 1 of so many."""
+
+PART = int(os.environ.setdefault("RIOT_PART", _of_commit()))
+"""Which part is taken, modulo their number; workers and the phases of bootstrap.py inherit it."""
+
+
+def in_part(name: str, parts: int = PARTS) -> bool:
+    """Return whether something of a constant name is tried: all, or in the gate what is of this commit's part."""
+    return ALL or (zlib.crc32(name.encode()) + PART) % parts == 0
 
 
 def scaled(full: int, *, gate: int | None = None) -> int:
@@ -39,7 +60,7 @@ def folded(
 ) -> Callable[[TestT], TestT]:
     """Run a test with each of many cases, an item for each group of them; what fails names its case.
 
-    The gate takes a quarter of the cases, always the same ones: their names' checksums decide.
+    The gate takes the cases of its part: their names' checksums decide.
 
     Args:
         argument: Of the test, which takes a case.
@@ -49,8 +70,7 @@ def folded(
     """
     groups: defaultdict[str, list[CaseT]] = defaultdict(list)
     for case in cases:
-        if ALL or zlib.crc32(name(case).encode()) % 4 == 0:
-            groups[by(case)].append(case)
+        groups[by(case)] += [case] if in_part(name(case)) else []
 
     def decorate(test: TestT) -> TestT:
         @functools.wraps(test)

@@ -13,7 +13,7 @@ from riot_bus.vocabulary.flags import Definitions, Flag, Types, flags_of
 if TYPE_CHECKING:
     from riot_bus.monitors.model import Invariant
 
-_LEAST_CHUNK, LARGEST_CHUNK = 1 << 10, 1 << 28  # headers weigh much below; above, `iter_columns` has no room
+_LEAST_CHUNK = 1 << 10  # below it headers weigh much
 _MOST_KEYS = 200  # each expression costs a subscriber and a thread
 
 
@@ -136,6 +136,7 @@ class CaptureOptions:
 
     def check(self) -> None:
         """Raise ConfigError if a value is out of range or two contradict each other."""
+        from riot_bus.log.engine.limits import LARGEST_CHUNK
         from riot_bus.log.engine.packing import check_compression
         from riot_bus.zenoh.session_config import check_own_name
 

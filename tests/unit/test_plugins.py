@@ -21,6 +21,7 @@ from riot_bus.testing.reports import campaign_at
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus.vocabulary.message import Message
+from riot_bus_bridges.cli.bridge import BRIDGES
 
 DECLARED = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
 
@@ -33,7 +34,7 @@ def test_each_kind_has_built_in_ones_which_can_all_be_loaded(kind) -> None:
 
 
 def test_every_declared_group_is_a_kind() -> None:
-    assert {group for group in DECLARED if group.startswith("riot_bus.")} == {kind.group for kind in KINDS}
+    assert {group for group in DECLARED if group.startswith("riot_bus.")} == {kind.group for kind in (*KINDS, BRIDGES)}
 
 
 def test_one_of_others_is_found_beside_the_built_in_ones(plugin_package) -> None:

@@ -173,7 +173,7 @@ def own_programs(tree: ast.Module) -> Iterator[list[str]]:
 
 def test_no_module_of_the_working_folder_is_imported_by_what_riot_starts() -> None:
     found = {name: commands for name, tree in sources().items() if (commands := list(own_programs(tree)))}
-    assert {"riot_bus_conformance.conductor", "riot_bus_bridges.ros_test.packages"} <= set(found)
+    assert {"riot_bus_conformance.conductor", "riot_bus.pool.local"} <= set(found)
     scripts = {"riot_bus.processes.launcher"}  # a script's own folder is searched, not the working folder
     for name, commands in found.items():
         for words in commands:

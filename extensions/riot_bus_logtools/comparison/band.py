@@ -21,7 +21,7 @@ MOST_CELLS = 1 << 24
 
 _WIDTHS = (2, 32)  # 2 suffices if fewer than 6 messages differ; 32 takes up to 13 times as long
 _AT_ONCE = 1 << 15  # pairs: with likeness.MOST_FIELDS (32) fields, an array of them takes 8 MiB
-_PAIR, _LOST, _ADDED = range(3)
+_PAIR, _LOST, _ADDED = range(3)  # the ways into a cell
 _CLEAR = 1e-9  # above rounding errors: one of a sum of 100,000 costs is 1.5e-11
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from riot_bus.config.arguments import parse_seconds, parse_size
+from riot_bus.log.engine.limits import LARGEST_CHUNK
 from riot_bus.log.engine.packing import check_compression
 from riot_bus.log.naming import parse_remaps
-from riot_bus.record.options import LARGEST_CHUNK
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.flags import Definitions, Flag, Interceptors, Salvage, Seed
 from riot_bus_logtools.editing.assignment import Assignment, parse_assignment

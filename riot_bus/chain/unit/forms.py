@@ -31,7 +31,7 @@ class WrittenRule:
         terms: The rule.
         types: Type of each field that it names.
         scale: Nominal spread of each field.
-        lines: What it is about, for a comment.
+        lines: Description of the rule for a comment.
         name: Name of the finding, usable in an identifier.
         folder: The finding's folder, to write a file to.
     """

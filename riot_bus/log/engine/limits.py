@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+LARGEST_CHUNK = 1 << 28  # bytes that a writer may put into a chunk: above, `iter_columns` has no room
 _PER_CHUNK = 1 << 16  # a chunk of 1 MiB that is compressed to a sixteenth; less is harmless
 _MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that repeats one byte takes 4 bytes
 

@@ -59,6 +59,7 @@ def test_brittle_fields_are_left_alone_unless_asked_for() -> None:
 
 
 @pytest.mark.no_cover
+@pytest.mark.rotating
 def test_schedule_depends_on_seed_and_trial_alone() -> None:
     drawn = [schedule().injections(trial) for trial in range(20)]
     for trial in reversed(range(20)):

@@ -28,6 +28,11 @@ command = ["true"]
 class ToyAdapter:
     name = "toy"
 
+
+class ToyListener:
+    def __init__(self, adapter):
+        assert adapter.name == "toy"
+
     def listen(self, links, *, seconds, unit, warn):
         if unit == "nobody":
             raise ConfigError("nobody was not heard")
@@ -43,6 +48,7 @@ class Deaf:
 @pytest.fixture(autouse=True)
 def toys(plugin_package: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plugin_package(TOY, "riot_bus.adapters", toy="ToyAdapter", deaf="Deaf")
+    plugin_package(TOY, "riot_bus.listeners", toy="ToyListener")
     monkeypatch.chdir(tmp_path)
 
 
@@ -72,7 +78,7 @@ def test_an_adapter_of_others_hears_the_system(tmp_path: Path) -> None:
         (("--log=a.mcap",), "a.mcap"),
         (("--link=toy=a", "--mavlink=b"), "cannot listen to mavlink=b, toy=a"),
         (("--link=toy",), "cannot listen to toy"),
-        (("--link=deaf=a",), "adapter 'deaf' hears no systems on links"),
+        (("--link=deaf=a",), "unknown adapter that listens to links 'deaf'"),
         (("--link=tyo=a",), "did you mean 'toy'"),
         (("--link=toy=a", "--unit=nobody"), "nobody was not heard"),
         (("--mavlink=udpin:127.0.0.1:0", "--unit=x"), "'x' is not the id of a system"),

@@ -3,18 +3,16 @@
 import json
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import add_commands
+from riot_bus.cli.main import make_app
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, RiotError
 from riot_bus.vocabulary.message import Message
 from tests.log_mutants import COUNT, MESSAGES, channel, chunk, foreign, note, ours, whole
 
-APP = typer.Typer()
-add_commands(APP, "logs")
+APP = make_app()
 
 
 def riot(*words, error=None):

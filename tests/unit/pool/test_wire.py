@@ -187,9 +187,9 @@ def test_messages_of_the_last_case_are_looked_up_once(monkeypatch: pytest.Monkey
 
 def test_the_oldest_log_is_forgotten() -> None:
     known: dict[bytes, int] = {}
-    for number in range(20):
+    for number in range(10):
         remember(known, bytes([number]), number)
-    assert list(known.values()) == list(range(12, 20))
+    assert list(known.values()) == list(range(6, 10))
 
 
 def test_a_nominal_trial_crosses_in_its_outcome() -> None:

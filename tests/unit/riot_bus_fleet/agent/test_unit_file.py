@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from riot_bus.cli.main import make_app
 
-UNIT = Path(__file__).resolve().parents[3] / "deploy" / "riot-agent.service"
+UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-agent.service"
 
 
 def test_its_variables_and_options_exist() -> None:

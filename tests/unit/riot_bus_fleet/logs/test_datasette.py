@@ -14,7 +14,7 @@ from riot_bus_fleet.logs.catalogue import Catalogue
 from riot_bus_fleet.logs.index import index
 from riot_bus_fleet.logs.near_misses import FleetScan, LogScan, NearMiss
 
-SHIPPED = Path(__file__).resolve().parents[3] / "deploy/datasette/datasette.json"
+SHIPPED = Path(__file__).resolve().parents[4] / "deploy/datasette/datasette.json"
 
 
 def answers(path: Path) -> dict[str, list[dict[str, Any]]]:
