@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from riot_bus.config.router_settings import SegmentSettings
     from riot_bus.interceptors.recorder import Recorder
     from riot_bus.pipeline.stage import Stage
-    from riot_bus.router.audience import Inner
-    from riot_bus.router.local_ingress import LocalIngress
+    from riot_bus.router.advanced.publisher_proxies import PublisherProxies
+    from riot_bus.router.cut_keys import SourceT
     from riot_bus.router.services.recorded import RecordedService
     from riot_bus.types.port import BridgedLink
     from riot_bus.vocabulary.message import Message
@@ -144,7 +144,7 @@ class Bus:
         self.close()
 
     def _stop(self) -> None:
-        self._cut.close_ingresses()
+        self._cut.close_inner()
         self._taps.close()
         self._cut.close()
         self._deliveries.close()
@@ -278,14 +278,14 @@ class Bus:
             self._access.outlets[segment].publish(message)
         return heard
 
-    def local_ingress(self, segment: str) -> LocalIngress:
-        """Return the path to the other segments for a bridge in this process; it is closed with the bus.
+    def attach(self, make: Callable[[DeliveryQueue, PublisherProxies | None], SourceT]) -> SourceT:
+        """Return a source of messages of a bridge in this process; it is closed with the bus.
 
         Args:
-            segment: Name of the segment that the messages come from.
+            make: Function that makes it, of the queue that takes messages through the pipeline, and of the proxies of
+                advanced publishers, if there are other segments.
         """
-        self.segment(segment)
-        return self._cut.ingress(segment)
+        return self._cut.attach(make)
 
     def show(self, links: Callable[[], Collection[BridgedLink]]) -> None:
         """Include the links of a bridge in this process in graphs of this bus.
@@ -294,34 +294,6 @@ class Bus:
             links: Function that returns the present links; called on any thread.
         """
         self._bridged = links
-
-    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
-        """Let local ingresses of other segments directly call a bridge in this process that listens to a segment.
-
-        Args:
-            segment: Name of the segment.
-            inner: The bridge; it also subscribes, to get the messages that come on other ways.
-
-        Returns:
-            A function that ends the direct calls.
-        """
-        with self._changing:
-            self._set_inner(segment, (*self._inner(segment), inner))
-
-        def end() -> None:
-            # It still gets what was put before, also if ten interceptors block one after the other.
-            wait_until(self._cut.ingresses_idle, 10 * BUDGET_S)
-            with self._changing:
-                self._set_inner(segment, tuple(each for each in self._inner(segment) if each is not inner))
-
-        return end
-
-    def _inner(self, segment: str) -> tuple[Inner, ...]:
-        return self._deliveries.surroundings.inner.get(segment, ())
-
-    def _set_inner(self, segment: str, inner: tuple[Inner, ...]) -> None:
-        self._deliveries.surround(inner={**self._deliveries.surroundings.inner, segment: inner})
-        self.forget()
 
     def subscribe(
         self, segment: str, keyexpr: str, callback: Callable[[Message], None], *, own: bool = True

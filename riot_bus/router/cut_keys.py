@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from riot_bus.router.advanced.publisher_proxies import PublisherProxies
 from riot_bus.router.forwarder import Forwarder
-from riot_bus.router.local_ingress import LocalIngress
 from riot_bus.router.services.services import Services
 from riot_bus.zenoh.convert import Claims
 from riot_bus.zenoh.session import includes, intersects
@@ -18,6 +17,33 @@ if TYPE_CHECKING:
 
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.zenoh.network import Network
+
+
+class MessageSource(Protocol):
+    """What brings messages of a segment: a `Forwarder`, or the path of a bridge in this process."""
+
+    segment: str
+
+    def passed(self) -> Counter[str]:
+        """Return how many messages per key were forwarded without inspection."""
+        ...
+
+    def flows(self) -> Counter[str]:
+        """Return how many intercepted messages per key were received."""
+        ...
+
+    def forget(self) -> None:
+        """Forget what is known of keys, since interceptors, recorder or claims have changed."""
+
+    def idle(self) -> bool:
+        """Return whether no message is in process."""
+        ...
+
+    def close(self) -> None:
+        """Forward the messages received so far, then end; safe to call twice."""
+
+
+SourceT = TypeVar("SourceT", bound=MessageSource)
 
 
 class CutKeys:
@@ -45,7 +71,7 @@ class CutKeys:
         self._network, self._deliveries, self._topic, self._joined = network, deliveries, topic, joined
         self._present: dict[str, list[Forwarder]] = {}
         self._retired: list[Forwarder] = []
-        self._ingresses: list[LocalIngress] = []
+        self._inner: list[MessageSource] = []
         self._advanced: PublisherProxies | None = None
         self._calls: Services | None = None
 
@@ -60,10 +86,10 @@ class CutKeys:
             self._deliveries.surround(stream_of=self._advanced.state_of)
             self._calls = Services(self._deliveries, spaces=spaces)
 
-    def close_ingresses(self) -> None:
+    def close_inner(self) -> None:
         """Forward what this process has put so far."""
-        for ingress in self._ingresses:
-            ingress.close()
+        for source in self._inner:
+            source.close()
 
     def close(self) -> None:
         """Forward what has come so far, then end; safe to call twice."""
@@ -74,11 +100,11 @@ class CutKeys:
         if self._advanced is not None:
             self._advanced.close()
 
-    def ingress(self, segment: str) -> LocalIngress:
-        """Return a path from a segment to the others for messages of this process."""
-        ingress = LocalIngress(segment, self._deliveries, self._advanced)
-        self._ingresses.append(ingress)
-        return ingress
+    def attach(self, make: Callable[[DeliveryQueue, PublisherProxies | None], SourceT]) -> SourceT:
+        """Make and return a source of messages of this process; see `Bus.attach`."""
+        source = make(self._deliveries, self._advanced)
+        self._inner.append(source)
+        return source
 
     def cut(self, expressions: list[str], services: list[str], *, again: bool) -> None:
         """Cut these; forwarders stay as long as they may have messages, since a new one would start with a gap.
@@ -153,10 +179,6 @@ class CutKeys:
             and (self._calls is None or self._calls.idle())
         )
 
-    def ingresses_idle(self) -> bool:
-        """Return whether everything that this process has put is on its way."""
-        return all(ingress.idle() for ingress in self._ingresses)
-
     # -- what happened ------------------------------------------------------------------------------------------------
 
     def forwarders(self) -> list[Forwarder]:
@@ -169,7 +191,7 @@ class CutKeys:
 
     def passed(self) -> Counter[str]:
         """Return, by topic, how many messages were forwarded without inspection."""
-        return self._by_topic(source.passed() for source in self._all_sources())
+        return self._by_topic(source.passed() for source in [*self.forwarders(), *self._inner])
 
     def held(self) -> Counter[str]:
         """Return, by topic, how many messages wait for a history, and calls until they are due."""
@@ -183,7 +205,7 @@ class CutKeys:
     def flows(self) -> dict[tuple[str, str], int]:
         """Return the number of messages received so far, by key and source segment."""
         total: Counter[tuple[str, str]] = Counter()
-        for source in self._all_sources():
+        for source in [*self.forwarders(), *self._inner]:
             for key, number in source.flows().items():
                 total[key, source.segment] += number
         return dict(total)
@@ -199,11 +221,8 @@ class CutKeys:
     def _working(self) -> list[Forwarder]:
         return list(itertools.chain(*list(self._present.values())))
 
-    def _sources(self) -> list[Forwarder | LocalIngress]:
-        return [*self._working(), *self._ingresses]
-
-    def _all_sources(self) -> list[Forwarder | LocalIngress]:
-        return [*self.forwarders(), *self._ingresses]
+    def _sources(self) -> list[MessageSource]:
+        return [*self._working(), *self._inner]
 
     def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:
         total: Counter[str] = Counter()

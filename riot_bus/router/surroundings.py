@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.router.byte_gate import ByteBudget
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from riot_bus.interceptors.recorder import Recorder
     from riot_bus.router.advanced.publisher_state import PublisherState
-    from riot_bus.router.audience import Inner
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Claims
@@ -55,12 +54,10 @@ class Surroundings:
         recorder: Recorder of intercepted messages.
         stream_of: Function of the message that came in, if any, and one that interceptors have let through, that
             returns the advanced publisher to whose stream this one belongs; None if there are no such publishers.
-        inner: Bridges in this process, by segment.
         observed: Segments to which a subscriber in this process listens.
     """
 
     claims: Claims
     recorder: Recorder | None = None
     stream_of: Callable[[Message | None, Message], PublisherState | None] | None = None
-    inner: Mapping[str, tuple[Inner, ...]] = field(default_factory=dict)
     observed: frozenset[str] = frozenset()

@@ -10,6 +10,7 @@ from riot_bus.control.router_process import Upkeep, report_end, router_of
 from riot_bus.control.signals import END_S, force_end_after, let_run
 from riot_bus_bridges.bridging import LinkedBridge
 from riot_bus_bridges.host.inner import InnerPort
+from riot_bus_bridges.host.local_ingress import InnerNetwork
 from riot_bus_bridges.host.running import run_bridge
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def run_own_router(
     """
     with router_of(options, warn=foreground.warn) as service:
         with ExitStack() as closing, service:
-            bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            network = InnerNetwork(service.bus)
+            bridge = bridge_of({name: InnerPort(network, name) for name in service.settings.segments})
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)

@@ -201,6 +201,7 @@ class FakeBus:
     """Two segments, `system` and `unit`, with a pipeline between them."""
 
     def __init__(self, *actions: Callable[[Any], object], samples: Sequence[Any] = (), budget_s: float = 60.0) -> None:
+        self.inner: dict[str, tuple[Any, ...]] = {}  # bridges in this process, by segment
         registry = TypeRegistry(())
         self.pipeline = Pipeline([Act(each) for each in actions], registry=registry, provenance=False)
         self.executor = PipelineExecutor(self.pipeline, budget_s=budget_s)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from riot_bus.router.audience import Inner
-from riot_bus.router.local_ingress import LocalIngress
 from riot_bus.vocabulary.message import Qos
+from riot_bus_bridges.host.audience import Inner
+from riot_bus_bridges.host.local_ingress import LocalIngress
 from tests.unit.router.fake_bus import WAIT_S, FakeBus, Recorder, eventually
 
 BLOCK = Qos(congestion="block")
@@ -23,7 +23,7 @@ def ingress() -> Iterator[Ingress]:
     def begin(*actions: Callable[[Any], object]) -> tuple[FakeBus, LocalIngress]:
         bus = FakeBus(*actions)
         bus.deliveries.observe("unit")  # so that messages are published, whoever listens
-        opened.append((bus, LocalIngress("system", bus.deliveries, None)))
+        opened.append((bus, LocalIngress("system", bus.deliveries, None, bus.inner)))
         return opened[-1]
 
     yield begin
@@ -127,7 +127,8 @@ def test_bridges_in_this_process_get_batches_and_others_single_messages(ingress:
     bus, path = ingress()
     taken: list[Any] = []
     inner = Inner(SimpleNamespace(includes=lambda key: key == "cut/a"), taken.append)  # type: ignore[arg-type]
-    bus.deliveries.surround(observed=frozenset(), inner={"unit": (inner,)})
+    bus.deliveries.surround(observed=frozenset())
+    bus.inner["unit"] = (inner,)
     key = path.declare("cut/a", BLOCK, "")
     key.audiences["unit"] = SimpleNamespace(put=lambda *row: None, close=lambda: None)  # type: ignore[assignment]
     key.put(b"0", None)

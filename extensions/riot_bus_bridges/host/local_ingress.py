@@ -13,19 +13,23 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.pipeline.runner import AbandonedError
-from riot_bus.router.audience import Audience
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
+from riot_bus.router.pipeline_executor import BUDGET_S
 from riot_bus.router.worker import Worker
 from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.session import wait_until
+from riot_bus_bridges.host.audience import Audience
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.router.advanced.publisher_proxies import PublisherProxies
+    from riot_bus.router.bus import Bus
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.types.port import Take
     from riot_bus.vocabulary.message import Qos
+    from riot_bus_bridges.host.audience import Inner
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit
@@ -81,14 +85,21 @@ class LocalIngress:
         segment: Name of the segment.
         deliveries: Queue that takes messages through the pipeline and delivers them.
         advanced: Proxies of advanced publishers; None if there are no other segments.
+        listeners: Bridges in this process, by segment.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
         queued: Number of messages that interceptors have to see, or whose route is not known yet.
     """
 
-    def __init__(self, segment: str, deliveries: DeliveryQueue, advanced: PublisherProxies | None) -> None:
-        self.segment = segment
+    def __init__(
+        self,
+        segment: str,
+        deliveries: DeliveryQueue,
+        advanced: PublisherProxies | None,
+        listeners: Mapping[str, tuple[Inner, ...]],
+    ) -> None:
+        self.segment, self._inner = segment, listeners
         self._targets = deliveries.access.targets[segment]
         self._advanced = advanced
         self.generation = 0
@@ -267,7 +278,45 @@ class LocalIngress:
 
     def _listeners(self, key: str, name: str) -> list[Take]:
         """Return the functions that give messages of a key to listeners in this process."""
-        present = self._deliveries.surroundings
-        if name in present.observed:
+        if name in self._deliveries.surroundings.observed:
             return []
-        return [each.take for each in present.inner.get(name, ()) if each.expression.includes(key)]
+        return [each.take for each in self._inner.get(name, ()) if each.expression.includes(key)]
+
+
+class InnerNetwork:
+    """The bridges in a router's own process: local ingresses of a segment call directly who listens to the others."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self._listeners: dict[str, tuple[Inner, ...]] = {}
+        self._ingresses: list[LocalIngress] = []
+        self._changing = threading.Lock()
+
+    def ingress(self, segment: str) -> LocalIngress:
+        """Return the path from a segment to the others; it is closed with the bus."""
+        ingress = self.bus.attach(
+            lambda deliveries, proxies: LocalIngress(segment, deliveries, proxies, self._listeners)
+        )
+        self._ingresses.append(ingress)
+        return ingress
+
+    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
+        """Call a bridge that listens to a segment directly, until the returned function is called.
+
+        Args:
+            segment: Name of the segment.
+            inner: The bridge; it also subscribes, to get the messages that come on other ways.
+        """
+
+        def change(listeners: Callable[[tuple[Inner, ...]], tuple[Inner, ...]]) -> None:
+            with self._changing:
+                self._listeners[segment] = listeners(self._listeners.get(segment, ()))
+            self.bus.forget()
+
+        def end() -> None:
+            # It still gets what was put before, also if ten interceptors block one after the other.
+            wait_until(lambda: all(each.idle() for each in self._ingresses), 10 * BUDGET_S)
+            change(lambda present: tuple(each for each in present if each is not inner))
+
+        change(lambda present: (*present, inner))
+        return end
