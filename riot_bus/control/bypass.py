@@ -30,9 +30,6 @@ class BypassFinder:
     It sees sessions in two segments; links that a component or foreign router with an enabled admin space reports about
     itself; TCP connections between components' processes on this host; and answers to multicast scouting. It remembers
     which process owns which link.
-
-    Args:
-        bus: The bus, open.
     """
 
     def __init__(self, bus: WatchedBus) -> None:
@@ -120,7 +117,6 @@ class BypassWatch:
     """Looks periodically, and calls back when a way around the router opens or closes; a context manager.
 
     Args:
-        bus: The bus, open.
         callback: Called with all present bypasses whenever they have changed; what it raises is logged.
         period: Seconds between two looks.
         scouting: Settings for asking who answers multicast scouting; None not to ask.

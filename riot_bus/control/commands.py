@@ -123,14 +123,6 @@ def answer(
 ) -> bytes:
     """Carry out a command and return the answer as JSON.
 
-    Args:
-        service: The router, recorder, player or agent.
-        router: Name of the service.
-        name: Name of the command.
-        payload: Payload of the question.
-        parameters: Parameters of the question.
-        commands: All known commands by name.
-
     Raises:
         RiotError: The command cannot be carried out.
     """

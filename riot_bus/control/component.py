@@ -53,13 +53,6 @@ def segment_access(
 ) -> tuple[list[str], dict[str, Any], list[str]]:
     """Return where a component connects to a segment, its Zenoh configuration, and hints for what is still missing.
 
-    Args:
-        segment: Name of the segment.
-        options: The router's options, of which `system` and `segments` say what segments there are.
-        config: Settings of the component, which take precedence.
-        flavour: Kind of program whose protocols count.
-        host: The router's machine, for components elsewhere.
-
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """

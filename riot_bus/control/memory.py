@@ -48,9 +48,6 @@ def resident_bytes() -> int:
 def check_memory(limit: int) -> None:
     """Raise if this process uses more than it may; then its end is forced if it takes too long.
 
-    Args:
-        limit: Maximum memory in bytes.
-
     Raises:
         EnvironmentFaultError: It uses more.
     """

@@ -30,7 +30,6 @@ class Recordings:
 
     Attributes:
         path: Path of the present file; None if there is none.
-        graph_notes: Notes of the graph in the recording.
     """
 
     def __init__(

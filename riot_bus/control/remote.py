@@ -51,9 +51,7 @@ class Remote:
     """A connection to a router, for several questions; a context manager.
 
     Args:
-        endpoint: Endpoint on which one of its segments listens.
         name: The router's name; None if it is the only one.
-        config: Further Zenoh configuration, such as certificates.
         kind: Kind of process to ask, if not a router.
 
     Raises:

@@ -59,10 +59,6 @@ class Upkeep:
 def run_router(options: RouterOptions, foreground: Foreground) -> None:
     """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
 
-    Args:
-        options: The command line of `riot router`.
-        foreground: Frame that prints the result.
-
     Raises:
         ConfigError: An option is wrong.
         EnvironmentFaultError: An endpoint is in use.
@@ -133,10 +129,6 @@ def _report_ready(service: RouterService, foreground: Foreground) -> None:
 
 def report_end(service: RouterService, foreground: Foreground) -> None:
     """Report what happened to each topic.
-
-    Args:
-        service: The router, which has ended.
-        foreground: Frame that prints the result.
 
     Raises:
         DataLossError: Messages were lost.

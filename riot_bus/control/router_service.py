@@ -47,7 +47,6 @@ class RouterService:
         settings: Settings as `router_options.merged` returns them, with at least one segment.
         interceptors: Interceptors, carried out in this order.
         plan: Injections, carried out last.
-        registry: The registry of topics and types.
         seed: Seed of plans that are loaded; it is also written into recordings.
         folder: Folder for recordings requested over the network; by default that of `settings.record`, else the working
             folder.
@@ -163,9 +162,6 @@ class RouterService:
 
         Natively routed messages are interrupted for about 100 ms; no intercepted ones are lost.
 
-        Args:
-            keys: Key expressions or names.
-
         Returns:
             The key expressions that are intercepted now.
 
@@ -182,10 +178,6 @@ class RouterService:
 
     def plan_load(self, text: str, name: str) -> dict[str, Any]:
         """Carry out an injection plan from now on instead of the present one, and intercept its topics.
-
-        Args:
-            text: The plan as TOML text.
-            name: Name of the plan, such as that of its file.
 
         Raises:
             ConfigError: It is not a plan; then nothing has changed.

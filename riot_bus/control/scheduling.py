@@ -26,9 +26,6 @@ class LoadScheduling:
 
     The price: while all processors are busy, a single message may wait 2 ms longer. So this is for times in which many
     messages come at once. A process that was started with a policy of its own keeps it.
-
-    Args:
-        used: Function that returns the processor seconds that the process has used.
     """
 
     def __init__(self, used: Callable[[], float] = time.process_time) -> None:

@@ -39,9 +39,6 @@ class Control:
 
     Args:
         service: The router (or other object the commands act on), open; urgent commands may run beside others.
-        name: Name of the service in the control keys.
-        sessions: The sessions of the segments in which it answers.
-        commands: The commands that it offers, by name.
         under: The keys below its name that it answers for; others may belong to another service.
     """
 

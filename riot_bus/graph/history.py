@@ -35,9 +35,6 @@ def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
 def replay(records: Iterable[Mapping[str, str]]) -> Iterator[tuple[int, Graph]]:
     """Yield each graph and its time from the records of a log.
 
-    Args:
-        records: Records as `LogReader.notes` yields them.
-
     Raises:
         ValueError: A record is damaged.
     """

@@ -65,10 +65,8 @@ class Observer:
     """Observer of a bus.
 
     Args:
-        bus: The bus, open.
         changed: Called after each Zenoh event.
         senders: Returns the ids that stamped messages, by key and source segment.
-        registry: Type registry that names keys and interprets tokens.
         processes: Whether to look for the components' processes on this host.
     """
 

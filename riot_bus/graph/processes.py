@@ -75,11 +75,7 @@ def _plain(host: str) -> str:
 
 
 def owners(locators: Iterable[str]) -> dict[str, SocketOwner]:
-    """Return which process owns each locator; those of other hosts, users and protocols are left out.
-
-    Args:
-        locators: Locators such as `tcp/127.0.0.1:34567`.
-    """
+    """Return which process owns each locator; those of other hosts, users and protocols are left out."""
     wanted = {end: locator for locator in locators if (end := endpoint_of(locator)) is not None}
     if not wanted:
         return {}

@@ -33,11 +33,9 @@ class GraphWatch:
     receive) is polled once per period. Read-only: it asks routers nothing that could hang them (see `graph.sources`).
 
     Args:
-        bus: The bus, open.
         callback: Called with each new graph and what changed, one call at a time; what it raises is logged.
         senders: Returns the ids that stamped messages, by key and source segment. A component stamps its messages if
             its configuration says `timestamping/enabled`; each stamp holds its id.
-        registry: Registry that names keys and understands tokens.
         period: Polling period in seconds.
     """
 
@@ -111,12 +109,7 @@ class GraphWatch:
         return graph
 
     def wait(self, condition: Callable[[Graph], bool], timeout: float) -> bool:
-        """Wait until the graph satisfies a condition; return whether it did in time.
-
-        Args:
-            condition: Condition that is checked at once and after each refresh.
-            timeout: Longest wait in seconds.
-        """
+        """Wait until the graph satisfies a condition; return whether it did in time."""
         with self._new:
             return self._new.wait_for(lambda: condition(self._graph), timeout)
 

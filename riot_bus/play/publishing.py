@@ -28,7 +28,6 @@ class Publishing:
     Zenoh's timestamps and source information are always new, since subscribers drop messages where they do not grow.
 
     Args:
-        session: Session that is published into.
         offers: Publisher settings by key; other keys are published as they are.
         block: Whether a slow subscriber holds up the player, whatever was recorded, so that nothing is dropped.
 

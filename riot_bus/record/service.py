@@ -62,7 +62,6 @@ class CaptureResult:
     Attributes:
         files: Files in the order of writing.
         account: Messages by topic: recorded, lost by reason, left out by reason.
-        seconds: Duration of the recording.
         problems: Problems, a line each.
         silent: Requested names and key expressions on which no message came.
     """

@@ -184,12 +184,7 @@ class Bus:
             self._services = wanted
 
     def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
-        """Record with another recorder from now on, or with none; the owner of the former one closes it.
-
-        Args:
-            recorder: Recorder of intercepted messages and of `record`.
-            record: Key expressions that are recorded without being intercepted.
-        """
+        """Record with another recorder from now on, or with none; the owner of the former one closes it."""
         with self._changing:
             self._deliveries.surround(recorder=recorder)
             self.executor.pipeline.provenance = recorder is not None
@@ -353,9 +348,6 @@ class Bus:
 
     def drain(self, timeout: float) -> bool:
         """Wait until all messages received so far are processed and published, delayed ones included.
-
-        Args:
-            timeout: Longest time to wait, in seconds.
 
         Returns:
             Whether that happened in time.

@@ -50,9 +50,6 @@ class CutKeys:
     """Cuts keys out of what the junction joins, and forwards their messages and calls through the pipeline.
 
     Args:
-        network: The segments and their junction.
-        deliveries: Queue that takes messages through the pipeline and delivers them.
-        topic: Function that returns the topic of a key.
         joined: Function that is called whenever the junction joins the segments anew.
 
     Attributes:

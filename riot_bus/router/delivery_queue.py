@@ -59,12 +59,6 @@ class DeliveryQueue:
 
     The thread that brought a message publishes what is due at once, so a slow receiver holds up its senders, as in a
     plain router; a separate thread publishes what is due later.
-
-    Args:
-        executor: Executor of the pipeline.
-        access: Ways out of the segments.
-        surroundings: First state of what may be changed later; see `surround`.
-        topic: Function that returns the topic of a key.
     """
 
     def __init__(
@@ -130,13 +124,7 @@ class DeliveryQueue:
             return +self._held
 
     def treatment(self, key: str, payload: Callable[[], bytes], *, advanced: bool) -> Treatment:
-        """Return how the messages of a key are processed.
-
-        Args:
-            key: Key of the messages.
-            payload: Function that returns one of their payloads, as an example.
-            advanced: Whether the key has advanced publishers.
-        """
+        """Return how the messages of a key are processed."""
         wanted, recorded = bool(self.executor.pipeline.route(key).stages), self.surroundings.recorder is not None
         if recorded or advanced or not wanted:
             return Treatment(recorded or advanced or wanted, advanced)
@@ -150,9 +138,6 @@ class DeliveryQueue:
         """Take a message of a history through the pipeline, to be stored rather than published.
 
         Messages that interceptors add on other keys are published, since no cache stores those.
-
-        Returns:
-            The result that remains to be stored.
         """
         result = self.result(message, worker)
         for emission in result.emissions:

@@ -79,9 +79,6 @@ class Forwarder:
     router. Droppable messages for which there is no room are dropped and counted.
 
     Args:
-        segment: Name of the segment.
-        expression: Key expression that is intercepted.
-        deliveries: Queue that takes messages through the pipeline and delivers them.
         advanced: Proxies of advanced publishers; None if there are no other segments.
     """
 

@@ -63,11 +63,8 @@ class Interception:
     """Makes a bus intercept what user, interceptors and plan want; not thread-safe.
 
     Args:
-        bus: Function that returns the open bus.
         keys: Keys that the user wants to intercept; `KEY/@request` means the service of this key.
-        interceptors: Interceptors in the order in which they are carried out.
         plan: Injection plan, carried out after the interceptors.
-        registry: Registry that maps topic names to key expressions.
 
     Raises:
         ConfigError: A key cannot be intercepted, or an interceptor would see nothing.

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 class Observers:
     """Subscribers, stand-ins for services and probes of a bus; callbacks run on one thread.
 
-    Args:
-        topic: Function that returns the topic of a key.
-
     Attributes:
         slow: Messages, by topic, for which there was no room because callbacks are too slow.
     """
@@ -46,15 +43,7 @@ class Observers:
     def subscribe(
         self, segment: Segment, text: str, callback: Callable[[Message], None], *, own: bool, convert: Converter
     ) -> Subscription:
-        """Call a function with each message on a segment.
-
-        Args:
-            segment: The segment.
-            text: Canonical key expression of the messages.
-            callback: Function called on the thread of all observers.
-            own: Whether to observe also what this process publishes there.
-            convert: Converter of samples to messages.
-        """
+        """Call a function with each message on a segment."""
         session = segment.session
         self._dispatcher.start()
         only_stored = StoreFilter(segment.zid)

@@ -36,7 +36,6 @@ class PipelineExecutor:
     """Lets several threads feed one pipeline, and frees them from an interceptor that blocks.
 
     Args:
-        pipeline: Pipeline of the interceptors.
         budget_s: Longest time of one interceptor for one message, in seconds.
     """
 

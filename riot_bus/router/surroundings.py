@@ -25,9 +25,7 @@ class BusAccess:
     Attributes:
         sessions: The segments' own sessions, once `open` was called.
         outlets: Publishers by segment, once `open` was called.
-        converters: Converters of samples to messages, by segment.
         targets: Target segments of messages, by source segment.
-        sequence: Numbers of messages.
         budget: Bytes of large messages that may wait in front of forwarders.
     """
 
@@ -51,7 +49,6 @@ class Surroundings:
 
     Attributes:
         claims: Intercepted expressions and the keys that belong to each.
-        recorder: Recorder of intercepted messages.
         stream_of: Function of the message that came in, if any, and one that interceptors have let through, that
             returns the advanced publisher to whose stream this one belongs; None if there are no such publishers.
         observed: Segments to which a subscriber in this process listens.

@@ -23,13 +23,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Taps:
-    """The taps by which a recorder gets what is not intercepted; forwarders record what is.
-
-    Args:
-        network: The segments and their junction.
-        deliveries: Queue whose recorder and claims count.
-        record: Key expressions that are recorded without being intercepted.
-    """
+    """The taps by which a recorder gets what is not intercepted; forwarders record what is."""
 
     def __init__(self, network: Network, deliveries: DeliveryQueue, record: Sequence[str]) -> None:
         self._network, self._deliveries = network, deliveries
@@ -77,14 +71,7 @@ class Taps:
 
 
 class Tap:
-    """Observes messages; delays nothing beyond the time that `take` needs.
-
-    Args:
-        session: Session that observes.
-        expression: Key expression of the messages.
-        take: Function called with each message, on the thread of this tap.
-        convert: Converter of samples to messages.
-    """
+    """Observes messages; delays nothing beyond the time that `take` needs."""
 
     def __init__(
         self, session: zenoh.Session, expression: str, *, take: Callable[[Message], None], convert: Converter

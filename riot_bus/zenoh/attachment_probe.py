@@ -22,12 +22,7 @@ class AttachmentProbe:
     """Collects attachments of a key's messages, including those that publishers keep for late joiners.
 
     Args:
-        key: Key to subscribe to.
-        sessions: Sessions that subscribe.
         heard: Function called on a thread of Zenoh for each new attachment.
-
-    Attributes:
-        attachments: The first attachments received.
     """
 
     def __init__(self, key: str, sessions: Sequence[zenoh.Session], heard: Callable[[], None]) -> None:

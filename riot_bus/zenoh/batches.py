@@ -22,12 +22,7 @@ _MOST_BYTES = 1 << 24  # bounds the memory of a batch, by the size of the last p
 
 
 class Batches:
-    """A subscription from its construction on, for one receiving thread.
-
-    Args:
-        session: Session that receives.
-        expression: Key expression to subscribe to.
-    """
+    """A subscription from its construction on, for one receiving thread."""
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:
         zenoh = library_of(session)

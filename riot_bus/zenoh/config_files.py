@@ -39,13 +39,6 @@ _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, name: str) -> SegmentSettings:
     """Return a segment of a riot.toml with Zenoh keys checked and flattened, and with absolute paths.
 
-    Args:
-        segment: The segment's table as the user wrote it.
-        root: Base folder of relative paths.
-        path: Path of riot.toml, for errors.
-        text: Text of riot.toml.
-        name: Name of the segment.
-
     Raises:
         ConfigError: Zenoh does not know a key or rejects its value, or a file is missing.
     """

@@ -78,10 +78,7 @@ class SampleArrival:
     """A received sample that is converted only on demand, since most messages pass unchanged (`pipeline.Arrival`).
 
     Args:
-        sample: Sample as received.
-        key: Key of the sample.
         time: Time of reception, in nanoseconds since the Unix epoch.
-        converter: Converter of the segment that it came from.
     """
 
     __slots__ = ("_converter", "_message", "_payload", "_sample", "key", "segment", "time")

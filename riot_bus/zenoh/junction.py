@@ -45,13 +45,7 @@ _MOST_WEIGHT = 65_000  # Zenoh's weights have 16 bits, 65,535 at most
 
 
 class _Router(NamedTuple):
-    """One of the routers that join the segments in turn.
-
-    Attributes:
-        session: The router; None while the segments are apart.
-        zid: Its id.
-        sockets: Sockets of its links.
-    """
+    """One of the routers that join the segments in turn."""
 
     session: zenoh.Session | None = None
     zid: str = ""
@@ -72,7 +66,6 @@ class Junction:
         segments: The segments, at least two.
         direct: Direct links, which are severed when other keys are to be cut than they cut.
         inner: Endpoints to listen on in turn, for segments without doors; as many as others have doors, at least two.
-        config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
     """
@@ -120,10 +113,6 @@ class Junction:
 
     def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
         """Join the segments, or cut other keys if they are joined and cut others; return once links and routes are up.
-
-        Args:
-            cut: Canonical key expressions of messages that must not cross.
-            services: Canonical key expressions of services that must not be visible or called across.
 
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
@@ -267,10 +256,6 @@ class Junction:
 
         They go to subscriptions that are as old as the segments: only these show that the junction knows the existing
         subscriptions of components.
-
-        Args:
-            sources: Sessions that send: those of segments by name, or that of the junction.
-            timeout: Longest time to wait, in seconds.
         """
         missing = {(name, probe) for name in sources for probe in self._probes if probe.segment != name}
         text = self.zid.encode()

@@ -15,12 +15,7 @@ Known = TypeVar("Known", bound="KnownKey")
 
 
 class KnownKey:
-    """A key and the settings of the sample from which it was learned; loops compare others with these, without a call.
-
-    Args:
-        key: The key.
-        sample: Sample whose settings count.
-    """
+    """A key and the settings of the sample from which it was learned; loops compare others with these, without a call."""
 
     def __init__(self, key: str, sample: Any) -> None:
         self.key = key
@@ -35,9 +30,6 @@ class KeyTable(Generic[Known]):
         learn: Function of a key and a sample of it; returns None if the loop has nothing to do with the key.
         most: Number of keys; anybody may invent more, and then all are forgotten.
         forget: Function that is called when all are forgotten.
-
-    Attributes:
-        known: Present entries, by the key expression of samples.
     """
 
     def __init__(

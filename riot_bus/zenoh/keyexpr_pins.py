@@ -78,11 +78,7 @@ class FrequentKeys:
         self._seen: dict[zenoh.KeyExpr, int] = {}
 
     def saw(self, key: zenoh.KeyExpr) -> None:
-        """Count a key; a sample of all messages is enough, since frequent keys are frequent in it, too.
-
-        Args:
-            key: Key expression of a sample.
-        """
+        """Count a key; a sample of all messages is enough, since frequent keys are frequent in it, too."""
         times = self._seen.get(key, 0) + 1
         if times > _OFTEN:
             return

@@ -61,11 +61,7 @@ def give_back(library: ModuleType) -> None:
 
 
 def library_of(thing: object) -> Any:
-    """Return the copy to which an object belongs: `zenoh` itself, unless it comes from a borrowed copy.
-
-    Args:
-        thing: A session, or an object from one, such as a sample or a query.
-    """
+    """Return the copy to which an object belongs: `zenoh` itself, unless it comes from a borrowed copy."""
     kind = type(thing)
     found = _by_type.get(kind)
     if found is None:

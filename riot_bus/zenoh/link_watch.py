@@ -23,8 +23,6 @@ class BrokenLink:
     """A link that broke while it was needed.
 
     Attributes:
-        segment: Name of its segment.
-        peer: Id of the session at the other end.
         time: Time in nanoseconds since the Unix epoch.
         reason: Kind of failure: a link between our own routers; a publication of ours that waited too long; or a peer
             that reconnected, so it had not left by itself.

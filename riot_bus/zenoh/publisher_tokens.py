@@ -25,7 +25,6 @@ class Announcements:
     """The present tokens of one network, or of joined segments; thread-safe.
 
     Args:
-        registry: Registry whose adapters read the tokens.
         wanted: Function that tells whether messages of a key are used here, so that its type is needed.
         learnt: Function called with a key whose type was learnt from its users; on a thread that may block.
     """

@@ -93,12 +93,7 @@ class Collector:
 
 
 class Question:
-    """A query to be answered once, on any thread.
-
-    Attributes:
-        payload: Payload of the query.
-        attachment: Attachment of the query; None if there is none.
-    """
+    """A query to be answered once, on any thread."""
 
     def __init__(self, key: str, query: zenoh.Query) -> None:
         self._key, self._query = key, query
@@ -151,7 +146,6 @@ class SegmentPort:
 
     Args:
         session: Session, owned by the port from now on.
-        endpoint: Endpoint that it is connected to, for error messages.
     """
 
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
@@ -211,13 +205,7 @@ class SegmentPort:
         return Outlet(publisher, latch.put, [*declared, latch])
 
     def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
-        """Publish many messages with one attachment; return how many could not be published.
-
-        Args:
-            outlets: Publisher of each message, from this port.
-            payloads: Payload of each message.
-            attachment: Attachment of all of them.
-        """
+        """Publish many messages with one attachment; return how many could not be published."""
         return put_one_by_one(outlets, payloads, attachment)
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:

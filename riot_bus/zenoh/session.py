@@ -44,9 +44,6 @@ def prepare_runtime(receivers: int = _RECEIVERS) -> None:
     A receive task that pushes into a full queue blocks its thread, so each component that publishes faster than its
     subscribers receive may block a thread of a router. If none is left for the link to the subscribers, and they
     publish as fast in the other direction, both routers wait until Zenoh closes links. Waiting threads cost little.
-
-    Args:
-        receivers: Number of receive threads of each router.
     """
     if _VARIABLE not in os.environ:
         os.environ[_VARIABLE] = _runtime(receivers)
@@ -199,13 +196,7 @@ def intersects(expression: str, other: str) -> bool:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:
-    """Wait until a condition holds; return whether it did before the deadline.
-
-    Args:
-        condition: Function that is called repeatedly; must be cheap.
-        timeout: Longest time to wait, in seconds.
-        interval: Seconds between two calls.
-    """
+    """Wait until a condition holds; return whether it did before the deadline."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() >= deadline:

@@ -19,12 +19,7 @@ _ALERT_S = 0.5
 
 
 def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
-    """Return the reason why a handshake fails; None if it succeeds, or if the endpoint is not TLS over TCP.
-
-    Args:
-        endpoint: Endpoint of the router.
-        config: The client's Zenoh configuration, its keys joined by `/`.
-    """
+    """Return the reason why a handshake fails; None if it succeeds, or if the endpoint is not TLS over TCP."""
     try:
         where = parse_endpoint(endpoint, connect=True)
     except RiotError:

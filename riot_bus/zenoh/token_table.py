@@ -25,7 +25,6 @@ class TokenTable:
 
     Args:
         session: A client; nothing else in it has subscribed to these tokens.
-        expression: Key expression of the tokens.
     """
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:

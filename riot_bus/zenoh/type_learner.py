@@ -40,11 +40,9 @@ class _Pursuit:
     """State of the search for the type of one key.
 
     Attributes:
-        key: Key whose type is wanted.
         due: Monotonic time of the next attempt, in seconds.
         missing: Whether the type is missing; None before the first attempt.
         asked: Number of attempts with queries.
-        probe: Probe that collects attachments of its messages.
     """
 
     key: str
@@ -63,8 +61,6 @@ class Learner:
     """Learns the types of keys.
 
     Args:
-        registry: Registry whose adapters know which types are missing, whom to ask and how.
-        tokens: Function that returns all present liveliness tokens.
         wanted: Function that tells whether messages of a key are used here.
         learnt: Function called with each key whose type has become known.
 

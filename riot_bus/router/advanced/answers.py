@@ -36,8 +36,6 @@ class Answers:
     """Answers to such queries in every segment.
 
     Args:
-        sessions: The segments' own sessions.
-        worker: Worker that waits for publishers whose history is not there yet.
         find: Function that returns the states of a session's publishers, by key and id of the session.
     """
 

@@ -42,9 +42,6 @@ class HistoryMirror:
     """Execution of the tasks of publishers.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
-        worker: Worker that runs the tasks.
-        upstream: Access to the publishers' caches.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
             segment.
     """
@@ -157,15 +154,7 @@ class HistoryMirror:
     def _adopt_behind(
         self, state: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
     ) -> None:
-        """Adopt the history once forwarders have taken what came in before it, which may take long on a busy machine.
-
-        Args:
-            state: State of the publisher.
-            taken: Function that returns whether they have.
-            adopt: Function that adopts it; not needed any more when the first live sample has come.
-            seen: Number of times in a row that they had.
-            left: Number of checks that are left.
-        """
+        """Adopt the history once forwarders have taken what came in before it, which may take long on a busy machine."""
         if state.on_first is None:
             return
         seen = seen + 1 if taken() else 0

@@ -22,9 +22,6 @@ class ProxyPublisher:
     """Proxy in one segment for an advanced publisher of another; calls are serialised by `PublisherState`.
 
     Args:
-        outlets: Outlets to publish to.
-        session: The segment's own session.
-        key: The publisher's key.
         depth: Number of samples to keep, 0 for no cache, None if unknown.
     """
 
@@ -132,9 +129,6 @@ class StoreFilter:
     """Filter of samples that are only stored, for observers within the router, which alone receive puts into caches.
 
     Numbers of one cache grow, and each sample is stored before it is sent.
-
-    Args:
-        zid: Id of the observed session.
     """
 
     def __init__(self, zid: str) -> None:

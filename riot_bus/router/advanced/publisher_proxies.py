@@ -44,7 +44,6 @@ class PublisherProxies:
     """Proxies, in the other segments, for the advanced publishers of intercepted keys.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
         changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
             segment.
@@ -157,10 +156,6 @@ class PublisherProxies:
 
     def take(self, segment: str, sample: zenoh.Sample) -> Message | None:
         """Take a live message of a key that concerns us; safe to call twice for the same one.
-
-        Args:
-            segment: Segment that it came from.
-            sample: The sample that came in.
 
         Returns:
             The message, None if nothing is left to do with it.

@@ -39,12 +39,7 @@ class CacheAnswer(NamedTuple):
 
 
 class Upstream:
-    """Queries without waiting: a cache that is slow, or never answers, delays only its own publisher's messages.
-
-    Args:
-        sessions: The segments' own sessions.
-        worker: Worker that continues when the answers are there.
-    """
+    """Queries without waiting: a cache that is slow, or never answers, delays only its own publisher's messages."""
 
     def __init__(self, sessions: Mapping[str, zenoh.Session], worker: Worker) -> None:
         self._sessions, self._worker = sessions, worker
@@ -86,11 +81,6 @@ class Upstream:
         This happens for every new key, and nothing waits for it, so the answers are polled. A callback would slow down
         the whole segment: once a Zenoh thread has dropped one, every call into this copy of the library looks for
         Python objects to drop (pyo3 0.25), and a forwarder makes about fifteen calls for each message.
-
-        Args:
-            segment: Segment that is queried.
-            selector: Key expression of the caches.
-            then: Function that the worker calls with the publisher of each sample.
         """
         handlers = library_of(self._sessions[segment]).handlers
         channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))

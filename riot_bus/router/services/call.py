@@ -29,7 +29,6 @@ class Call:
         questions: Queries sent to services that have not ended yet.
         pending: Number of these queries and of messages in transit.
         silent: Whether a message was dropped; then the caller is not told of the end, as if the message were lost.
-        over: Whether the call has ended.
         size: Size of the payload in bytes.
     """
 

@@ -54,9 +54,6 @@ class CallForwarder:
     pipeline. A caller is told that its call has ended when all services that were asked have ended it.
 
     Args:
-        segment: Name of the segment.
-        expression: Key expression of the services.
-        deliveries: Queue that takes messages through the interceptors.
         owner: Function that returns which of several overlapping expressions a key belongs to.
         asked: Function of a calling segment and a key that returns the other segments that may have a service for it:
             True to ask only queryables that are declared as complete there (`QueryTarget.ALL_COMPLETE`), False to ask

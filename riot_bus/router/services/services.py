@@ -22,7 +22,6 @@ class Services:
     """Stands in for the selected services of each segment in the others, which the junction keeps apart.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
         spaces: Key expressions of complete services (`HasServices.services`).
     """
 
