@@ -15,7 +15,7 @@ Known = TypeVar("Known", bound="KnownKey")
 
 
 class KnownKey:
-    """A key and the settings of the sample from which it was learned; loops compare others with these, without a call."""
+    """A key and the settings of the sample from which it was learned; loops compare others with these."""
 
     def __init__(self, key: str, sample: Any) -> None:
         self.key = key

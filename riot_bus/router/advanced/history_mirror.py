@@ -154,7 +154,7 @@ class HistoryMirror:
     def _adopt_behind(
         self, state: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
     ) -> None:
-        """Adopt the history once forwarders have taken what came in before it, which may take long on a busy machine."""
+        """Adopt the history once forwarders have taken what came in before it, which may take long."""
         if state.on_first is None:
             return
         seen = seen + 1 if taken() else 0
