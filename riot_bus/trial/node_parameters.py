@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.zenoh.segment_port import open_port
+from riot_bus.zenoh.segment_port import SegmentPort, open_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +41,7 @@ def set_parameters(setup: TrialSetup, names: Sequence[str], chosen: Mapping[str,
         return {}
     with ExitStack() as stack:
         segments = sorted(set(map(network.segment_of, names)))
-        ports = [stack.enter_context(open_port([network.bus.endpoint(each)])) for each in segments]
+        ports = [stack.enter_context(open_port(SegmentPort, [network.bus.endpoint(each)])) for each in segments]
         return set_in_nodes(
             context,
             chosen,

@@ -12,9 +12,10 @@ from riot_bus.vocabulary.message import Qos
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
-from riot_bus.zenoh.segment_port import message_of, put_one_by_one
+from riot_bus.zenoh.segment_port import message_of
 from riot_bus.zenoh.session import release
 from riot_bus_bridges.host.audience import Audience, Inner
+from riot_bus_bridges.host.outer_port import put_one_by_one
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -67,7 +68,7 @@ class InnerPort:
     """A segment as a bridge in the router's own process sees it; it ends with the bus.
 
     A message on an intercepted key goes to the other segments, and to their listeners in this process, on the thread
-    that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`, which describes
+    that publishes it, unless an interceptor has to look at it. Otherwise it works like `OuterPort`, which describes
     the arguments of the methods.
     """
 

@@ -17,9 +17,10 @@ from riot_bus_mavlink.frame import parse_frame
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.types.port import BridgePort, Closeable, PortPublisher
+    from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus_bridges.mavlink.json_form import JsonForm
     from riot_bus_bridges.mavlink.streams import OwnStreams
+    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.frame import Frame
 
 IN, OUT = "mavlink/in", "mavlink/out"

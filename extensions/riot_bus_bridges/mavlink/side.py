@@ -28,11 +28,12 @@ from riot_bus_mavlink.signing import Renewer
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from riot_bus.types.port import BridgePort, Closeable, PortPublisher
+    from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.mavlink.mirror import Mirror
     from riot_bus_bridges.mavlink.routing import Routes
     from riot_bus_bridges.mavlink.streams import OwnStreams
+    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.signing import Signer
