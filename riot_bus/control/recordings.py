@@ -126,10 +126,7 @@ class Recordings:
             self._recorder.close()
 
     def watch(self) -> None:
-        """Start to track publishers' announcements (liveliness tokens) in all segments; wait for none.
-
-        What they tell of a topic, such as its QoS, becomes metadata of the topic's channel in the log.
-        """
+        """Start to track publishers' announcements (liveliness tokens) in all segments; wait for none."""
         for session in self._bus().sessions.values():
             self._announcements.watch(session, wait=False)
 

@@ -141,10 +141,7 @@ class Remote:
         raise self._no_answer(name, found)
 
     def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:
-        """Ask; return the answers that come until all have answered, or some time after the first answer.
-
-        A process that never answers, since the question is not for it, causes no long delay.
-        """
+        """Ask; return the answers that come until all have answered, or some time after the first answer."""
         from riot_bus.zenoh import api as zenoh
 
         found: list[tuple[bool, bytes]] = []

@@ -153,8 +153,6 @@ def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
 def merged(settings: RouterSettings, options: RouterOptions, *, cwd: Path | None = None) -> RouterSettings:
     """Return what the router is to do, with at least one segment.
 
-    `--segment` and `--connect` replace the endpoints that riot.toml gives this segment, `--cfg` one key.
-
     Raises:
         ConfigError: An option is wrong or names an unknown segment, segments conflict, or a certificate is missing.
     """

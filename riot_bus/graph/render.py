@@ -70,10 +70,7 @@ def mermaid(graph: Graph) -> str:
 
 
 def dot(graph: Graph) -> str:
-    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses.
-
-    Services and actions are hexagons; what is intercepted has a thick border.
-    """
+    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses."""
     return _drawn(graph, _DOT)
 
 

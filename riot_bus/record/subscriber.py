@@ -114,10 +114,7 @@ class RecordingSubscriber:
         self._thread.start()
 
     def senders(self) -> dict[str, set[str]]:
-        """Return the ids in the Zenoh timestamps of messages, by key.
-
-        Only the first message of each key and of each batch is looked at.
-        """
+        """Return the ids in the Zenoh timestamps of messages, by key."""
         return self._keys.senders()
 
     def close(self) -> None:
@@ -183,10 +180,7 @@ class RecordingSubscriber:
         return found, True
 
     def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
-        """Return what is to be written, and whether a slow disk may hold up the publishers.
-
-        Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
-        """
+        """Return what is to be written, and whether a slow disk may hold up the publishers."""
         rows: list[Row] = []
         put, take, routes, clock, number_of = (
             rows.append,

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 class Bus:
     """Segments, their junction and the interception between them; a context manager.
 
-    Several may live in one process.
-
     Args:
         segments: A network, which stays open when the bus is closed; or by name, each segment's settings, or just the
             endpoints to listen on, where no endpoint means a free port of this machine.
@@ -183,15 +181,15 @@ class Bus:
             self._cut.cut(canonical(keyexprs), wanted, again=True)
             self._services = wanted
 
-    def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
-        """Record with another recorder from now on, or with none; the owner of the former one closes it."""
+    def set_recorder(self, recorder: Recorder | None) -> None:
+        """Record all with another recorder from now on, or with none; the owner of the former one closes it."""
         with self._changing:
             self._deliveries.surround(recorder=recorder)
             self.executor.pipeline.provenance = recorder is not None
             if recorder is not None:
                 self._recorders.append(recorder)
             self.forget()
-            self._taps.record(record)
+            self._taps.record(["**"])
 
     def set_interceptors(self, interceptors: Sequence[object]) -> None:
         """Replace the interceptors; those that stay are not started again.

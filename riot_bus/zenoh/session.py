@@ -80,13 +80,13 @@ def _receivers_of(value: str) -> int:
     return int(found.group(1)) if found else _ZENOH_RECEIVERS
 
 
-def free_endpoint(host: str = "127.0.0.1") -> str:
+def free_endpoint() -> str:
     """Return a TCP endpoint that is free now; prefer listening on port 0, which cannot be taken in between."""
     import socket
 
     with socket.socket() as probe:
-        probe.bind((host, 0))
-        return f"tcp/{host}:{probe.getsockname()[1]}"
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def open_session(config: SessionConfig, *, purpose: str, library: Any = None) -> zenoh.Session:
