@@ -11,9 +11,6 @@ from riot_bus.control.signals import force_end_after
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 _VARIABLE = "RIOT_MEMORY_LIMIT"
-_END_S = 5.0
-"""How long the end may take then: Zenoh may still be growing, and not answer."""
-
 _STATM = Path("/proc/self/statm")
 _GROUP = Path("/sys/fs/cgroup/memory.max")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -53,7 +50,7 @@ def check_memory(limit: int) -> None:
     """
     used = resident_bytes()
     if used > limit:
-        force_end_after(_END_S)
+        force_end_after(5.0)  # Zenoh may still be growing, and not answer
         error = EnvironmentFaultError(
             f"this process uses {used >> 20} MiB of memory, more than {limit >> 20} MiB",
             hint="a client may have subscribed to a key with many wildcards, which costs Zenoh memory "

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-_OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the same
-
 
 class Recordings:
     """The present recording of a bus; thread-safe, except that there must be only one `start` or `settle` at a time.
@@ -190,6 +188,7 @@ class Recordings:
             each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
             for each in sessions.values()
         ]
-        wait_until(lambda: all(each.matching_status.matching for each in publishers), _OBSERVED_S)
+        # Two seconds are 20 times the usual 100 ms; a recording then begins all the same.
+        wait_until(lambda: all(each.matching_status.matching for each in publishers), 2.0)
         for each in publishers:
             each.undeclare()

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.client import Client
 
 _TIMEOUT_S = 30.0  # a guess: a router on a loaded machine answers in tenths of a second
-_FIND_S = 3.0  # one process that hangs delays the list by as much
 _TRIES = 8
 """How often to ask: a question that ends at once without an answer was not carried out, since its queue was full or it
 is not allowed. In a flood of twice what a loaded machine can answer, every second question is lost."""
@@ -91,7 +90,8 @@ class Remote:
         from riot_bus.zenoh import api as zenoh
 
         everyone = f"{OWN_CHUNK}/*/{_STATUS[self._kind]}"
-        for reply in self._client.session.get(everyone, timeout=_FIND_S, target=zenoh.QueryTarget.ALL):
+        # One process that hangs delays the list by the timeout.
+        for reply in self._client.session.get(everyone, timeout=3.0, target=zenoh.QueryTarget.ALL):
             if reply.ok is not None:
                 names.add(str(reply.ok.key_expr).split("/")[1])
         return sorted(names)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.router.counts import Losses
 
-_TRIM_S = 20.0  # a guess: walks all heaps of the C library, and what is freed comes back slowly anyway
 _HELD_UP_S = 60.0
 """A router whose interpreter is blocked this long forwards nothing intercepted, and handles no signal: it ends."""
 
@@ -50,7 +49,7 @@ class Upkeep:
         """
         check_memory(self._memory)
         self._schedule()
-        if time.monotonic() - self._trimmed > _TRIM_S:
+        if time.monotonic() - self._trimmed > 20.0:  # a guess: it walks all heaps of the C library
             trim_heap()
             self._trimmed = time.monotonic()
             force_end_after(_HELD_UP_S)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02
-_MOST_S = 30.0
 _REST = 19
 """The watch rests this many times as long as a refresh took, because bus traffic shares the processor."""
 
@@ -126,4 +125,4 @@ class GraphWatch:
             except Exception:
                 if not self._stopping.is_set():
                     _LOG.exception("the graph could not be brought up to date")
-            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), _MOST_S)
+            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), 30.0)

@@ -32,7 +32,6 @@ FILE_KEYS = frozenset(
 """Keys whose value is the path of a file."""
 
 _LARGEST_SECRET = 64 << 10  # passwords, keys and certificates have some KiB; anything else is a mistake
-_OTHERS = 0o077  # permissions of group and others
 _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 
 
@@ -147,7 +146,7 @@ def _existing(text: str, root: Path, *, where: str, secret: bool) -> Path:
 
 def _check_private(path: Path, *, where: str) -> None:
     mode = path.stat().st_mode & 0o777
-    if os.name != "posix" or not mode & _OTHERS or _is_credential(path):
+    if os.name != "posix" or not mode & 0o077 or _is_credential(path):
         return
     hint = f"chmod 600 {shlex.quote(str(path))}"
     raise ConfigError(f"others may read {path} (mode {mode:04o}), which holds a secret", where=where, hint=hint)

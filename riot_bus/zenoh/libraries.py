@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     import zenoh
 
 _NAME = "zenoh.zenoh"
-_CHUNK = 1 << 26  # more than the library has, 33 MB, so that one call copies it
 _MODE = 0o500  # of a copy: nobody writes to it
 _lock = threading.Lock()
 _copies: list[ModuleType] = []
@@ -189,7 +188,7 @@ def _recorded(original: Path) -> str:
 def _in_memory(original: Path) -> int:
     file = os.memfd_create("zenoh")
     with original.open("rb") as source:
-        while os.sendfile(file, source.fileno(), None, _CHUNK):
+        while os.sendfile(file, source.fileno(), None, 1 << 26):  # one call copies it, 33 MB
             pass
     return file
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-_STALLED = 0.8  # of the time after which Zenoh closes
-
 
 @dataclass(frozen=True, slots=True)
 class BrokenLink:
@@ -59,7 +57,7 @@ class TransportWatch:
     ) -> None:
         self.broken: list[BrokenLink] = []
         self.departures = 0
-        self._limit_s = _STALLED * wait_before_close_s
+        self._limit_s = 0.8 * wait_before_close_s
         self._inner = inner
         self._ours = ours
         self._longest = longest

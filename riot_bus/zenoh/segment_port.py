@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.types.port import Closeable
     from riot_bus.zenoh import api as zenoh
 
-_PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
-
 
 class Outlet:
     """Publisher for one key; see `SegmentPort.publisher`."""
@@ -175,7 +173,7 @@ class SegmentPort:
             consolidation=zenoh.ConsolidationMode.NONE,
             payload=payload,
             attachment=attachment,
-            timeout=_PATIENCE_S,
+            timeout=24 * 3600.0,  # rmw_zenoh waits for ever
             allowed_destination=zenoh.Locality.REMOTE,
             cancellation_token=asked.token,
         )

@@ -32,7 +32,6 @@ def _runtime(receivers: int) -> str:
 _OURS = {_runtime(_RECEIVERS)}
 """Values set by `prepare_runtime`, in this process or in the riot process that started it."""
 _FEW_RECEIVERS = 4  # with fewer, three components that flood slow ones block all; a guess
-_ZENOH_RECEIVERS = 2  # Zenoh's default
 _CALLBACKS = "pyo3-closure"
 _CALLBACKS_S = 3.0  # callbacks end soon after their sessions; a hung one delays the end by this; a guess
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
@@ -77,7 +76,7 @@ def _end_callbacks() -> None:
 
 def _receivers_of(value: str) -> int:
     found = re.search(r"\brx\s*:\s*\([^()]*?worker_threads\s*:\s*(\d+)", value)
-    return int(found.group(1)) if found else _ZENOH_RECEIVERS
+    return int(found.group(1)) if found else 2  # Zenoh's default
 
 
 def free_endpoint() -> str:

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _TLS = "transport/link/tls"
-_ALERT_S = 0.5
-"""Seconds to wait for an alert about the client's certificate, which in TLS 1.3 arrives after the handshake."""
 
 
 def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
@@ -40,7 +38,7 @@ def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
             socket.create_connection((where.host, where.port), ANSWER_S) as plain,
             context.wrap_socket(plain, server_hostname=where.host) as link,
         ):
-            link.settimeout(_ALERT_S)
+            link.settimeout(0.5)  # in TLS 1.3, an alert about the client's certificate comes after the handshake
             link.recv(1)
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is refused: {error.verify_message}"

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 _LOG = logging.getLogger(__name__)
-_FOREVER_S = 30 * 86_400.0  # Zenoh needs a limit (10 s by default); no caller waits for a month
 _QOS = Qos()
 
 
@@ -239,7 +238,7 @@ class CallForwarder:
                 zenoh.handlers.Callback(partial(self._replied, call, target), drop=ended, indirect=False),
                 target=complete if call.targets.get(target) else zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=_FOREVER_S,  # the caller's own timeout counts, which is not known here
+                timeout=30 * 86_400.0,  # a month: the caller's own timeout counts, which is not known here
                 payload=payload,
                 encoding=None if payload is None else zenoh.Encoding(message.encoding or "zenoh/bytes"),
                 attachment=message.attachment,
