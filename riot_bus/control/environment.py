@@ -30,11 +30,6 @@ _LOOPBACK = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}  # noqa: S104 - compared, no
 def reachable(listen: Sequence[str], *, flavour: Flavour = "zenoh", host: str | None = None) -> list[str]:
     """Return where components connect, for the endpoints that a segment listens on.
 
-    Args:
-        listen: Endpoints of the segment.
-        flavour: Kind of program whose protocols count.
-        host: Name or address of the router's machine, for components elsewhere.
-
     Raises:
         ConfigError: None of them can be reached, or its port is known only to the running router.
     """

@@ -57,12 +57,6 @@ class Survey:
 def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Mapping[str, Any] | None = None) -> Survey:
     """Look at the network for some seconds.
 
-    Args:
-        endpoint: Endpoint that a router listens on.
-        registry: Type registry whose adapters interpret the tokens.
-        seconds: Duration of the look; tokens that vanish meanwhile are left out.
-        config: Further Zenoh configuration.
-
     Raises:
         EnvironmentFaultError: No router answers at the endpoint.
     """

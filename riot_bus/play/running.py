@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 
 def run_play(options: PlayOptions, foreground: Foreground) -> bool:
-    """Play, then report the result.
-
-    Returns:
-        False if a signal has ended it.
+    """Play, then report the result; return False if a signal has ended it.
 
     Raises:
         ConfigError: An option is wrong.

@@ -309,14 +309,7 @@ class Bus:
         return self._observers.subscribe(place, text, callback, own=own, convert=self._access.converters[segment])
 
     def serve(self, segment: str, key: str, service: RecordedService, *, tokens: Sequence[str] = ()) -> None:
-        """Answer service calls of a segment's components with recorded replies until the bus closes.
-
-        Args:
-            segment: Name of the segment.
-            key: Key of the service.
-            service: The recorded service.
-            tokens: Liveliness tokens by which callers find the service; those already declared are kept.
-        """
+        """Answer service calls of a segment's components with recorded replies until the bus closes."""
         self._observers.serve(self.segment(segment).session, key, service, tokens)
 
     def wait_subscribed(

@@ -135,17 +135,7 @@ def count(
     recorded: Mapping[str, int],
     unrecorded: Mapping[str, int],
 ) -> dict[str, TopicCounts]:
-    """Return counts by topic; all arguments are by topic, too.
-
-    Args:
-        looked_at: Counts of the pipeline, of the messages that it saw.
-        passed: Messages forwarded without inspection by the pipeline.
-        shed: Messages that there was no room for.
-        undelivered: Messages, passed or inspected, that could not be published.
-        held: Messages that wait until they are due.
-        recorded: Messages that were recorded.
-        unrecorded: Messages that should have been recorded but were not.
-    """
+    """Return counts by topic; all arguments are by topic, too."""
     table: dict[str, TopicCounts] = {}
     for topic, each in list(looked_at.items()):
         if each.seen or each.added:

@@ -58,12 +58,6 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
 def settings_of_text(key: str, text: str, root: Path, *, where: str) -> dict[str, Any]:
     """Return the settings of `KEY=TEXT` on a command line, with `@FILE` replaced by its contents, and absolute paths.
 
-    Args:
-        key: Key of Zenoh's configuration.
-        text: JSON5, plain text if Zenoh accepts it, or `@FILE`.
-        root: Base folder of relative paths.
-        where: Name of the option, for errors.
-
     Raises:
         ConfigError: Zenoh does not know the key or rejects its value, a file is missing or readable by others, or a
             secret is on the command line.

@@ -169,13 +169,7 @@ class Outlets:
             self.longest_s = seconds
 
     def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | str | None = None) -> zenoh.Publisher:
-        """Return the publisher of a key; declare it if necessary.
-
-        Args:
-            key: Key without wildcards.
-            qos: Delivery settings.
-            encoding: Default encoding of the publisher; only used when it is declared.
-        """
+        """Return the publisher of a key; declare it if necessary."""
         known = self._publishers.get((key, qos))
         if known is not None:
             return known

@@ -58,9 +58,6 @@ def scout(how: Scouting = THIS_HOST, *, until: Collection[str] = ()) -> Mapping[
     Args:
         how: Settings of scouting.
         until: Ids of sessions; when all of them have answered, others are not waited for.
-
-    Returns:
-        Answers by id, our own sessions included if they listen to scouting.
     """
     import zenoh
 

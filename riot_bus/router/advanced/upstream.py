@@ -45,13 +45,7 @@ class Upstream:
         self._sessions, self._worker = sessions, worker
 
     def ask(self, source: AdvancedSource, parameters: str, then: Callable[[CacheAnswer], None]) -> None:
-        """Query one publisher's cache.
-
-        Args:
-            source: The publisher.
-            parameters: Selection of samples, such as `?_sn=3..4`; all if empty.
-            then: Function that the worker calls with the answer.
-        """
+        """Query one publisher's cache for all samples, or for some by parameters such as `?_sn=3..4`."""
         zenoh = library_of(self._sessions[source.segment])
         samples: list[tuple[int, Any]] = []
         failed, room = False, _MOST_BYTES

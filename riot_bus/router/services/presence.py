@@ -135,13 +135,7 @@ class Presence:
 
 
 def silent_querier(session: zenoh.Session, expression: str, *, complete: bool = False) -> Any:
-    """Return a querier that never asks: its matching status tells whether others serve an expression.
-
-    Args:
-        session: Session of the querier.
-        expression: Key, or key expression that a service has to include completely.
-        complete: Whether only complete services count.
-    """
+    """Return a querier that never asks: its matching status tells whether others serve an expression."""
     zenoh = library_of(session)
     pin(session, expression)
     return session.declare_querier(
