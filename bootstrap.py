@@ -1,7 +1,7 @@
 """Create this checkout's own environment (.venv) and run something in it.
 
     python3 bootstrap.py demo [OPTIONS]           the demo on the embedded router
-    python3 bootstrap.py test [--all] [OPTIONS]   the tests (OPTIONS go to pytest); --all: nothing is left out
+    python3 bootstrap.py test [OPTIONS]           the tests; --all: all of them; --changed: what a change concerns
     python3 bootstrap.py interop                  programs of others that some tests need; `test` does it first
     python3 bootstrap.py run COMMAND ...          any command of the environment, such as `ruff check`
 
@@ -71,9 +71,8 @@ def test(options: list[str]) -> int:
     interop()
     pytest = [str(BIN / "python"), "-m", "pytest"]
     workers = len(os.sched_getaffinity(0))
-    cover = [] if options else ["--cov", "--cov-branch", "--cov-report="]  # a choice of tests covers what it covers
     phases = [
-        ["--phase=pure", f"-n{workers}", "--dist=worksteal", *cover],
+        ["--phase=pure", f"-n{workers}", "--dist=worksteal"],
         ["--phase=processes", f"-n{max(WAITING_WORKERS, workers)}", "--dist=worksteal"],
         ["--phase=alone"],
     ]
@@ -84,8 +83,6 @@ def test(options: list[str]) -> int:
         codes.append(subprocess.run([*pytest, *phase, *options], check=False).returncode)
         if codes[-1] == INTERRUPTED or (codes[-1] == FAILED and {"-x", "--exitfirst"} & set(options)):
             return codes[-1]
-    if cover:
-        codes.append(subprocess.run([str(BIN / "python"), str(ROOT / "tests/coverage_by_room.py")]).returncode)
     return max((code for code in codes if code != NOTHING_COLLECTED), default=NOTHING_COLLECTED)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from mcap.writer import Writer
 
@@ -11,6 +12,10 @@ STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f
 STRING_KEY = f"std_msgs::msg::dds_::String_/{STRING_HASH}"
 VOLATILE = "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n"
 LATCHED = "- history: 1\n  depth: 2\n  reliability: 1\n  durability: 1\n"
+FOREVER = "".join(
+    f"  {name}:\n    sec: 9223372036\n    nsec: 854775807\n"
+    for name in ("deadline", "lifespan", "liveliness_lease_duration")
+)
 
 
 def text(value: str) -> bytes:
@@ -20,7 +25,7 @@ def text(value: str) -> bytes:
 
 
 def write_bag(
-    path: Path, topics: Mapping[str, tuple[str, ...]], messages: Iterable[tuple[int, str, str | bytes]]
+    path: Path, topics: Mapping[str, tuple[str, ...]], messages: Iterable[tuple[int, str, str | bytes]], **options: Any
 ) -> Path:
     """A bag of strings.
 
@@ -28,9 +33,10 @@ def write_bag(
         path: The file.
         topics: Offered QoS and type hash by name; a type `pkg/msg/Name` and its definition may follow.
         messages: Time, topic, and text or payload.
+        options: How the file is written, for `mcap.writer.Writer`.
     """
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, **options)
         writer.start(profile="ros2", library="rosbag2")
         channels = {}
         for name, (qos, type_hash, *kind) in topics.items():

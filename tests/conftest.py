@@ -8,7 +8,6 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from coverage import Coverage
 from hypothesis import HealthCheck, settings
 
 from tests.changed import changed_files, concerned
@@ -46,9 +45,6 @@ def pytest_configure(config: pytest.Config) -> None:
     """Look up what a change concerns; end the first coverage of a worker of xdist, below the second of pytest-cov."""
     base = config.getoption("--changed")
     config.stash[CONCERNED] = None if base is None else concerned(changed_files(base))
-    first = Coverage.current()
-    if first is not None and hasattr(config, "workerinput"):
-        first.stop()
 
 
 def pytest_report_header() -> str:

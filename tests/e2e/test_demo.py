@@ -33,7 +33,6 @@ def riot(tmp_path_factory: pytest.TempPathFactory):
     return run
 
 
-@pytest.mark.rotating
 def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_path: Path) -> None:
     words = set(riot("--help").stdout.split())
     assert {"demo", "router", "analyze"} <= words

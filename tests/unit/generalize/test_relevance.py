@@ -84,7 +84,6 @@ def test_values_are_compared_by_their_bits() -> None:
     assert {field.name for field in result.fields} == {"zero", "flag"}
 
 
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_five_thousand_fields_take_few_trials() -> None:
     fields = with_others(

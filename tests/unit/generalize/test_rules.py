@@ -148,7 +148,6 @@ def test_values_stay_in_their_types_and_no_question_is_repeated() -> None:
 
 @pytest.mark.parametrize("known", [(0, 1, 2, 4, 8), (1, 2, 4, 8, 16, 32), (0, 1, 2, 3, 5, 6)])
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.no_cover
 def test_an_enumeration_is_completed(known: tuple[int, ...], seed: int) -> None:
     """Nominal are its first four members; others are tried because they may belong to it."""
     variables = [
@@ -159,7 +158,6 @@ def test_an_enumeration_is_completed(known: tuple[int, ...], seed: int) -> None:
     assert learned.rule.text() == f"gear not in {known}"
 
 
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_one_case_that_the_simplest_rule_misses_is_explained() -> None:
     """Of the state 4 there is one case; two literals more cost as much as a mistake."""
@@ -263,7 +261,6 @@ def test_types() -> None:
         ),
     ],
 )
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_shapes_of_the_wider_language(variables: list[Variable], fails: Callable[[Values], bool], text: str) -> None:
     chance = random.Random(5)
@@ -369,7 +366,6 @@ def test_a_limit_of_two_values_at_once_is_found_within_a_larger_rule() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_a_limit_on_one_side_is_told_from_one_on_both(seed: int) -> None:
     """Where few trials meet the rest of the rule, chance alone seldom changes the sign of the value in it."""
@@ -403,7 +399,6 @@ class Rarely:
         return self.trials.decide(asked, doubt=0.05, doing="deciding", priors=priors)
 
 
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_asked_again() -> None:
     def fails(v: Values) -> bool:

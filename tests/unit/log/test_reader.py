@@ -1,6 +1,5 @@
 import io
 import struct
-from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -12,8 +11,7 @@ from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from tests.bags import LATCHED, STRING_HASH, VOLATILE, write_bag
-
-DATA = Path(__file__).parents[4] / "shared" / "data"
+from tests.robot_bag import robot_bag
 
 
 def plain(path, messages, **options):
@@ -157,14 +155,10 @@ def test_missing_file_and_directory(tmp_path):
         LogReader(tmp_path)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs the recordings in ../shared/data")
-@pytest.mark.parametrize(
-    ("name", "count"), [("nav2_turtlebot", 8197), ("talker", 20), ("wbag_0", 1246), ("topics_and_services", 13)]
-)
-def test_real_bags(name, count):
-    with LogReader(DATA / f"{name}.mcap") as reader:
+def test_a_bag_of_a_robot(tmp_path):
+    with LogReader(robot_bag(tmp_path / "bag.mcap")) as reader:
         messages = list(reader.messages())
-        assert len(messages) == count
+        assert len(messages) == 4 + 2 * 50
         assert not reader.loss
         assert {message.key for message in messages} <= set(reader.schemas)
     times = [message.time for message in messages]

@@ -1,7 +1,5 @@
 """What LogWriter writes for ROS topics is read by the tools of the ROS world."""
 
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("rosbags")
@@ -17,12 +15,12 @@ from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
+from tests.robot_bag import robot_bag
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HASH = STORE.hash_rihs01("nav_msgs/msg/Odometry")
 ODOM = f"0/odom/nav_msgs::msg::dds_::Odometry_/{HASH}"
 TEXT = f"0/robot/chatter/std_msgs::msg::dds_::String_/{STORE.hash_rihs01('std_msgs/msg/String')}"
-DATA = Path(__file__).parents[4] / "shared" / "data" / "nav2_turtlebot.mcap"
 
 
 def odometry(x):
@@ -106,10 +104,9 @@ def test_our_reader_gives_keys_and_names_back(path):
         assert set(reader.schemas) == {"/odom", "/robot/chatter"}
 
 
-@pytest.mark.skipif(not DATA.is_file(), reason="needs ../shared/data/nav2_turtlebot.mcap")
-def test_fields_of_a_foreign_bag_can_be_read_through_its_schemas():
+def test_fields_of_a_foreign_bag_can_be_read_through_its_schemas(tmp_path):
     registry = TypeRegistry([Ros2Adapter()])
-    with LogReader(DATA) as reader:
+    with LogReader(robot_bag(tmp_path / "bag.mcap")) as reader:
         for topic, (schema, encoding) in reader.schemas.items():
             registry.add_schema(topic, schema, encoding)
         first = next(iter(reader.messages(topics=["/odom"])))

@@ -202,7 +202,6 @@ def test_that_there_is_no_evidence_is_told_and_evidence_is_that_of_the_case(tmp_
 
 
 @pytest.mark.parametrize("seconds", [10.0, 1.0])
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_that_values_were_kept_back_since_hangs_took_too_long_is_told(tmp_path: Path, seconds: float) -> None:
     one = bench(tmp_path)
@@ -324,7 +323,6 @@ def test_dictionary_entries_that_match_nothing_are_an_error(tmp_path: Path) -> N
     assert not any(case.messages for case in one.machine.executed)
 
 
-@pytest.mark.no_cover
 @pytest.mark.rotating
 def test_what_only_many_messages_bring_about_is_found_replays_and_is_minimized(tmp_path: Path) -> None:
     """Eight bad speeds in a row: policies on single messages do not come to that."""

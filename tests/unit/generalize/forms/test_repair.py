@@ -47,7 +47,6 @@ def far(left: Sequence[int], right: Sequence[int]) -> int:
 
 
 @pytest.mark.parametrize("kind", sorted(ROOTS))
-@pytest.mark.no_cover
 def test_no_single_value_that_is_nearer_would_do(kind: str) -> None:
     rng = random.Random(1)
     tried = 0
