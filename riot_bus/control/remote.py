@@ -68,7 +68,7 @@ class Remote:
         self._endpoint = endpoint
         self._name = name
         self._kind = kind
-        self._client = open_client(endpoint, config={"id": control_id(), **(config or {})})
+        self.client: Client = open_client(endpoint, config={"id": control_id(), **(config or {})})
 
     def __enter__(self) -> Remote:
         return self
@@ -77,12 +77,7 @@ class Remote:
         from riot_bus.zenoh import api as zenoh
 
         with suppress(zenoh.ZError):  # the link may hang
-            self._client.close()
-
-    @property
-    def client(self) -> Client:
-        """The connection, for uses other than questions."""
-        return self._client
+            self.client.close()
 
     def find(self) -> list[str]:
         """Return the names of all routers (or processes of the kind asked) that answer here."""
@@ -91,7 +86,7 @@ class Remote:
 
         everyone = f"{OWN_CHUNK}/*/{_STATUS[self._kind]}"
         # One process that hangs delays the list by the timeout.
-        for reply in self._client.session.get(everyone, timeout=3.0, target=zenoh.QueryTarget.ALL):
+        for reply in self.client.session.get(everyone, timeout=3.0, target=zenoh.QueryTarget.ALL):
             if reply.ok is not None:
                 names.add(str(reply.ok.key_expr).split("/")[1])
         return sorted(names)
@@ -159,7 +154,7 @@ class Remote:
             came.set()
 
         try:
-            self._client.session.get(
+            self.client.session.get(
                 selector,
                 zenoh.handlers.Callback(take, end),
                 payload=payload,

@@ -41,7 +41,7 @@ class Publishing:
         self.problems: dict[str, str] = {}
         self._session = session
         self._block = block
-        self._zid = str(session.info.zid())
+        self.zid = str(session.info.zid())
         self._outlets: dict[str, _Outlet] = {}
         self._most = len(offers) + _MOST_KEYS
         self._tokens: dict[str, Any] = {}
@@ -49,11 +49,6 @@ class Publishing:
         self._links = _Links(session)
         for offer in offers.values():
             self._open(offer)
-
-    @property
-    def zid(self) -> str:
-        """Id of the session."""
-        return self._zid
 
     @property
     def broken(self) -> int:
@@ -83,7 +78,7 @@ class Publishing:
 
         # A query takes the same route, behind everything that was published before.
         question = self._session.get(
-            f"@riot/{self._zid}/flush",
+            f"@riot/{self.zid}/flush",
             priority=zenoh.Priority.BACKGROUND,
             congestion_control=zenoh.CongestionControl.BLOCK,
             timeout=timeout,
@@ -105,7 +100,7 @@ class Publishing:
         if len(self._outlets) >= self._most:
             raise ValueError(f"interceptors have invented more than {_MOST_KEYS} keys")
         self._entities += 1
-        identity = offer.identify(self._zid, self._entities) if offer.identify is not None else Identity()
+        identity = offer.identify(self.zid, self._entities) if offer.identify is not None else Identity()
         outlet = self._outlets[offer.key] = _Outlet(self._session, offer, identity, block=self._block)
         for token in identity.tokens:
             if token not in self._tokens:
